@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "bench.h"
+#include "measurements.h"
 #include "node_frames.h"
 
 BenchOptions *probe_options(void);
@@ -14,6 +15,8 @@ void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
 void probe_join(Bench *bench, int node);
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now);
+int probe_next(int node, uint32_t now, uint32_t *id, uint8_t *data);
+int probe_measurement(Bench *bench, Measurements *measurements, int node, uint32_t now, uint32_t *id, uint8_t *data);
 
 static NodeFrames frames[BENCH_NODES];
 
@@ -60,9 +63,28 @@ void probe_join(Bench *bench, int node) {
     node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
 }
 
+/* An id beyond 11 bits is an extended one. */
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now) {
-    CanFrame frame = {.id = id, .length = (uint8_t)length};
+    CanFrame frame = {.id = id & 0x7FF, .length = (uint8_t)length, .extended = id > 0x7FF};
     memcpy(frame.data, data, (size_t)length);
     node_frames_take(&frames[node], &frame, now);
     node_frames_tick(&frames[node], now);
+}
+
+static int frame_of(const CanFrame *frame, uint32_t *id, uint8_t *data) {
+    *id = frame->id;
+    memcpy(data, frame->data, frame->length);
+    return frame->length;
+}
+
+/* Length of what a node on its bus sends next; 0: nothing. */
+int probe_next(int node, uint32_t now, uint32_t *id, uint8_t *data) {
+    CanFrame frame;
+    return node_frames_next(&frames[node], now, &frame) ? frame_of(&frame, id, data) : 0;
+}
+
+/* The same for the measurements. */
+int probe_measurement(Bench *bench, Measurements *measurements, int node, uint32_t now, uint32_t *id, uint8_t *data) {
+    CanFrame frame;
+    return measurements_next(measurements, bench, node, now, &frame) ? frame_of(&frame, id, data) : 0;
 }

@@ -61,6 +61,88 @@ def test_in_memory_state_survives_what_comes_after(model, form) -> None:
         fmu.fmu.freeFMUState(state)
 
 
+@EVERY_MODEL
+def test_state_of_one_version_of_the_standard_is_taken_by_the_other(model) -> None:
+    with started(model, "fmi3") as three, started(model, "fmi2") as two, started(model, "fmi2", seed=3) as other:
+        act(three, 0, 7)
+        act(two, 0, 7)
+        saved = three.save()
+        assert two.save() == saved
+        assert other.restore(saved) == OK
+        for fmu in (three, two, other):
+            act(fmu, 7, 13)
+        assert three.save() == two.save() == other.save() != saved
+        assert three.restore(saved) == OK
+        assert three.save() == saved
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_state_brings_its_mode_and_time_with_it(model, form) -> None:
+    with started(model, form) as fmu:
+        first = fmu.save()
+        act(fmu, 0, 8)
+        middle = fmu.save()
+        assert fmu.call("terminate") == OK
+        last = fmu.save()
+        assert fmu.step(8.0) == ERROR
+        assert fmu.restore(middle) == OK
+        assert fmu.step(6.0) != OK, "the instance is at 8 s"
+        assert fmu.restore(first) == OK
+        act(fmu, 0, 8)
+        assert fmu.save() == middle
+        assert fmu.restore(last) == OK
+        assert fmu.step(8.0) == ERROR, "terminated again"
+        assert fmu.call("reset") == OK
+        assert fmu.enter() == OK
+
+
+@EVERY_FORM
+def test_state_of_the_initialization_shows_its_own_start_values(form) -> None:
+    """Its outputs are those of the start values that were set before it was saved, whatever came after."""
+    with Driver("LayerDeposition", form, 5, 4) as fmu:
+        assert fmu.enter(3.0) == OK
+        assert fmu.set("height_start", 7e-6) == OK
+        saved = fmu.save()
+        assert (fmu.get("height") == 7e-6).all()
+        assert fmu.save() == saved, "whether its outputs were read or not"
+        assert fmu.set("height_start", 9e-6) == OK
+        assert (fmu.get("height") == 9e-6).all()
+        assert fmu.exit() == OK
+        assert fmu.set("pitch", 1e-4) != OK
+        assert fmu.restore(saved) == OK
+        assert (fmu.get("height") == 7e-6).all()
+        assert fmu.set("height_start", 8e-6) == OK, "in Initialization Mode again"
+        assert (fmu.get("height") == 8e-6).all()
+        assert fmu.exit() == OK
+        assert fmu.step(3.0) == OK
+        assert (fmu.get("height") == 8e-6).all()
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_states_in_memory_stand_beside_each_other(model, form) -> None:
+    """Whatever becomes of the others: taken, restored twice, and freed in another order."""
+    with started(model, form) as fmu:
+        states, outputs, saved = [], [], []
+        for at in range(0, 9, 3):
+            act(fmu, at, at + 3)
+            states.append(fmu.fmu.getFMUState())
+            outputs.append(fmu.outputs())
+            saved.append(fmu.save())
+        assert len(set(saved)) == 3
+        for number in (1, 0, 0, 2, 1):
+            assert fmu.call("setFMUState", states[number]) == OK
+            assert equal(fmu.outputs(), outputs[number])
+            assert fmu.save() == saved[number]
+            act(fmu, 3 * number + 3, 3 * number + 5)
+        fmu.fmu.freeFMUState(states[1])
+        for number in (2, 0):
+            assert fmu.call("setFMUState", states[number]) == OK
+            assert fmu.save() == saved[number]
+            fmu.fmu.freeFMUState(states[number])
+
+
 @EVERY_FORM
 @EVERY_MODEL
 def test_reset_instance_is_a_new_instance(model, form) -> None:
@@ -77,6 +159,15 @@ def test_reset_gives_back_the_grid_of_the_start() -> None:
     with Driver("LayerDeposition") as new, Driver("LayerDeposition", nx=3, ny=4).start() as used:
         assert used.call("reset") == OK
         assert used.save() == new.save()
+
+
+@EVERY_MODEL
+def test_grid_that_is_turned_is_another_one_of_as_many_cells(model) -> None:
+    with Driver(model, nx=3, ny=4) as new, Driver(model, nx=4, ny=3) as turned:
+        assert turned.restore(new.save()) == ERROR
+        assert turned.resize(3, 4) == OK
+        assert turned.save() == new.save()
+        assert turned.restore(new.save()) == OK
 
 
 @EVERY_FORM

@@ -396,6 +396,8 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
         if (largest < CONVERGED && round >= ROUNDS_WITH_OUTLIERS)
             break;
     }
+    if (evidence->is_unknown)
+        memcpy(x, before, sizeof before); /* nothing is learnt, nothing forgotten */
     return invert_definite(UNKNOWNS, matrix, covariance);
 }
 

@@ -152,6 +152,7 @@ class NodeBench:
 
     def __init__(self, *, clock: int = 1000, folder: Path | None = None, **options: float) -> None:
         self.c = library()
+        options = {"nx": 9, "ny": 8, **options}
         chosen = self.c.probe_options()
         for name, value in options.items():
             assert self.c.bench_set(chosen, name.encode(), float(value)), name
@@ -160,7 +161,7 @@ class NodeBench:
         self.bench = ctypes.c_void_p(self.c.bench_create(ctypes.c_void_p(chosen), place, why, ctypes.c_size_t(200)))
         if not self.bench:
             raise ValueError(why.value.decode())
-        self.shape = (int(options.get("nx", 9)), int(options.get("ny", 9)))
+        self.shape = (int(options["nx"]), int(options["ny"]))
         self.count = 1 if options.get("one_node") else 4
         self.clock = clock
         self.master: MasterAlive | None = MasterAlive(LAMP | GATE | MOTION, 1, 7)
@@ -208,6 +209,18 @@ class NodeBench:
         data, now = frame.data, ctypes.c_uint32(self.clock)
         for node in range(self.count):
             self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
+
+    def sent(self, node: int = HEAD) -> Frame | None:
+        """What a node on the bus sends next."""
+        number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
+        length = self.c.probe_next(node, ctypes.c_uint32(self.clock), ctypes.byref(number), data)
+        return Frame(number.value, data.raw[:length]) if length else None
+
+    def measured(self, node: int, memory: Any, now: int) -> Frame | None:
+        """The measurement that an emulated node sends now; memory: of when it last did."""
+        number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
+        length = self.c.probe_measurement(self.bench, memory, node, ctypes.c_uint32(now), ctypes.byref(number), data)
+        return Frame(number.value, data.raw[:length]) if length else None
 
     def stop(self, active: bool) -> None:
         for node in range(self.count):
@@ -295,7 +308,8 @@ class NodeBench:
 
     def upload(self, layer: int, node: int = PROFILER, block: int = 4095) -> bytes:
         """The bytes of the height map; the checksum is checked."""
-        size, _nx, _ny = unpack(">IHH", self.raw(b"\x22\x01\x03", node)[3:])
+        size, *shape = unpack(">IHH", self.raw(b"\x22\x01\x03", node)[3:])
+        assert tuple(shape) == self.shape
         assert self.raw(pack(">BBBII", 0x35, 0, 0x44, layer, size), node)[0] == 0x75
         found, number = b"", 0
         while len(found) < size:

@@ -32,7 +32,7 @@ from support.benches.node_bench import (
 )
 
 CODEC = Codec()
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 CONTRADICTION = GATE_STAYS_OPEN | GATE_STAYS_CLOSED
 LONG_MS, WRAP_MS, HANGS_MS = 5000, 1 << 32, 3000
 PASS_REQUEST, CURE_REQUEST = b"\0", b"\x0f\xa0"

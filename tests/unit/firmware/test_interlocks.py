@@ -11,6 +11,7 @@ from support.benches.node_bench import (
     CURE,
     CURE_ROUTINE,
     DONE,
+    DRY_RUN,
     ENABLE_DROPPED,
     GATE,
     GATE_NOT_CONFIRMED,
@@ -51,7 +52,7 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 LONG = 5000
 ALIVE = 300  # ms without MasterAlive, in ticks of 5 ms; 350 ms are promised
 
@@ -106,6 +107,25 @@ def test_gate_is_closed_300_ms_after_the_last_master_alive(bench: NodeBench) -> 
     assert off_after(bench, HEAD) == ("SAFE", MASTER_LOST)
     times = bench.times(HEAD)
     assert ALIVE <= times.gate_closed - times.master_alive <= ALIVE + 5
+
+
+@pytest.mark.parametrize(("passed", "state"), [(ALIVE - 1, "CURING"), (ALIVE, "SAFE")])
+def test_master_counts_as_lost_in_the_very_millisecond(bench: NodeBench, passed: int, state: str) -> None:
+    begin_cure(bench)
+    bench.send_keep_alive()
+    bench.master = None
+    bench.tick(passed, step=1)
+    assert bench.state(CURE).state == state
+
+
+@pytest.mark.parametrize(("passed", "outcome"), [(ALIVE - 1, -NRC_CONDITIONS), (ALIVE, DONE)])
+def test_second_master_counts_as_silent_in_the_very_millisecond(bench: NodeBench, passed: int, outcome: int) -> None:
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    for _ in range(passed):
+        bench.tick(1, step=1)
+        if bench.clock % 50 == 0:
+            bench.send_keep_alive()
+    assert bench.clear(CURE, 1) == outcome
 
 
 def test_all_nodes_go_safe_when_the_master_is_lost_and_idle_ones_resume_without_a_person(bench: NodeBench) -> None:
@@ -425,3 +445,77 @@ def test_pass_needs_motion_where_head_and_stage_are_one_node() -> None:
         bench.master = MasterAlive(GATE, 1, 7)
         assert off_after(bench, HEAD) == ("SAFE", ENABLE_DROPPED)
         assert bench.state().unknown == 1
+
+
+@pytest.mark.parametrize("one_node", [0, 1])
+def test_dry_run_needs_motion_alone(one_node: int) -> None:
+    """Neither lamp nor gate is switched; a stage moves."""
+    head, cure = (HEAD, HEAD) if one_node else (HEAD, CURE)
+    with NodeBench(one_node=one_node, pass_ms=LONG) as bench:
+        bench.ready()
+        for node in {head, cure}:
+            assert bench.run(DRY_RUN, node, option=b"\1") == DONE
+        bench.master = MasterAlive(MOTION, 1, 7)
+        bench.tick(100)
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+        bench.tick(LONG + 100)
+        assert bench.late()[4] == DONE
+        assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\xf4"), cure) == b"\x7f\x31\x78"
+        bench.tick(1000)
+        assert bench.late(cure)[4] == DONE
+        assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "milliseconds", "own", "others"), [(HEAD, 0, GATE, LAMP | MOTION), (CURE, LONG, LAMP, GATE | MOTION)]
+)
+def test_self_test_needs_the_enable_of_what_it_switches(node: int, milliseconds: int, own: int, others: int) -> None:
+    with NodeBench(gate_ms=300) as bench:
+        bench.ready()
+        request = bench.routine(SELF_TEST, option=milliseconds.to_bytes(2, "big"))
+        bench.master = MasterAlive(others, 1, 7)
+        bench.tick(100)
+        assert bench.raw(request, node)[:3] == bytes((0x7F, 0x31, NRC_CONDITIONS))
+        bench.master = MasterAlive(own, 1, 7)
+        bench.tick(100)
+        assert bench.raw(request, node) == b"\x7f\x31\x78"
+        bench.tick(200)
+        assert bench.state(node).state == "IDLE"
+        bench.master = MasterAlive(others, 1, 7)
+        assert off_after(bench, node) == ("SAFE", ENABLE_DROPPED)
+
+
+def test_lamp_node_that_switches_off_closes_the_gate_as_well(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.c.node_supervision(bench.node(CURE), bench.clock, False)
+    bench.tick()
+    assert (bench.state().state, bench.state().cause) == ("FAULT", GATE_NOT_CONFIRMED)
+    assert bench.state(CURE).state == "SAFE"
+
+
+def test_second_master_asks_for_a_person(bench: NodeBench) -> None:
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    bench.tick(400)
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == DONE
+
+
+def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench) -> None:
+    bench.stop(True)
+    first = bench.clock
+    bench.tick(100)
+    bench.stop(True)
+    bench.master = None
+    bench.tick(500)
+    assert bench.times(CURE).off == first
+
+
+def test_map_of_a_node_that_went_safe_is_scanned_again(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(PROFILER, 1) == DONE
+    assert bench.raw(b"\x22\x01\x00", PROFILER)[6] & 16 == 0
+    assert bench.raw(bench.routine(SCAN, kind=3), PROFILER)[4] == 4, "never"
+    assert bench.raw(b"\x22\x01\x03", PROFILER)[3:7] == bytes(4)

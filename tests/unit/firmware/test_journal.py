@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import zlib
 from collections.abc import Iterator
 from struct import pack, unpack_from
@@ -23,13 +24,14 @@ from support.benches.node_bench import (
     NRC_SEQUENCE,
     PASS,
     PASS_UNKNOWN,
+    PROFILER,
     RASTER,
     UNKNOWN,
     NodeBench,
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 RECORD = 40
 INTENT, DONE_RECORD = 3, 4
 SECTOR, SECTORS, IN_SECTOR = 4096, 4, 4096 // RECORD
@@ -94,7 +96,7 @@ def test_resumed_layer_takes_the_same_pattern_only(bench: NodeBench) -> None:
     reboot(bench)
     assert bench.clear() == DONE
     assert bench.run(PASS, layer=1, which=1, option=b"\x01") == -NRC_SEQUENCE, "the pattern is lost"
-    assert bench.download(pattern_blob(np.eye(9)), 1) == -0x72
+    assert bench.download(pattern_blob(np.eye(9, 8)), 1) == -0x72
     assert bench.download(pattern_blob(FULL), 1) == 0
     assert bench.state().state == "PRINTED"
     assert bench.run(PASS, layer=1, which=1, option=b"\x01") == DONE
@@ -166,7 +168,7 @@ def test_unknown_pass_given_up_by_an_interlock_is_reported_at_once_and_after_a_r
     bench.stop(True)
     bench.stop(False)
     assert bench.state().unknown == 1
-    assert 0 < np.count_nonzero(bench.surface) < 81, "part of the pass is on the substrate"
+    assert 0 < np.count_nonzero(bench.surface) < 72, "part of the pass is on the substrate"
     reboot(bench)
     assert bench.state().unknown == 1
     assert bench.clear(option=1) == DONE
@@ -251,3 +253,77 @@ def test_journal_and_surface_outlive_the_process(tmp_path) -> None:
     (tmp_path / "surface.bin").write_bytes(b"a picture")
     with pytest.raises(ValueError, match="not a surface of the emulator"):
         NodeBench(folder=tmp_path)
+
+
+def test_record_says_what_was_done_of_which_layer_and_when(bench: NodeBench) -> None:
+    """Numbers in the order of a record, which the bench's page describes."""
+    reboot(bench)
+    assert bench.clear() == DONE
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    for number in (0, 1):
+        began = bench.clock
+        assert bench.run(PASS, layer=1, which=number, attempt=3 + number, option=bytes([number])) == DONE
+    records = bench.raw(b"\x22\x01\x10")[3:]
+    newest, intent = (unpack_from(">I4BIHHI4B2I", records, at) for at in (0, RECORD))
+    number, *step, job, layer, boots, crc, passes, done, unknown, cured, flags, time = newest
+    assert (step, job, layer, boots) == ([DONE_RECORD, 4, 1, 4], 7, 1, 2)
+    assert (crc, passes, done, unknown, cured, flags) == (zlib.crc32(pattern_blob(FULL)), 4, 3, 0, 0, 0)
+    assert intent[0] == number - 1
+    assert list(intent[1:5]) == [INTENT, 4, 1, 4]
+    assert (intent[9], intent[10]) == (4, 1)
+    assert intent[-1] == began < time <= bench.clock
+
+
+def test_unknown_cure_asks_for_a_person_although_one_has_seen_the_unknown_pass() -> None:
+    with NodeBench(one_node=1) as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL), 1) == 0
+        bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+        bench.tick(20)
+        reboot(bench)
+        assert bench.clear(option=1) == DONE
+        bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=b"\x01\x00"))
+        bench.tick(20)
+        reboot(bench)
+        assert bench.state().needs_operator
+        assert bench.clear() == -NRC_CONDITIONS
+
+
+def test_node_without_a_pattern_counts_its_boots_through_its_layers(bench: NodeBench) -> None:
+    for _ in range(2):
+        reboot(bench, CURE)
+    assert bench.clear(CURE) == DONE
+    for layer in (1, 2):
+        assert bench.cure(layer) == DONE
+    assert bench.state(CURE).boots == 3
+    reboot(bench, CURE)
+    assert (bench.state(CURE).boots, bench.state(CURE).layer) == (4, 2)
+
+
+def test_surface_keeps_its_shape_and_the_number_of_its_scans(tmp_path) -> None:
+    with NodeBench(folder=tmp_path) as bench:
+        bench.ready()
+        assert [bench.scan(0, attempt=attempt) for attempt in (1, 2)] == [DONE, DONE]
+    with pytest.raises(ValueError, match="another number of cells"):
+        NodeBench(folder=tmp_path, nx=8, ny=9)
+    with NodeBench(folder=tmp_path) as bench:
+        frame = bench.measured(PROFILER, ctypes.create_string_buffer(64), bench.clock)
+        assert frame
+        assert unpack_from("<H", frame.data, 4)[0] == 2
+
+
+@pytest.mark.parametrize(("passed", "lines"), [(10, 0), (40, 3), (85, 8)])
+def test_pass_that_is_cut_off_has_printed_the_lines_that_there_was_time_for(passed: int, lines: int) -> None:
+    """9 lines of 8 droplets in 90 ms."""
+    with NodeBench(pass_ms=90, gate_ms=0) as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        bench.raw(bench.routine(PASS, 1, option=b"\xff"))
+        while bench.state().step == 0 or not bench.times().gate_opened:
+            bench.tick()
+        bench.tick(5)
+        bench.tick(passed, step=1)
+        bench.stop(True)
+        frame = bench.measured(HEAD, ctypes.create_string_buffer(64), bench.clock)
+        assert frame
+        assert unpack_from("<I", frame.data, 4)[0] // 8 in (lines, lines + 1)

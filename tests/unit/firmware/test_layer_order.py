@@ -24,6 +24,7 @@ from support.benches.node_bench import (
     LAMP_WITH_GATE,
     MOVE,
     NEVER,
+    NOT_READY,
     NRC_BUSY,
     NRC_CONDITIONS,
     NRC_PENDING,
@@ -33,6 +34,7 @@ from support.benches.node_bench import (
     PROFILER,
     PURGE,
     SCAN,
+    SELF_TEST,
     STAGE,
     STAGE_ROLE,
     UNDER_WAY,
@@ -40,8 +42,8 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
-SPARSE = np.eye(9, dtype=np.uint8)
+FULL = np.ones((9, 8), np.uint8)
+SPARSE = np.eye(9, 8, dtype=np.uint8)
 
 
 @pytest.fixture(params=[0, 1], ids=["four nodes", "one node"])
@@ -348,3 +350,65 @@ def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
             assert not answer or answer[0] in (request[0] + 0x40, 0x7F)
         assert bench.state().state in ("SAFE", "IDLE")
         assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+def test_layer_that_is_not_begun_is_not_left_out_either(bench: NodeBench) -> None:
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    assert bench.download(pattern_blob(SPARSE), 2) == -NRC_SEQUENCE
+    assert bench.state().layer == 1
+
+
+def test_cure_and_scan_of_a_pass_that_there_is_not_are_refused(bench: NodeBench) -> None:
+    bench.ready().print_layer(FULL, 1)
+    assert bench.cure(1, 4) == bench.cure(1, 255) == -NRC_RANGE
+    assert bench.cure(1, 3) == DONE_BEFORE
+
+
+def test_nodes_without_a_pattern_begin_another_job_at_its_first_layer() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        for layer in (1, 5):
+            assert bench.cure(layer) == bench.scan(layer) == DONE
+        assert bench.cure(4) == bench.scan(4) == -NRC_SEQUENCE
+        assert bench.run(CURE_ROUTINE, CURE, layer=1, option=b"\0\x14", job=8) == DONE
+        assert bench.run(SCAN, PROFILER, layer=0, job=8) == DONE
+        assert (bench.state(CURE).job, bench.state(CURE).layer) == (8, 1)
+
+
+def test_dry_run_begins_where_nothing_is_under_way(bench: NodeBench) -> None:
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    assert bench.run(DRY_RUN, option=b"\1") == -NRC_SEQUENCE
+    assert bench.run(DRY_RUN, attempt=2, option=b"\0") == DONE, "there is none"
+    assert bench.state().pattern_loaded
+    assert bench.run(DRY_RUN, attempt=3, option=b"\2") == -NRC_RANGE
+
+
+def test_dry_run_ends_its_transfer_and_tests_nothing(bench: NodeBench) -> None:
+    bench.ready()
+    assert bench.run(DRY_RUN, option=b"\1") == DONE
+    assert bench.run(SELF_TEST, option=b"\0\0") == -NRC_CONDITIONS
+    assert bench.raw(bytes.fromhex("3400440000000100000010"))[0] == 0x74
+    assert bench.run(DRY_RUN, attempt=2, option=b"\0") == DONE
+    assert bench.raw(b"\x36\x01\x01") == bytes((0x7F, 0x36, NRC_SEQUENCE))
+    assert bench.state().state == "IDLE"
+
+
+def test_profiler_that_is_no_stage_need_not_be_homed() -> None:
+    with NodeBench() as bench:
+        bench.tick(100)
+        assert bench.clear(PROFILER) == DONE
+        assert bench.scan(0) == DONE
+    with NodeBench(one_node=1) as bench:
+        bench.tick(100)
+        assert bench.clear() == DONE
+        assert bench.scan(0) == -NRC_CONDITIONS
+
+
+def test_head_that_is_not_ready_is_not_purged() -> None:
+    with NodeBench() as bench:
+        bench.ready().broken(NOT_READY)
+        assert bench.run(PURGE) == -NRC_CONDITIONS
+        bench.broken(0)
+        assert bench.run(PURGE, attempt=2) == DONE

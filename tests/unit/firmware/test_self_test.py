@@ -31,7 +31,7 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 OF_THE_GATE, OF_THE_LAMP = b"\x00\x00", b"\x00\x64"
 
 

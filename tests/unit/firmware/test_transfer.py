@@ -62,8 +62,8 @@ def test_largest_pattern_goes_through(bits: int) -> None:
 
 
 def test_colours_share_a_layer_out(bench: NodeBench) -> None:
-    assert bench.download(pattern_blob(np.ones((9, 9))), 1) == 0
-    i, j = np.indices((9, 9))
+    assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
+    i, j = np.indices((9, 8))
     for number, colour in enumerate((3, 1, 0, 2)):
         before = bench.surface.copy()
         assert bench.run(PASS, layer=1, which=number, option=bytes([colour])) == DONE
@@ -90,20 +90,20 @@ def test_pattern_that_this_head_cannot_print_is_refused(bench: NodeBench, head: 
 
 @pytest.mark.parametrize("change", [-1, 1])
 def test_pattern_of_another_length_than_its_header_states_is_refused(bench: NodeBench, change: int) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     assert bench.download(blob[:-1] if change < 0 else blob + b"\0", 1) == -RANGE
     assert bench.state().state == "IDLE"
 
 
 @pytest.mark.parametrize("begun", [b"\x05", b"\x90"], ids=["literal bytes", "a run"])
 def test_coded_pattern_that_ends_before_its_last_code_is_refused(bench: NodeBench, begun: bytes) -> None:
-    coded = run_length(pattern_blob(np.eye(9)))
+    coded = run_length(pattern_blob(np.eye(9, 8)))
     assert bench.download(coded + begun, 1, coded=0x10) == -RANGE
     assert bench.download(coded, 1, coded=0x10) == 0
 
 
 def test_material_that_does_not_exist_is_refused(bench: NodeBench) -> None:
-    assert bench.download(pattern_blob(np.full((9, 9), 3)), 1) == -RANGE
+    assert bench.download(pattern_blob(np.full((9, 8), 3)), 1) == -RANGE
 
 
 @settings(max_examples=100)
@@ -117,14 +117,14 @@ def test_no_bytes_overrun_the_memory_of_the_pattern(cells: bytes, coded: int) ->
 
 
 def test_altered_byte_is_found_and_the_pattern_can_be_sent_again(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     assert bench.download(blob, 1, crc=zlib.crc32(blob) ^ 1) == -CHECKSUM
     assert not bench.state().pattern_loaded
     assert bench.download(blob, 1) == 0
 
 
 def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     first, second = b"\x36\x01" + blob[:10], b"\x36\x02" + blob[10:]
     assert bench.raw(first) == bytes((0x7F, 0x36, SEQUENCE))
     assert bench.raw(begin(len(blob))) == bytes.fromhex("74200FFF")
@@ -138,7 +138,7 @@ def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
 
 
 def test_more_bytes_than_announced_end_the_transfer(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     bench.raw(begin(len(blob)))
     assert bench.raw(b"\x36\x01" + blob + b"\0") == bytes((0x7F, 0x36, SUSPENDED))
     assert bench.state().state == "IDLE"
@@ -159,7 +159,7 @@ def test_counter_continues_with_0_after_255() -> None:
 
 
 def test_map_is_what_the_sensor_read(bench: NodeBench) -> None:
-    bench.print_layer(np.eye(9), 1)
+    bench.print_layer(np.eye(9, 8), 1)
     assert bench.scan(1) == DONE
     found, valid = heights(bench.upload(1), 1e-7)
     assert valid.all()
@@ -209,33 +209,34 @@ def test_all_blocks_of_a_map_are_of_one_scan(bench: NodeBench) -> None:
 
 def test_node_reports_how_far_a_transfer_has_come(bench: NodeBench) -> None:
     progress = Struct(">BBHIII")
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     bench.raw(begin(len(blob), layer=1))
     assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 1, 1, 7, 0, len(blob))
     for _ in range(2):
         bench.raw(b"\x36\x01" + blob[:10])
         assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 2, 1, 7, 10, len(blob))
     assert bench.scan(0) == DONE
-    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 185), PROFILER)
+    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 165), PROFILER)
     bench.raw(b"\x36\x01", PROFILER, 100)
-    assert progress.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 185)
+    assert progress.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 165)
 
 
 def test_map_marks_invalid_cells_and_stands_on_a_datum_when_the_part_is_tall() -> None:
     with NodeBench(dropout_rate=0.3, sensor_seed=4) as bench:
         bench.ready()
-        bench.surface[:] = 5e-3 + 1e-6 * np.arange(81).reshape(9, 9)
+        bench.surface[:] = 5e-3 + 1e-6 * np.arange(72).reshape(9, 8)
         assert bench.scan(0) == DONE
-        found, valid = heights(bench.upload(0), 1e-7)
-        assert 0 < valid.sum() < 81
+        blob = bench.upload(0)
+        found, valid = heights(blob, 1e-7)
+        assert 0 < valid.sum() < 72
         np.testing.assert_allclose(found[valid], bench.surface[valid], atol=0.51e-7)
-        assert not found[~valid].any()
+        assert not np.frombuffer(blob, ">i2", 72, 12)[~valid.ravel()].any()
 
 
 def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
     with NodeBench() as bench:
         bench.ready()
-        bench.surface[:] = np.linspace(0.0, 6.5e-3, 81).reshape(9, 9)
+        bench.surface[:] = np.linspace(0.0, 6.5e-3, 72).reshape(9, 8)
         assert bench.scan(0) == DONE
         found, valid = heights(bench.upload(0), 1e-7)
         assert valid.all()
@@ -243,12 +244,12 @@ def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
 
 
 def test_map_before_any_scan_or_of_another_layer_is_refused(bench: NodeBench) -> None:
-    request = pack(">BBBII", 0x35, 0, 0x44, 0, 185)
+    request = pack(">BBBII", 0x35, 0, 0x44, 0, 165)
     assert bench.raw(request, PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
     assert bench.scan(0) == DONE
     assert bench.raw(request, PROFILER)[0] == 0x75
-    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 185), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
-    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 184), PROFILER) == bytes((0x7F, 0x35, RANGE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 165), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 164), PROFILER) == bytes((0x7F, 0x35, RANGE))
 
 
 def test_large_map_is_whole() -> None:
@@ -267,3 +268,46 @@ def test_session_and_tester_present_answer_as_iso_14229_requires(bench: NodeBenc
     assert bench.raw(b"\x3e\x01") == b"\x7f\x3e\x12"
     assert bench.raw(b"\x99") == b"\x7f\x99\x11"
     assert bench.raw(b"\x22\x99\x99") == b"\x7f\x22\x31"
+
+
+@pytest.mark.parametrize(("size", "accepted"), [(8, False), (9, True), (44, True), (45, False)])
+def test_size_of_a_pattern_has_limits(bench: NodeBench, size: int, accepted: bool) -> None:
+    """More than its head, and at most twice the 18 bytes of the grid beside it."""
+    answer = bench.raw(begin(size, layer=1))
+    assert answer[0] == 0x74 if accepted else answer == bytes((0x7F, 0x34, RANGE))
+
+
+def test_reserved_byte_of_a_pattern_is_zero(bench: NodeBench) -> None:
+    blob = bytearray(pattern_blob(np.ones((9, 8))))
+    blob[7] = 1
+    assert bench.download(bytes(blob), 1) == -RANGE
+
+
+def test_map_of_an_earlier_layer_is_refused(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    assert bench.scan(1) == DONE
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 165), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 165), PROFILER)[0] == 0x75
+
+
+def test_pattern_whose_successor_is_given_up_is_gone(bench: NodeBench) -> None:
+    blob = pattern_blob(np.ones((9, 8)))
+    assert bench.download(blob, 1) == 0
+    assert bench.state().state == "VERIFIED"
+    assert bench.download(blob, 1, crc=1) < 0
+    assert (bench.state().state, bench.state().pattern_loaded) == ("IDLE", False)
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (8, 8), (8, 9)])
+def test_pattern_of_another_grid_is_not_jetted(bench: NodeBench, shape: tuple[int, int]) -> None:
+    assert bench.download(pattern_blob(np.ones(shape), passes=1), 1) == 0
+    assert bench.run(PASS, layer=1, option=b"\xff") < 0
+    assert not bench.surface.any()
+
+
+def test_map_far_below_the_datum_is_whole(bench: NodeBench) -> None:
+    bench.surface[:] = -5e-3 + 1e-6 * np.arange(72).reshape(9, 8)
+    assert bench.scan(0) == DONE
+    found, valid = heights(bench.upload(0), 1e-7)
+    assert valid.all()
+    np.testing.assert_allclose(found, bench.surface, atol=0.51e-7)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from struct import unpack
 
+import numpy as np
 import pytest
 
 from inkloop_hardware.protocol.codec import Frame
@@ -19,6 +21,7 @@ from support.benches.node_bench import (
     SCAN,
     STAGE,
     NodeBench,
+    pattern_blob,
 )
 
 SUPPRESSED = 0x80
@@ -126,6 +129,37 @@ def test_session_changes_no_condition(bench: NodeBench) -> None:
         assert bench.clear(HEAD, 1) == -NRC_CONDITIONS
     bench.stop(False)
     assert bench.clear(HEAD, 1) == DONE
+
+
+def flags_of(bench: NodeBench, node: int = HEAD) -> set[str]:
+    names = ("needs operator", "stopped", "pattern", "dry run", "scanned", "damaged", "watchdog")
+    bits = bench.raw(b"\x22\x01\x00", node)[6]
+    return {name for bit, name in enumerate(names) if bits >> bit & 1}
+
+
+def test_flags_of_the_state_are_told_apart(bench: NodeBench) -> None:
+    assert flags_of(bench) == set()
+    assert bench.scan(0) == DONE
+    assert flags_of(bench, PROFILER) == {"scanned"}
+    assert bench.raw(bench.routine(DRY_RUN, option=b"\1"))[4] == DONE
+    assert flags_of(bench) == {"dry run"}
+    assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
+    assert flags_of(bench) == {"dry run", "pattern"}
+    bench.tear(10, PROFILER)
+    bench.raw(bench.routine(SCAN, attempt=2), PROFILER)
+    assert "damaged" in flags_of(bench, PROFILER)
+    bench.stop(True)
+    assert flags_of(bench) == {"needs operator", "stopped"}
+
+
+def test_limits_and_times_of_a_session_are_those_of_the_page(bench: NodeBench) -> None:
+    """Bytes of a pattern (two bits a cell), alive, lamp, gate, pass, motion, scan [ms], bytes of a block."""
+    found = unpack(">7IH", bench.raw(b"\x22\x01\x02")[3:])
+    assert found == (18, 300, 10_000, 500, 120_000, 30_000, 60_000, 4095)
+    assert bench.raw(b"\x22\x01\x02", CURE)[3:7] == bytes(4), "it takes no pattern"
+    assert unpack(">HH", bench.raw(b"\x10\x03")[2:]) == (1000, 500), "P2 [ms], P2* [10 ms]"
+    with NodeBench(nx=5, ny=3) as odd:
+        assert unpack(">I", odd.raw(b"\x22\x01\x02")[3:7]) == (4,)
 
 
 def test_functional_address_reaches_no_node(bench: NodeBench) -> None:

@@ -20,7 +20,7 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 PASS_MS, PERIOD_MS = 900, 300
 BOOT, INTENT, WATCHDOG = 1, 3, 7
 

@@ -17,6 +17,7 @@ from inkloop_controller.estimation.height_estimator import Estimate, HeightEstim
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
+from support.numpy import registration_numpy
 
 LAYERS_MAX = 60
 
@@ -184,6 +185,21 @@ def test_layer_that_was_abandoned_shows_no_displacement() -> None:
     assert registered(job, scan, 1).registration.has_shift
 
 
+@pytest.mark.parametrize("shift", [(0.02, -0.03), (0.3, 0.2)], ids=["too little", "corrected"])
+def test_layer_that_was_abandoned_makes_what_is_known_of_the_shift_older(shift: tuple[float, float]) -> None:
+    """By a step from scan to scan; nothing of it is forgotten, whether scans are corrected for it or not."""
+    job, rngs = block(20, 17), [np.random.default_rng(1) for _ in range(2)]
+    sensor = Sensor(shift, noise=0.2e-6)
+    before = registered(job, lambda height: sensor.scan(height, rngs[0])[0], 5).registration
+    after = registered(job, lambda height: sensor.scan(height, rngs[1])[0], 6, unknown=True).registration
+    assert np.abs(before.estimate[:2]).min() > 0.005
+    assert before.has_shift == after.has_shift == (shift == (0.3, 0.2))
+    np.testing.assert_allclose(after.estimate, before.estimate, rtol=1e-9, atol=0.0)
+    older = np.diag([before.steps_variance, before.steps_variance, 1e-6])
+    np.testing.assert_allclose(after.covariance, before.covariance + older, rtol=1e-6, atol=1e-12)
+    assert (after.scans, after.misfit) == (before.scans, before.misfit)
+
+
 def by_height_alone(sensor: Sensor, seed: int) -> tuple[list[bool], Any, Any]:
     """A cylinder on the plant of Wu and Chiu, whose droplets no ink describes; a droplet falls where one is missing.
 
@@ -280,3 +296,47 @@ def test_shift_is_never_more_than_four_cells_and_no_response_is_kept_where_none_
     estimate = without.first(surface, seen)
     np.testing.assert_array_equal(estimate.response, 0.0)
     np.testing.assert_array_equal(without.next(estimate, nothing, 1, surface, seen).response, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shift", "spot", "passes", "found"),
+    [
+        ((1.3, -1.6), 0.0, 1, (True, True)),
+        ((-0.7, 1.4), 0.0, 4, (True, False)),
+        ((0.0, 0.0), 0.8, 1, (True, True)),
+        ((0.0, 0.045), 0.0, 1, (False, False)),
+    ],
+    ids=["shift", "passes", "spot", "little"],
+)
+def test_registration_is_that_of_its_numpy_statement(
+    shift: tuple[float, float], spot: float, passes: int, found: tuple[bool, bool]
+) -> None:
+    """Tilted, noisy scans of a rough block on an oblong grid beside an older one, shifted from the second scan on."""
+    job, rng = block(26, 21, passes=passes, inks=(Ink(4.1e-6, 0.7e-6, 0.3e-6),)), np.random.default_rng(4)
+    job.mask[:12] = False
+    ours = HeightEstimator(job, adapt_ink="off", sensor_noise_std=0.4e-6)
+    stated = registration_numpy.Estimator(job, 0.16e-12)
+    plant, (i, j) = LayerModel.of(job), np.indices(job.mask.shape)
+    surface = rng.uniform(2e-6, 5e-6, job.mask.shape) + np.where((abs(i - 5) < 3) & (abs(j - 10) < 6), 90e-6, 0.0)
+    surface[job.mask] += 40e-6
+    sensor = Sensor(shift, spot=spot, noise=0.4e-6, dropout=0.03)
+    scan, seen = Sensor(noise=0.4e-6, dropout=0.03).scan(surface, rng)
+    estimate, state = ours.first(scan, seen), stated.first(scan, seen)
+    np.testing.assert_allclose(estimate.response, state.response, rtol=1e-9, atol=1e-18)
+    for layer in range(1, 4):
+        pattern = (job.mask & (rng.random(job.mask.shape) < 0.8)).astype(np.int32)
+        surface = plant.layer(surface, pattern, layer, 1.0 - 0.2 * rng.random(job.mask.shape))
+        scan, seen = sensor.scan(surface, rng)
+        scan += layer * (1e-6 + 0.1e-6 * i - 0.05e-6 * j)
+        estimate, state = ours.next(estimate, pattern, layer, scan, seen), stated.next(state, pattern, scan, seen)
+        for name, value in vars(state.found).items():
+            np.testing.assert_allclose(
+                getattr(estimate.registration, name), value, rtol=1e-6, atol=1e-12, err_msg=f"{name} {layer}"
+            )
+        shown = tuple(vars(estimate.registration.displacement).values())
+        np.testing.assert_allclose(shown, state.found.displacement, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(estimate.response, state.response, rtol=1e-6, atol=1e-14)
+        np.testing.assert_allclose(estimate.height, state.height, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(estimate.height_variance, state.variance, rtol=1e-6, atol=0.0)
+        np.testing.assert_array_equal(estimate.unseen, state.unseen)
+    assert (estimate.registration.has_shift, estimate.registration.has_wide_spot) == found

@@ -100,6 +100,25 @@ def test_touching_and_overlapping_intervals_become_one() -> None:
     assert columns.mask.tolist() == [[False], [True]]
 
 
+def test_union_of_many_intervals_in_any_order_is_that_of_their_points() -> None:
+    """On whole numbers, so that many touch, lie in each other, are the same or empty; some cells have more than 16."""
+    rng, nx, ny = np.random.default_rng(5), 3, 4
+    cell = np.repeat(np.arange(nx * ny), [0, 1, 2, 3, 5, 8, 12, 20, 30, 2, 7, 40])
+    rng.shuffle(cell)
+    bottom = rng.integers(-20, 60, cell.size).astype(float)
+    top = bottom + rng.integers(-1, 5, cell.size)
+    columns = Columns.of_intervals(nx, ny, 1.0, cell, bottom, top)
+    middles = np.arange(-21.0, 66.0) + 0.5
+    for number in range(nx * ny):
+        begin, end = columns.offsets[number : number + 2]
+        found = np.stack([columns.bottoms[begin:end], columns.tops[begin:end]], axis=1)
+        own = cell == number
+        inside = ((bottom[own][:, None] < middles) & (middles < top[own][:, None])).any(axis=0)
+        covered = ((found[:, :1] < middles) & (middles < found[:, 1:])).any(axis=0)
+        np.testing.assert_array_equal(covered, inside)
+        assert (np.diff(found.ravel()) > 0.0).all(), "ascending, and those that touch are one"
+
+
 def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
     columns = of(SHAPES[0])
     tops, volume = columns.tops, columns.volume
