@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tools import parts
 
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
+from inkloop.geometry.body import Body
+from inkloop.tables.part_mesh import MeshTable
+from inkloop.tables.shapes import Grid
+from inkloop.tables.solid import PartError
 from inkloop.units import M_PER_UM, MM_PER_M
 from support.parts import PITCH_UM, with_part
 from support.three_mf import mesh_object, model_xml, package
@@ -161,3 +167,55 @@ def test_names_of_a_3mf_become_inks_that_share_their_walls(tmp_path: Path) -> No
     assert swapped.contains(x, y, np.full_like(x, 60e-6)).sum() == 48 * 27  # the plate is whole, and ink A counts first
     (error,) = errors_of(part.replace("letters", "leters").format("A", "B"), tmp_path)
     assert "no object or material is called 'leters'; did you mean letters?" in error
+
+
+@pytest.mark.parametrize("mirror", ["none", "x", "y", "z"])
+def test_mesh_is_mirrored_scaled_and_turned_about_x_then_y_then_z(mirror: str) -> None:
+    """Against the rotations of SciPy about axes that stay where they are."""
+    grid = Grid(nx=15, ny=11, pitch_um=80.0)
+    corners = np.random.default_rng(4).uniform(-3e-4, 5e-4, (7, 3, 3))
+    table = MeshTable(
+        shape="mesh", file="part.stl", rotate_deg=[20.0, -35.0, 110.0], scale=1.7, mirror=mirror,
+        center_x_um=430.0, center_y_um=390.0,
+    )  # fmt: skip
+    (body,) = table.placed([Body(corners)], grid)
+    flipped = 1.7 * corners * [-1.0 if axis == mirror else 1.0 for axis in "xyz"]
+    expected = Rotation.from_euler("xyz", [20.0, -35.0, 110.0], degrees=True).apply(flipped.reshape(-1, 3))
+    low, high = expected.min(axis=0), expected.max(axis=0)
+    middle = [*(low + high)[:2] / 2, low[2]]
+    np.testing.assert_allclose(
+        np.sort(body.triangles.reshape(-1, 3), axis=0), np.sort(expected - middle + [430e-6, 390e-6, 0.0], axis=0),
+        rtol=0.0, atol=1e-12,
+    )  # fmt: skip
+    centred = table.model_copy(update={"center_x_um": None, "center_y_um": None})
+    (body,) = centred.placed([Body(corners)], grid)
+    corner = body.triangles.reshape(-1, 3)
+    found = [*(corner.min(axis=0) + corner.max(axis=0))[:2] / 2, corner[:, 2].min()]
+    np.testing.assert_allclose(found, [560e-6, 400e-6, 0.0], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("key", "found"), [("x", (300.0, 400.0)), ("y", (560.0, 300.0))])
+def test_mesh_that_is_moved_along_one_axis_stays_in_the_middle_of_the_other(
+    key: str, found: tuple[float, float]
+) -> None:
+    keys: dict[str, Any] = {f"center_{key}_um": 300.0}
+    table = MeshTable(shape="mesh", file="part.stl", **keys)
+    (body,) = table.placed([Body(np.array(BOX) * 1e-3)], Grid(nx=15, ny=11, pitch_um=80.0))
+    corner = body.triangles.reshape(-1, 3)
+    middle = (corner.min(axis=0) + corner.max(axis=0)) / 2 * 1e6
+    assert middle[:2] == pytest.approx(found, rel=1e-9, abs=0.0)
+    with pytest.raises(PartError, match="place is"):
+        MeshTable(shape="mesh", file="part.stl", place="as-is", **keys).placed([], Grid(nx=1, ny=1))
+
+
+def test_box_of_a_mesh_is_where_it_stands(tmp_path: Path) -> None:
+    write(tmp_path, BOX)
+    box = with_part(MESH + "center_x_um = 550.0\ncenter_y_um = 450.0", tmp_path).solid.bounds
+    assert [value / M_PER_UM for value in box] == pytest.approx([250.0, 850.0, 250.0, 650.0], rel=1e-4, abs=0.0)
+
+
+def test_walls_on_centres_are_listed_up_to_three(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.5), 0.0, 0.03))
+    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
+    assert remark.startswith("4 upright walls stand on rows of cell centres")
+    assert ", ...)" in remark or ", ... µm" in remark
