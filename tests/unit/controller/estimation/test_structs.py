@@ -46,8 +46,8 @@ def estimate() -> Estimate:
     shape = (5, 3)
     maps = {name: rng.normal(size=shape) for name in ("height", "height_variance", "dead_evidence", "reckoned")}
     return Estimate(
-        **maps, inks=INKS, ink_scale=0.875, unseen=rng.integers(0, 9, shape, np.int32), untrusted=rng.random(shape) < 0.5,
-        response=rng.normal(size=(3, *shape)), capped=rng.random(shape) < 0.5, scans=17, noise_variance=3e-14,
+        **maps, inks=INKS, ink_scale=0.875, unseen=rng.integers(0, 9, shape, np.int32),
+        untrusted=rng.random(shape) < 0.5, response=rng.normal(size=(3, *shape)), capped=rng.random(shape) < 0.5, scans=17, noise_variance=3e-14,
         learnt=knowledge(), registration=registration(), trust=trust(),
     )  # fmt: skip
 
@@ -101,7 +101,8 @@ def test_nothing_is_learnt_and_all_is_trusted_at_first() -> None:
     assert exact.learnt.evidence.response.shape == exact.learnt.volumes.response.shape == (2, 2)
     assert exact.response.shape == (3, 4, 3)
     assert not exact.registration.is_applied
-    assert not (exact.dead.any() or exact.capped.any() or exact.untrusted.any() or exact.height_variance.any())
+    for nothing in (exact.dead, exact.capped, exact.untrusted, exact.height_variance, exact.unseen):
+        assert not nothing.any()
     np.testing.assert_array_equal(exact.reckoned, exact.height)
     assert (exact.ink_scale, exact.scans, exact.noise_variance) == (1.0, 0, 0.0)
 
