@@ -45,11 +45,11 @@ def estimate() -> Estimate:
     rng = np.random.default_rng(1)
     shape = (5, 3)
     maps = {name: rng.normal(size=shape) for name in ("height", "height_variance", "dead_evidence", "reckoned")}
-    return Estimate(
-        **maps, inks=INKS, ink_scale=0.875, unseen=rng.integers(0, 9, shape, np.int32),
-        untrusted=rng.random(shape) < 0.5, response=rng.normal(size=(3, *shape)), capped=rng.random(shape) < 0.5, scans=17, noise_variance=3e-14,
-        learnt=knowledge(), registration=registration(), trust=trust(),
-    )  # fmt: skip
+    whole = rng.random(shape) < 0.5
+    learnt = {"learnt": knowledge(), "registration": registration(), "trust": trust()}
+    plain: dict[str, Any] = {"ink_scale": 0.875, "scans": 17, "noise_variance": 3e-14, "inks": INKS}
+    flags = {"untrusted": whole, "capped": ~whole, "unseen": rng.integers(0, 9, shape, np.int32)}
+    return Estimate(**maps, **plain, **flags, **learnt, response=rng.normal(size=(3, *shape)))
 
 
 def assert_same(found: Any, expected: Any) -> None:

@@ -274,6 +274,7 @@ def test_certified_plan_comes_with_a_proven_bound() -> None:
     assert plan.bound_confidence == 1.0
     assert plan.gap <= 0.01
     assert "certificate" in plan.seconds
+    assert plan.left_out is LeftOut.NOTHING
 
 
 def test_exact_plan_is_optimal_by_its_bound() -> None:
@@ -386,9 +387,9 @@ def test_last_plan_that_no_plan_can_be_is_refused() -> None:
 
 def test_last_plan_of_another_grid_is_not_used() -> None:
     job, height = rough_job(8)
-    without = planned(job, height)
+    without = planned(job, height, horizon=1)
     for shape in ((3, 4, 4), (3, job.ny, job.nx), (0, job.nx, job.ny)):
-        plan = planned(job, height, last=np.ones(shape, np.int32))
+        plan = planned(job, height, last=np.ones(shape, np.int32), horizon=1)
         np.testing.assert_array_equal(plan.plan, without.plan)
         assert plan.start == without.start
 
