@@ -20,8 +20,8 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 def state(**changes: Any) -> NodeState:
     plain: dict[str, Any] = {
         "state": State.IDLE, "cause": Fault.NONE, "roles": Roles(15), "flags": Flags(0), "job": 4, "layer": 3,
-        "passes": 0, "done": 0, "unknown": 0, "cured": 0, "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1, "session": 1,
-        "pattern_crc": 0, "clock": 1.0, "gate_pulses": 0,
+        "passes": 0, "done": 0, "unknown": 0, "cured": 0, "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1,
+        "session": 1, "pattern_crc": 0, "clock": 1.0, "gate_pulses": 0,
     }  # fmt: skip
     return NodeState(**{**plain, **changes})
 
@@ -41,8 +41,8 @@ def state(**changes: Any) -> NodeState:
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR, "unknown": 0b1010, "layer_flags": LayerFlags.CURE_UNKNOWN},
-            "head: needs a person because of pass 2, 4 of layer 3, which was begun and whose progress is unknown; check "
-            "the bench, then `inkloop device SCENARIO clear`",
+            "head: needs a person because of pass 2, 4 of layer 3, which was begun and whose progress is unknown; "
+            "check the bench, then `inkloop device SCENARIO clear`",
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR, "layer_flags": LayerFlags.CURE_UNKNOWN, "cause": Fault.STOP_REQUEST},
