@@ -44,11 +44,13 @@ def knowledge() -> InkKnowledge:
 def estimate() -> Estimate:
     rng = np.random.default_rng(1)
     shape = (5, 3)
-    maps = {name: rng.normal(size=shape) for name in ("height", "height_variance", "dead_evidence", "reckoned")}
+    maps: dict[str, Any] = {
+        name: rng.normal(size=shape) for name in ("height", "height_variance", "dead_evidence", "reckoned")
+    }
     whole = rng.random(shape) < 0.5
-    learnt = {"learnt": knowledge(), "registration": registration(), "trust": trust()}
+    learnt: dict[str, Any] = {"learnt": knowledge(), "registration": registration(), "trust": trust()}
     plain: dict[str, Any] = {"ink_scale": 0.875, "scans": 17, "noise_variance": 3e-14, "inks": INKS}
-    flags = {"untrusted": whole, "capped": ~whole, "unseen": rng.integers(0, 9, shape, np.int32)}
+    flags: dict[str, Any] = {"untrusted": whole, "capped": ~whole, "unseen": rng.integers(0, 9, shape, np.int32)}
     return Estimate(**maps, **plain, **flags, **learnt, response=rng.normal(size=(3, *shape)))
 
 

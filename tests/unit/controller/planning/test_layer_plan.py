@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, isnan, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,16 +13,17 @@ from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatu
 from inkloop_controller.problem.horizon_problem import Objective
 
 PATTERN = np.array([[0, 1, 2], [2, 0, 2]], np.int32)
+SURFACE: Any = PATTERN * 1e-5
 PLAN = replace(
     LayerPlan.of_pattern(
-        PATTERN, Objective(4e-6, 3e-6, 2e-6, 1e-6), PATTERN * 1e-5, PlanStatus.BUDGET, "last plan", 7
+        PATTERN, Objective(4e-6, 3e-6, 2e-6, 1e-6), SURFACE, PlanStatus.BUDGET, "last plan", 7
     ),
     plan=np.array([PATTERN, [[1, 0, 0], [0, 0, 0]]], np.int32),
 )  # fmt: skip
 
 
 def test_plan_of_a_pattern_is_one_layer_of_single_drops() -> None:
-    plan = LayerPlan.of_pattern(PATTERN, PLAN.objective, PATTERN * 1e-5, PlanStatus.FIXED, "rule")
+    plan = LayerPlan.of_pattern(PATTERN, PLAN.objective, SURFACE, PlanStatus.FIXED, "rule")
     np.testing.assert_array_equal(plan.plan, [PATTERN])
     np.testing.assert_array_equal(plan.pattern, PATTERN)
     np.testing.assert_array_equal(plan.drop_level, [[0, 1, 1], [1, 0, 1]])
@@ -57,13 +59,14 @@ def test_picture_of_a_plan_has_its_droplets_and_the_expected_surface() -> None:
     figure = PLAN.plot()
     first, second, surface, bar = figure.axes
     for axes, layer in zip((first, second), PLAN.plan, strict=True):
-        shown = axes.images[0].get_array()
+        shown: Any = axes.images[0].get_array()
         np.testing.assert_array_equal(shown.filled(0), layer.T)
         assert axes.images[0].get_clim() == (0, 2)
     assert [axes.get_title() for axes in (first, second, surface)] == [
         "layer 1: 4 droplets", "layer 2: 1 droplets", "expected after layer 1"
     ]  # fmt: skip
-    np.testing.assert_allclose(surface.images[0].get_array(), PATTERN.T * 10.0, rtol=1e-12)
+    heights: Any = surface.images[0].get_array()
+    np.testing.assert_allclose(heights, SURFACE.T * 1e6, rtol=1e-12)
     assert all(axes.images[0].origin == "lower" for axes in (first, second, surface))
     assert bar.get_ylabel() == "height [µm]"
     assert figure.get_suptitle() == "budget, objective 4 µm"

@@ -406,7 +406,7 @@ def bound(fmu: Any) -> Binding:
     binding: Any = object.__new__(Binding)
     binding._fmi, binding._messages, binding._fmu = 3, deque(), fmu
     binding._grouped, binding.worst = {}, 0
-    return binding  # type: ignore[no-any-return]
+    return binding
 
 
 def test_step_that_returns_early_ends_where_it_was_to_end() -> None:

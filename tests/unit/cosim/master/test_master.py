@@ -191,7 +191,7 @@ def test_only_the_status_of_the_controller_ends_a_print() -> None:
 
 def test_loop_that_starts_from_a_map_with_a_hole_is_refused() -> None:
     hole = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]])
-    ports = {"inputs": [Port("x", shape=(2, 3))], "outputs": [Port("y", shape=(2, 3), start=hole)]}
+    ports: dict[str, Any] = {"inputs": [Port("x", shape=(2, 3))], "outputs": [Port("y", shape=(2, 3), start=hole)]}
     parts = {"a": FunctionComponent(**ports), "b": FunctionComponent(**ports)}
     with pytest.raises(ComponentError, match=r"^a\.x stands in a loop with b\.y, which has no start value"):
         Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)

@@ -170,7 +170,7 @@ def test_names_of_a_3mf_become_inks_that_share_their_walls(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("mirror", ["none", "x", "y", "z"])
-def test_mesh_is_mirrored_scaled_and_turned_about_x_then_y_then_z(mirror: str) -> None:
+def test_mesh_is_mirrored_scaled_and_turned_about_x_then_y_then_z(mirror: Any) -> None:
     """Against the rotations of SciPy about axes that stay where they are."""
     grid = Grid(nx=15, ny=11, pitch_um=80.0)
     corners = np.random.default_rng(4).uniform(-3e-4, 5e-4, (7, 3, 3))

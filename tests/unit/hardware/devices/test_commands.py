@@ -87,7 +87,7 @@ def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any
     ],
 )
 def test_report_of_a_node_is_one_line(changes: dict[str, Any], line: str) -> None:
-    rig = Rig(Node.HEAD, **changes)
+    rig: Any = Rig(Node.HEAD, **changes)
     (found,) = (each for each in commands.status(rig) if each.node == "head")
     assert str(found) == line
     assert isinstance(found, NodeReport)
