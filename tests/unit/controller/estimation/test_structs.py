@@ -28,12 +28,12 @@ def registration() -> Registration:
     def some(*shape: int) -> Any:
         return np.array([next(numbers) for _ in range(int(np.prod(shape)))]).reshape(shape)
 
-    rest = (float(next(numbers)) for _ in range(4))
-    return Registration(some(3), some(3, 3), some(3), *rest, 23, False, True)
+    rest: Any = (*(float(next(numbers)) for _ in range(4)), 23, False, True)
+    return Registration(some(3), some(3, 3), some(3), *rest)
 
 
 def evidence(shares: int, first: float) -> InkEvidence:
-    square = np.arange(float(shares**2)).reshape(shares, shares)
+    square: Any = np.arange(float(shares**2)).reshape(shares, shares)
     return InkEvidence(first + square, first + 100.0 + np.arange(shares), first + 200.0 + square)
 
 
