@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from tools.figures import environment_times, gallery, identified_ink, own_part, pages, wider_stencil
 
+import inkloop
 from inkloop.models import LayerDeposition
+from inkloop.studies.score.board import SEEDS
 from support.toys import toy_result
 
 
@@ -74,7 +76,7 @@ def test_times_of_the_environment_are_medians_in_milliseconds(record: Any, monke
         assert list(seeds) == [environment_times.SEED]
         return SimpleNamespace(mean=lambda key: f"{key} of {entry.name} on {plant}")
 
-    monkeypatch.setattr(environment_times.inkloop, "LayerEnv", Env)
+    monkeypatch.setattr(inkloop, "LayerEnv", Env)
     monkeypatch.setattr(environment_times, "process_time", lambda: clock[0])
     monkeypatch.setattr(environment_times, "prints", prints)
     environment_times.run()
@@ -124,7 +126,7 @@ def test_stencils_are_kept_by_plant_with_heights_and_errors_in_micrometres(
         assert each["one_step_um"] == {wider_stencil.WIDE: pytest.approx(0.25, rel=1e-9, abs=0.0)}
         assert set(each["rms_um"].values()) == {1.5}
         assert list(each["rms_um"]) == [name for name, where, _ in asked if where == plant]
-    assert {seeds for _, _, seeds in asked} == {wider_stencil.SEEDS}
+    assert {seeds for _, _, seeds in asked} == {SEEDS}
     (texts,) = wider_stencil.texts().values()
     table = texts["wider stencil"]
     assert table.startswith("\n| [µm] | " + " | ".join(wider_stencil.PLANTS) + " |")

@@ -34,7 +34,8 @@ def registration() -> Registration:
 
 def evidence(shares: int, first: float) -> InkEvidence:
     square: Any = np.arange(float(shares**2)).reshape(shares, shares)
-    return InkEvidence(first + square, first + 100.0 + np.arange(shares), first + 200.0 + square)
+    line: Any = np.arange(float(shares))
+    return InkEvidence(first + square, first + 100.0 + line, first + 200.0 + square)
 
 
 def knowledge() -> InkKnowledge:
