@@ -15,7 +15,7 @@ MASK[1:6, 1:3] = True
 
 
 def job(inks: int = 1) -> Job:
-    return Job(8, 4, 1e-4, np.where(MASK, 20e-6, 0.0), MASK, (Ink(),) * inks)
+    return Job(8, 4, 1e-4, np.where(MASK, 20e-6, 0.0), MASK, (Ink(), Ink(9e-6, 0.0, 0.0))[:inks])
 
 
 def panels(height: Any, pattern: Any, inks: int = 1) -> tuple[Any, Any]:
@@ -33,6 +33,9 @@ def test_high_cells_are_red_and_low_ones_blue_about_the_mean() -> None:
     height[2, 1] += 9 * 7.6e-6 / 9
     height[4, 2] -= 9 * 7.6e-6 / 9
     surface, _ = panels(height, np.zeros((8, 4), np.int32))
+    np.testing.assert_array_equal(
+        panels(height, np.zeros((8, 4), np.int32), 2)[0], surface
+    )  # layers are of the first ink
     assert tuple(surface[3, 1]) == (247, 247, 247)
     half = {(2, 1): (178, 24, 43), (4, 2): (33, 102, 172)}  # one layer of the two that the colours span
     for cell, end in half.items():

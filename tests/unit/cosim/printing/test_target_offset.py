@@ -49,7 +49,7 @@ class Policy:
         self._log.append("close")
 
 
-class Env(gymnasium.Env):  # type: ignore[misc, name-defined]
+class Env(gymnasium.Env):  # type: ignore[name-defined]
     """Prints nothing; `log` has what was asked of it and of its controllers."""
 
     def __init__(self) -> None:
