@@ -285,3 +285,21 @@ def test_box_of_a_height_map_leaves_out_what_is_not_printed(tmp_path: Path) -> N
     np.save(tmp_path / "map.npy", heights)
     part = f"{HEIGHTS}pixel_um = 100.0\nbase_um = -2.0\ncenter_x_um = 500.0\ncenter_y_um = 400.0"
     assert bounds_um(part, tmp_path) == pytest.approx([450.0, 550.0, 350.0, 550.0], rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(("rows_along", "stored"), [("x", lambda z: z.T), ("y", lambda z: z)])
+def test_counts_of_a_picture_are_heights_by_their_scale(
+    rows_along: str, stored: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    counts = np.arange(20, 35, dtype=np.uint16).reshape(3, 5)
+    counts[1, 3] = 9
+    Image.fromarray(np.ascontiguousarray(stored(counts))).save(tmp_path / "map.png")
+    part = (
+        'shape = "height-map"\nfile = "map.png"\nunit = "nm"\ncount_scale = 500.0\npixel_um = 100.0\ninvalid_value = 9.0\n'
+        f'rows_along = "{rows_along}"\ncenter_x_um = 500.0\ncenter_y_um = 400.0'
+    )
+    expected = counts * 0.5
+    expected[1, 3] = 0.0
+    found = with_part(part, tmp_path).job().target_height / M_PER_UM
+    np.testing.assert_allclose(found[4:7, 2:7], expected, rtol=1e-9)
+    assert found.sum() == pytest.approx(expected.sum(), rel=1e-9, abs=0.0)

@@ -25,14 +25,15 @@ BOX = parts.box((10.0, 10.6), (-2.0, -1.6), 5.0, 5.03)
 """6 x 4 cells, far from the origin and over the substrate."""
 
 
-@pytest.mark.parametrize("away", [0.0, 100.0, 1e6])
+@pytest.mark.parametrize("away", [0.0, 100.0, 3e4, 1e6])
 def test_walls_on_centres_are_seen_as_far_as_the_coordinates_resolve_them(away: float, tmp_path: Path) -> None:
-    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 1 km 120 um."""
+    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 30 m 2 um."""
     box = parts.box((away + 0.3, away + 0.9), (away + 0.2, away + 0.6), 0.0, 0.03)
     write(tmp_path, box)
     remarks = with_part(MESH, tmp_path, nx=15).solid.remarks
-    if away == 1e6:
-        assert "the coordinates of the file resolve 119 µm" in remarks[0]
+    if away > 100.0:
+        resolved = {3e4: "1.95", 1e6: "119"}[away]
+        assert f"the coordinates of the file resolve {resolved} µm" in remarks[0]
         return
     assert "upright walls stand on rows of cell centres" in remarks[0]
     assert with_part(MESH, tmp_path).solid.remarks == ()
