@@ -295,7 +295,8 @@ def test_counts_of_a_picture_are_heights_by_their_scale(
     counts[1, 3] = 9
     Image.fromarray(np.ascontiguousarray(stored(counts))).save(tmp_path / "map.png")
     part = (
-        'shape = "height-map"\nfile = "map.png"\nunit = "nm"\ncount_scale = 500.0\npixel_um = 100.0\ninvalid_value = 9.0\n'
+        'shape = "height-map"\nfile = "map.png"\nunit = "nm"\ncount_scale = 500.0\npixel_um = 100.0\n'
+        "invalid_value = 9.0\n"
         f'rows_along = "{rows_along}"\ncenter_x_um = 500.0\ncenter_y_um = 400.0'
     )
     expected = counts * 0.5

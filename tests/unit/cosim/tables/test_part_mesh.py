@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tools import parts
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
+from inkloop.tables import part_mesh
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import Grid
 from inkloop.tables.solid import PartError
@@ -27,12 +29,12 @@ BOX = parts.box((10.0, 10.6), (-2.0, -1.6), 5.0, 5.03)
 
 @pytest.mark.parametrize("away", [0.0, 100.0, 3e4, 1e6])
 def test_walls_on_centres_are_seen_as_far_as_the_coordinates_resolve_them(away: float, tmp_path: Path) -> None:
-    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 30 m 2 um."""
+    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 30 m 4 um."""
     box = parts.box((away + 0.3, away + 0.9), (away + 0.2, away + 0.6), 0.0, 0.03)
     write(tmp_path, box)
     remarks = with_part(MESH, tmp_path, nx=15).solid.remarks
     if away > 100.0:
-        resolved = {3e4: "1.95", 1e6: "119"}[away]
+        resolved = {3e4: "3.58", 1e6: "119"}[away]
         assert f"the coordinates of the file resolve {resolved} µm" in remarks[0]
         return
     assert "upright walls stand on rows of cell centres" in remarks[0]
@@ -220,3 +222,29 @@ def test_walls_on_centres_are_listed_up_to_three(tmp_path: Path) -> None:
     (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
     assert remark.startswith("4 upright walls stand on rows of cell centres")
     assert ", ...)" in remark or ", ... µm" in remark
+
+
+def test_every_body_is_looked_at_for_walls_and_for_its_resolution() -> None:
+    grid = Grid(nx=15, ny=11, pitch_um=100.0)
+    between = Body(parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.03) * 1e-3)
+    on_rows = Body(parts.box((0.3, 0.75), (0.15, 0.45), 0.0, 0.03) * 1e-3)
+    assert list(part_mesh._remarks([between], grid)) == []
+    for bodies in ([between, on_rows], [on_rows, between]):
+        (remark,) = part_mesh._remarks(bodies, grid)
+        assert remark.startswith("1 upright walls stand on rows of cell centres")
+        assert "(at 300 µm)" in remark
+    coarse = replace(between, resolution=5e-6)
+    for bodies in ([between, coarse], [coarse, between]):
+        (remark,) = part_mesh._remarks(bodies, grid)
+        assert "resolve 5 µm" in remark
+
+
+def test_open_columns_are_treated_as_the_table_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    closed = part_mesh.closed_columns
+    monkeypatch.setattr(part_mesh, "closed_columns", lambda *given: asked.append(given[-1]) or closed(*given))
+    write(tmp_path, BOX)
+    for keys, expected in (("", "refuse"), ('open_columns = "neighbours"', "neighbours")):
+        with_part(MESH + keys, tmp_path)
+        assert set(asked) == {expected}
+        asked.clear()

@@ -250,21 +250,21 @@ def rig(tmp_path: Path, clock: Clock) -> Any:
     return SimpleNamespace(part=part, bus=bus, wire=bus._bus, peers=peers, clock=clock)
 
 
-def scan(value: float) -> bytes:
-    """A map of 6 x 5 cells, y by y, cell (2, 1) unmeasured."""
+def scan(value: float, is_whole: bool = False) -> bytes:
+    """A map of 6 x 5 cells, y by y, cell (2, 1) unmeasured unless it is whole."""
     cells = value + np.add.outer(np.arange(6.0), 10.0 * np.arange(5.0))
-    cells[2, 1] = -999.0
+    cells[2, 1] = cells[2, 1] if is_whole else -999.0
     return b"HM\6\5" + cells.T.astype("<f4").tobytes()
 
 
-def answer_scan(rig: Any, layer: int, value: float) -> None:
-    rig.peers["scanner"].answers.extend([b"\1", b"\0" + layer.to_bytes(2, "big"), scan(value)])
+def answer_scan(rig: Any, layer: int, value: float, is_whole: bool = False) -> None:
+    rig.peers["scanner"].answers.extend([b"\1", b"\0" + layer.to_bytes(2, "big"), scan(value, is_whole)])
 
 
 def test_layer_is_downloaded_commanded_waited_for_and_scanned(rig: Any) -> None:
     pattern = np.zeros((6, 5), np.int32)
     pattern[4, 1], pattern[0, 3] = 1, 1
-    answer_scan(rig, 2, 5.0)
+    answer_scan(rig, 2, 5.0, is_whole=True)
     answer_scan(rig, 3, 7.0)
     rig.clock.after.extend([state(BUSY), state(READY, 3, 12.5)])
     found = rig.part.do_step(0, 1, {"pattern": pattern, "layer_command": np.asarray(3)})
@@ -280,7 +280,7 @@ def test_layer_is_downloaded_commanded_waited_for_and_scanned(rig: Any) -> None:
     ]
     assert (int(found["layers_printed"]), int(found["layers_scanned"])) == (3, 3)
     expected = (7.0 + np.add.outer(np.arange(6.0), 10.0 * np.arange(5.0))) * 1e-6
-    expected[2, 1] = 0.0
+    expected[2, 1] = 17e-6  # of the scan before
     np.testing.assert_allclose(found["measured_height"], expected, rtol=1e-6)
     assert np.argwhere(~found["valid"]).tolist() == [[2, 1]]
     assert float(found["bed_position"]) == pytest.approx(0.0125, rel=1e-9, abs=0.0)

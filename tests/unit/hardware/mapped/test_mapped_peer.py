@@ -8,7 +8,8 @@ from typing import Any
 from unittest.mock import MagicMock, call
 
 import pytest
-from udsoncan import MemoryLocation, Response
+from udsoncan import MemoryLocation
+from udsoncan.Response import Response
 from udsoncan.exceptions import InvalidResponseException, NegativeResponseException, TimeoutException
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError

@@ -108,10 +108,10 @@ def test_problem_of_a_folder_is_shown_until_it_is_gone(tmp_path: Path) -> None:
     def damaged() -> dict[str, Result]:
         raise ResultError("0002.npz: cannot be read")
 
-    source.runs, source.layers = damaged, 3  # type: ignore[method-assign]
+    source.runs, source.layers = damaged, 3
     assert feed.refresh()
     assert feed.content() == {"problem": "0002.npz: cannot be read"}
-    source.runs, source.layers = good, 4  # type: ignore[method-assign]
+    source.runs, source.layers = good, 4
     assert feed.refresh()
     assert heights_of(feed.content()["runs"][0]).shape[0] == 5
     assert feed.version == 3
@@ -155,7 +155,7 @@ def test_runs_that_are_compared_share_the_cells_of_the_last_maps(
     two = {
         name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
     }
-    source.runs = lambda: two  # type: ignore[method-assign]
+    source.runs = lambda: two
     feed = Feed(source, lambda: "", tmp_path / "bench.log", 6)
     feed.refresh()
     feed.content("0", [2, 5])
