@@ -9,8 +9,8 @@ from unittest.mock import MagicMock, call
 
 import pytest
 from udsoncan import MemoryLocation
-from udsoncan.Response import Response
 from udsoncan.exceptions import InvalidResponseException, NegativeResponseException, TimeoutException
+from udsoncan.Response import Response
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.mapped.mapped_peer import TRIES, Peer, is_answer

@@ -165,6 +165,48 @@ def test_runs_that_are_compared_share_the_cells_of_the_last_maps(
     assert asked == [(["a", "b"], [3, 5], known, cells) for known in ([2, 5], [], [])]
 
 
+def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, blocks = [], iter([2, 1, 3, 3])
+
+    def first_block(runs: Any, room: float, layers: int) -> int:
+        asked.append((list(runs), layers))
+        return next(blocks)
+
+    monkeypatch.setattr("inkloop.report.page.feed.first_block", first_block)
+    source = Still(printed())
+    source.runs = lambda: {  # a new result each time
+        name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
+    }
+    feed = Feed(source, lambda: "", tmp_path / "bench.log", 7)
+    epochs = []
+    for source.layers in range(4):
+        feed.refresh()
+        epochs.append(feed.content()["epoch"])
+    assert asked == [(["a", "b"], 21)] * 4
+    assert epochs == [epochs[0]] * 2 + [epochs[2]] * 2
+    assert epochs[0] != epochs[2]
+
+
+def test_watch_says_where_it_serves_on_this_machine_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bound = []
+
+    class Host:
+        def run(self, sockets: Any) -> None:
+            bound.extend(each.getsockname() for each in sockets)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(server, "server", lambda feed: Host())
+    unfinished(quick_cuboid(), tmp_path / "run", 0)
+    assert main(["watch", str(tmp_path / "run"), "--port", "0", "--json"]) == 0
+    ((host, port),) = bound
+    assert host == "127.0.0.1"
+    assert json.loads(capsys.readouterr().out) == {"folder": str(tmp_path / "run"), "url": f"http://127.0.0.1:{port}/"}
+
+
 def test_numbers_of_layers_have_eight_digits_at_most(tmp_path: Path) -> None:
     asked = []
     feed: Any = SimpleNamespace(
