@@ -14,6 +14,7 @@ from tools import parts
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
+from inkloop.geometry.mesh import closed_columns
 from inkloop.tables import part_mesh
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import Grid
@@ -241,7 +242,7 @@ def test_every_body_is_looked_at_for_walls_and_for_its_resolution() -> None:
 
 def test_open_columns_are_treated_as_the_table_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    closed = part_mesh.closed_columns
+    closed = closed_columns
     monkeypatch.setattr(part_mesh, "closed_columns", lambda *given: asked.append(given[-1]) or closed(*given))
     write(tmp_path, BOX)
     for keys, expected in (("", "refuse"), ('open_columns = "neighbours"', "neighbours")):

@@ -192,7 +192,7 @@ def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_an
 def test_watch_says_where_it_serves_on_this_machine_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bound = []
+    bound = list[Any]()
 
     class Host:
         def run(self, sockets: Any) -> None:
