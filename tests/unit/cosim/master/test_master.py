@@ -250,6 +250,9 @@ def test_fault_of_a_component_ends_the_run() -> None:
 def test_run_without_an_end_is_refused() -> None:
     with pytest.raises(ScenarioError, match="time_max_s"):
         Master({"a": counter()}, [], step_ns=1).run(layers_max=3)
+    parts = toy_loop(toy_job())
+    with pytest.raises(ScenarioError, match="nothing ends this run"):
+        Master(parts, contract_connections(parts), step_ns=1).run()
 
 
 def test_every_component_is_terminated_once_when_one_fails_to_initialize() -> None:
