@@ -157,6 +157,9 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
     write_stack(tmp_path, F, F[:, :3])
     (error,) = errors_of(BITS, tmp_path)
     assert "s_002.png has 3 x 6 pixels along x and y, s_001.png has 4 x 6; save all slices in one size" in error
+    write_stack(tmp_path, F, F[:5])
+    (error,) = errors_of(BITS, tmp_path)
+    assert "s_002.png has 4 x 5 pixels along x and y, s_001.png has 4 x 6" in error
 
 
 def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

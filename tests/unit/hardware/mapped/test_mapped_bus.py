@@ -51,11 +51,13 @@ class Connection:
         self.made = settings, session, job, list(answers)
         self.others: deque[tuple[float, Frame]] = deque()
         self.log: list[Any] = []
+        self.at_once: list[Frame] = []  # what comes before anybody waits
         self.receive = Mock(return_value=b"data")
         self.check, self.close = Mock(), Mock()
 
     def send(self, frames: Any) -> None:
         self.log += frames
+        self.others.extend((0.0, frame) for frame in self.at_once)
 
     def send_keep_alive(self, enables: Enables) -> None:
         self.log.append(enables)
@@ -266,7 +268,8 @@ def test_layer_is_downloaded_commanded_waited_for_and_scanned(rig: Any) -> None:
     pattern[4, 1], pattern[0, 3] = 1, 1
     answer_scan(rig, 2, 5.0, is_whole=True)
     answer_scan(rig, 3, 7.0)
-    rig.clock.after.extend([state(BUSY), state(READY, 3, 12.5)])
+    rig.wire.at_once = [state(BUSY)]
+    rig.clock.after.extend([state(READY, 3, 12.5)])
     found = rig.part.do_step(0, 1, {"pattern": pattern, "layer_command": np.asarray(3)})
     blob = bytearray(b"\xa5\0\3" + bytes(10))
     blob[3 + 2 + 1], blob[3 + 2 * 3] = 1, 1  # two bits for each of six cells: cell 4 of row 1, cell 0 of row 3
