@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.estimation.loop_trust import LoopTrust
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import InkRegions
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
-from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.planning.layer_mpc import LayerMpc, random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.work import Work
@@ -32,8 +34,8 @@ ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipo
 
 def rough_job(seed: int = 0, n: int = 9) -> tuple[Job, Any]:
     """A block that wants half a layer more on a rough surface."""
-    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
-    return block(n, n, float(height.mean()) + 3.8e-6), height
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n - 1))
+    return block(n, n - 1, float(height.mean()) + 3.8e-6), height
 
 
 def none(job: Job, layers: int = 1) -> Any:
@@ -115,7 +117,7 @@ def test_objective_is_that_of_the_predicted_surface() -> None:
 
 def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
     job, height = rough_job(4)
-    job = block(9, 9, float(height.mean()) + 11e-6, passes=4, pass_rotation=1)
+    job = block(9, 8, float(height.mean()) + 11e-6, passes=4, pass_rotation=1)
     plan, model, surface = planned(job, height, alpha=0.5), LayerModel.of(job), height
     for number, layer in enumerate(plan.plan, start=1):
         surface = model.layer(surface, layer, number)
@@ -187,12 +189,92 @@ def test_given_horizon_and_worth_stand_instead_of_those_of_the_finish() -> None:
         )
 
 
+@pytest.mark.parametrize("layer", [3, 4])
+def test_problem_has_what_the_job_the_criterion_and_the_estimate_say(layer: int) -> None:
+    """Layer 5, which follows layer 4, is one in which dead cells are tried again."""
+    rng = np.random.default_rng(3)
+    shape = (7, 5)
+    part = np.zeros(shape, np.bool_)
+    part[1:5, 1:4] = True
+    target = np.where(part, 90e-6, 0.0) + rng.uniform(0.0, 1e-6, shape)
+    job = Job(*shape, 254e-6, target, part, INKS, Above(40e-6), passes=4, pass_order=2, pass_rotation=1)
+    criterion = Criterion(
+        alpha=[(1, 0.5), (5, 0.7)], overshoot_limit=6e-6, chance_margin=2.0, fringe_weight=0.25, droplet_std=0.3
+    )
+    dead, capped = np.zeros(shape), np.zeros(shape, np.bool_)
+    dead[2, 3], dead[4, 1], capped[3, 2] = 15.0, 14.9, True
+    learnt = (Ink(4.1e-6, 0.5e-6, 0.1e-6), Ink(3.7e-6, 0.4e-6, 0.2e-6))
+    exact = Estimate.exact(rng.uniform(0.0, 30e-6, shape), learnt)
+    variance = rng.uniform(1e-13, 2e-13, shape)
+    estimate = replace(exact, height_variance=variance, dead_evidence=dead, capped=capped)
+    mpc = LayerMpc(job, criterion=criterion, horizon=3, choices=DropletChoices(job, drop_levels=2))
+    problem = mpc.problem(estimate, layer)
+    assert problem.layers == 3
+    np.testing.assert_array_equal(problem.height, estimate.height)
+    np.testing.assert_array_equal(problem.target, target)
+    np.testing.assert_array_equal(problem.part, part)
+    assert problem.kinds == (*learnt, *(Ink(2 * ink.h1, 2 * ink.h2, 2 * ink.h3) for ink in learnt))
+    allowed = DropletChoices(job, drop_levels=2).allowed(estimate.height, 3)
+    assert (allowed[:, [2, 3], [3, 2]] > 0).all()
+    expected = allowed.copy()
+    expected[:, 3, 2] = 0
+    expected[1 if layer == 4 else 0 :, 2, 3] = 0
+    np.testing.assert_array_equal(problem.choices, expected)
+    assert problem.alpha == {3: 0.5, 4: 0.7}[layer]
+    ring = np.zeros(shape)
+    ring[0:6, 0:5] = 0.25
+    np.testing.assert_array_equal(problem.weights, np.where(part, 1.0, ring))
+    assert problem.overshoot == pytest.approx(1.0 + 1.2 * 0.3, rel=1e-12, abs=0.0)
+    squares = max(ink.h1**2 + 4 * ink.h2**2 + 4 * ink.h3**2 for ink in learnt)
+    assert problem.ceiling is not None
+    np.testing.assert_allclose(
+        problem.ceiling[part], (target + 6e-6 - 2.0 * np.sqrt(variance + 0.01 * squares))[part], rtol=1e-12
+    )
+    assert (problem.ceiling[~part] > 0.1).all()
+    assert problem.ceiling_cost == 100.0
+    assert problem.droplet_std == 0.3
+    model = LayerModel.of(job)
+    assert problem.colours == tuple(model.colours(layer + ahead) for ahead in (1, 2, 3))
+    assert len({*problem.colours}) > 1
+
+
+def test_droplets_vary_as_learnt_unless_they_are_told_to_or_a_bound_is_asked_for() -> None:
+    job, height = rough_job()
+    trust = replace(LoopTrust.full(), residual=9.0, layers=12)
+    estimate = replace(known(height), trust=trust)
+    assert trust.droplet_std > 0.0
+    assert LayerMpc(job, horizon=1).problem(estimate, 0).droplet_std == trust.droplet_std
+    assert LayerMpc(job, horizon=1, criterion=Criterion(droplet_std=0.25)).problem(estimate, 0).droplet_std == 0.25
+    exact = {"horizon": 1, "criterion": Criterion(alpha=1.0, droplet_std=0.25)}
+    for bounded in ({"certified": True}, {"relaxation": "highs"}):
+        problem = LayerMpc(job, **exact, **bounded).problem(estimate, 0)  # type: ignore[arg-type]
+        assert problem.droplet_std == 0.0
+        assert problem.ceiling is None
+        assert problem.weight is None
+
+
+def test_surface_of_another_grid_is_refused() -> None:
+    job, height = rough_job()
+    with pytest.raises(ValueError, match=r"height has shape \(8, 9\); needs \(9, 8\)"):
+        LayerMpc(job).problem(known(height.T), 0)
+
+
+def test_seed_and_layer_have_halves_of_the_random_key() -> None:
+    def key(seed: int, layer: int) -> int:
+        return random_key(replace(block(), seed=seed), layer)
+
+    assert key(3, 7) == 3 * 4294967296 + 7
+    assert key(2**32 + 3, 7) == key(3, 7)
+    assert key(0, 2**32) == key(1, 0)
+
+
 def test_certified_plan_comes_with_a_proven_bound() -> None:
     job, height = rough_job(5)
     plan = planned(job, height, alpha=1.0, horizon=1, certified=True)
     assert plan.bound_confidence == 1.0
     assert plan.gap <= 0.01
     assert "certificate" in plan.seconds
+    assert plan.left_out is LeftOut.NOTHING
 
 
 def test_exact_plan_is_optimal_by_its_bound() -> None:
@@ -305,7 +387,11 @@ def test_last_plan_that_no_plan_can_be_is_refused() -> None:
 
 def test_last_plan_of_another_grid_is_not_used() -> None:
     job, height = rough_job(8)
-    assert planned(job, height, last=np.ones((3, 4, 4), np.int32)).start != "last plan"
+    without = planned(job, height, horizon=1)
+    for shape in ((3, 4, 4), (3, job.ny, job.nx), (0, job.nx, job.ny)):
+        plan = planned(job, height, last=np.ones(shape, np.int32), horizon=1)
+        np.testing.assert_array_equal(plan.plan, without.plan)
+        assert plan.start == without.start
 
 
 def test_phases_are_timed() -> None:

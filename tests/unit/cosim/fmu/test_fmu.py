@@ -6,10 +6,12 @@ from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock, call
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
@@ -290,8 +292,20 @@ def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -
     assert text.startswith(f"Amplifier  FMI {fmi} co-simulation")
     for name in ("on", "x", "y", "count", "high", "gain", "mode"):
         assert f"\n  {name} " in text
-    assert "[m]" in text
-    assert "{1 plain, 2 squared}" in text
+    real, size = ("Real", "3") if fmi == 2 else ("Float64", "n")
+    for line in (
+        "  on  Boolean = true",
+        f"  x   {real} ({size}) [m] = 0",
+        f"  count  {'Integer' if fmi == 2 else 'Int32'}",
+        f"  gain  {real} = 2",
+        "  mode  Enumeration = 1 {1 plain, 2 squared}",
+        "  Foreign FMU",
+        "  grid       none",
+        f"  platforms  {'linux64' if fmi == 2 else 'x86_64-linux'}",
+        "  step size  fixed",
+        "  made by    gcc",
+    ):
+        assert f"\n{line}\n" in f"{text}\n"
 
 
 @BOTH
@@ -353,6 +367,46 @@ def test_description_for_a_person_lists_variables_below_their_causality() -> Non
     assert "  state      can be saved and restored" in lines
     assert "  step size  any" in lines
     assert "  licence    not stated" not in lines
+
+
+def test_start_values_that_differ_are_not_shown_as_one(folder: Path, tmp_path: Path) -> None:
+    fmu = altered(build(folder, 3), tmp_path / "starts.fmu", *STARTS[3])
+    assert "  x   Float64 (n) [m]" in list(describe(fmu).lines())
+
+
+@pytest.mark.parametrize("member", ["getFMUState", "fmi3SerializedFMUStateSize", "fmi3SerializeFMUState"])
+def test_state_is_freed_once_also_where_it_cannot_be_saved(member: str) -> None:
+    def refuse(*_: object) -> None:
+        raise FMICallException(member, 3)
+
+    fmu = MagicMock()
+    setattr(fmu, member, refuse)
+    with pytest.raises(ComponentError, match=f"{member} returned an error"):
+        bound(fmu).save()
+    freed = [] if member == "getFMUState" else [call(fmu.getFMUState.return_value)]
+    assert fmu.freeFMUState.mock_calls == freed
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_state_is_freed_once_also_where_it_cannot_be_restored(fails: bool) -> None:
+    fmu = MagicMock()
+    if fails:
+        fmu.setFMUState.side_effect = FMICallException("fmi3SetFMUState", 3)
+        with pytest.raises(ComponentError, match="fmi3SetFMUState returned an error"):
+            bound(fmu).restore(b"state")
+    else:
+        bound(fmu).restore(b"state")
+    fmu.deserializeFMUState.assert_called_once_with(b"state")
+    fmu.setFMUState.assert_called_once_with(fmu.deserializeFMUState.return_value)
+    assert fmu.freeFMUState.mock_calls == [call(fmu.deserializeFMUState.return_value)]
+
+
+def bound(fmu: Any) -> Binding:
+    """The binding of an FMU that a test states."""
+    binding: Any = object.__new__(Binding)
+    binding._fmi, binding._messages, binding._fmu = 3, deque(), fmu
+    binding._grouped, binding.worst = {}, 0
+    return binding
 
 
 def test_step_that_returns_early_ends_where_it_was_to_end() -> None:

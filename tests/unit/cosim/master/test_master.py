@@ -9,7 +9,8 @@ import pytest
 
 from inkloop.component import Port, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.master.master import Algorithm, Master
+from inkloop.master.events import Event
+from inkloop.master.master import Algorithm, Master, checked_output
 from inkloop.master.wiring import Connection, contract_connections
 from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
@@ -108,6 +109,94 @@ def test_slow_component_of_a_resumed_run_steps_when_it_would_have() -> None:
     assert slow.log[1:-1] == ["do_step 30 30", "do_step 60 30"]
 
 
+def test_resumed_run_begins_with_time_and_outputs_of_its_checkpoint() -> None:
+    source = Resumable(outputs=[Port("y", start=3.0)], step=lambda *_: {"y": np.asarray(9.0)})
+    sink = Resumable(
+        inputs=[Port("x")], outputs=[Port("y")], step=lambda time_ns, step_ns, values: {"y": 2.0 * values["x"]}
+    )
+    outputs: dict[str, Values] = {"sink": {"y": np.asarray(6.0)}, "source": {"y": np.asarray(7.0)}}
+    trace = Trace("sink.y")
+    master = Master({"sink": sink, "source": source}, [Connection("source.y", "sink.x")], step_ns=10, observers=[trace])
+    point = Checkpoint(40, 2, outputs, {"sink": b"", "source": b""})
+    assert master.run(time_max_ns=60, resume=point) == "time_max"
+    assert trace.times == [40, 50, 60]
+    assert trace.values == [6.0, 14.0, 18.0]
+
+
+def test_component_that_cannot_be_restored_is_named() -> None:
+    parts = {"good": Resumable(outputs=[Port("y")]), "bad": Resumable(outputs=[Port("y")])}
+    outputs: dict[str, Values] = {name: {"y": np.asarray(0.0)} for name in parts}
+    point = Checkpoint(40, 0, outputs, {"good": b"", "bad": b"of another"})
+    with pytest.raises(ComponentError, match=r"^bad could not be restored: AssertionError"):
+        Master(parts, [], step_ns=10).run(time_max_ns=90, resume=point)
+    assert [part.log[-1] for part in parts.values()] == ["terminate"] * 2
+
+
+def test_steps_below_one_are_refused_at_once() -> None:
+    parts = {"a": counter(), "b": counter(), "c": counter()}
+    with pytest.raises(ScenarioError) as raised:
+        Master(parts, [], step_ns=0, every={"a": 0, "b": 1, "c": -2})
+    assert list(raised.value.errors) == [
+        "a: every 0 steps; needs a whole number >= 1",
+        "c: every -2 steps; needs a whole number >= 1",
+        "step is 0 ns; needs at least 1 ns",
+    ]
+    Master(parts, [], step_ns=1)
+
+
+def test_events_of_a_slow_component_begin_with_the_step_that_begins_then() -> None:
+    """Its inputs and outputs alike, and what is asked of its inputs between steps."""
+    got: list[float] = []
+
+    def keep(time_ns: int, step_ns: int, values: Values) -> Values:
+        got.append(float(values["x"]))
+        return {"y": np.asarray(0.0)}
+
+    slow = FunctionComponent(inputs=[Port("x")], outputs=[Port("y")], step=keep)
+    events = [Event(f"slow.{port}", "bias", at_time_ns=31, value=np.asarray(1.0)) for port in "xy"]
+    trace = Trace("slow.y")
+    master = Master({"slow": slow}, [], step_ns=10, every={"slow": 3}, observers=[trace], events=events)
+    master.run(time_max_ns=120)
+    assert got == [0.0, 0.0, 1.0, 1.0]
+    assert trace.values == [0.0] * 9 + [1.0] * 4
+    assert [float(master.inputs("slow", time_ns)["x"]) for time_ns in (30, 31)] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("algorithm", "expected"), [("gauss-seidel", [0.0, 5.0, 5.0]), ("jacobi", [0.0, 0.0, 5.0])])
+def test_event_of_an_input_begins_with_the_command_that_reaches_it(algorithm: Algorithm, expected: list[float]) -> None:
+    numbers = iter([2, 3, 3])
+    commander = FunctionComponent(
+        outputs=[Port("layer_command", dtype="int32")], step=lambda *_: {"layer_command": np.asarray(next(numbers))}
+    )
+    got: list[float] = []
+
+    def keep(time_ns: int, step_ns: int, values: Values) -> Values:
+        got.append(float(values["x"]))
+        return {}
+
+    parts = {"commander": commander, "sink": FunctionComponent(inputs=[Port("x")], step=keep)}
+    event = Event("sink.x", "override", at_layer=3, value=np.asarray(5.0))
+    Master(parts, [], step_ns=1, algorithm=algorithm, events=[event]).run(time_max_ns=3)
+    assert got == expected
+
+
+def test_only_the_status_of_the_controller_ends_a_print() -> None:
+    """A device that is done with its own work is not the end of the print."""
+    done = FunctionComponent(
+        outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.DONE))}
+    )
+    assert Master({"printer": done}, [], step_ns=1).run(time_max_ns=3) == "time_max"
+    assert len(done.log) == 5
+
+
+def test_loop_that_starts_from_a_map_with_a_hole_is_refused() -> None:
+    hole = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]])
+    ports: dict[str, Any] = {"inputs": [Port("x", shape=(2, 3))], "outputs": [Port("y", shape=(2, 3), start=hole)]}
+    parts = {"a": FunctionComponent(**ports), "b": FunctionComponent(**ports)}
+    with pytest.raises(ComponentError, match=r"^a\.x stands in a loop with b\.y, which has no start value"):
+        Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)
+
+
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("step_ns", [SECOND // 3, SECOND, 5 * SECOND, 40 * SECOND])
 @pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 6 * SECOND)])
@@ -161,6 +250,9 @@ def test_fault_of_a_component_ends_the_run() -> None:
 def test_run_without_an_end_is_refused() -> None:
     with pytest.raises(ScenarioError, match="time_max_s"):
         Master({"a": counter()}, [], step_ns=1).run(layers_max=3)
+    parts = toy_loop(toy_job())
+    with pytest.raises(ScenarioError, match="nothing ends this run"):
+        Master(parts, contract_connections(parts), step_ns=1).run()
 
 
 def test_every_component_is_terminated_once_when_one_fails_to_initialize() -> None:
@@ -221,6 +313,31 @@ def test_output_must_be_what_was_declared(value: Values, message: str) -> None:
     part = FunctionComponent(outputs=[Port("y")], step=lambda *_: value)
     with pytest.raises(ComponentError, match=message):
         Master({"a": part}, [], step_ns=1).run(time_max_ns=1)
+
+
+def test_output_takes_the_declared_type_and_may_be_no_number_where_nothing_reads_it() -> None:
+    given = iter([np.asarray(np.float32(0.5)), np.asarray(np.nan)])
+    types = []
+
+    class Types(Trace):
+        def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+            super().stepped(time_ns, outputs)
+            types.append(outputs["a"]["y"].dtype)
+
+    trace = Types("a.y")
+    part = FunctionComponent(outputs=[Port("y")], step=lambda *_: {"y": next(given)})
+    Master({"a": part}, [], step_ns=1, observers=[trace]).run(time_max_ns=2)
+    np.testing.assert_array_equal(trace.values, [0.0, 0.5, np.nan])
+    assert set(types) == {np.dtype(np.float64)}
+
+
+def test_first_cell_that_is_no_number_is_named() -> None:
+    spoilt = np.zeros((2, 3))
+    spoilt[0, 2] = spoilt[1, 0] = np.inf
+    with pytest.raises(ComponentError, match=r"^output y is inf in cell \(0, 2\)$"):
+        checked_output(Port("y", shape=(2, 3)), {"y": spoilt}, True)
+    with pytest.raises(ComponentError, match=r"^output y is nan$"):
+        checked_output(Port("y"), {"y": np.asarray(np.nan)}, True)
 
 
 def test_consumer_cannot_change_what_its_source_gave() -> None:

@@ -36,6 +36,38 @@ def test_printer_goes_before_its_shadow() -> None:
     assert Connection("printer.height", "profiler.height") in contract_connections(parts)
     del parts["printer"]
     assert Connection("shadow.height", "profiler.height") in contract_connections(parts)
+    assert Connection("shadow.layers_followed", "profiler.layers_printed") in contract_connections(parts)
+    assert Connection("shadow.layers_followed", "controller.layers_printed") not in contract_connections(parts)
+
+
+def test_component_does_not_feed_itself() -> None:
+    parts = {"a": FunctionComponent(inputs=[Port("y")], outputs=[Port("y")])}
+    assert contract_connections(parts) == []
+
+
+def test_contract_input_that_a_component_calls_optional_may_stay_open() -> None:
+    class Modest(FunctionComponent):
+        optional_inputs = frozenset({"pattern"})
+
+    ports = [Port("pattern", "1", (2, 3), "int32"), Port("layer_command", dtype="int32")]
+    (error,) = check({"printer": Modest(inputs=ports)}, [])
+    assert error == (
+        "printer.layer_command is not connected: no other component has an output layer_command; "
+        'add a controller, e.g. [components.controller] with kind = "LayerMpc", or name a source under [[connections]]'
+    )
+
+
+def test_offset_alone_changes_a_value() -> None:
+    assert fed(Connection("a.y", "b.x", offset=2.0), "m", "m", 3.0) == 5.0
+
+
+def test_shape_that_differs_is_no_matter_of_gains() -> None:
+    source, target = Port("y", "%", (3, 2)), Port("x", "1", (2, 3), "float32")
+    parts = {"a": FunctionComponent(outputs=[source]), "b": FunctionComponent(inputs=[target])}
+    assert check(parts, [Connection("a.y", "b.x", 0.01)]) == [
+        "a.y gives 3 x 2, b.x takes 2 x 3: same shape needed",
+        "a.y gives float64, b.x takes float32: same type needed",
+    ]
 
 
 def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:

@@ -15,7 +15,7 @@ MASK[1:6, 1:3] = True
 
 
 def job(inks: int = 1) -> Job:
-    return Job(8, 4, 1e-4, np.where(MASK, 20e-6, 0.0), MASK, (Ink(),) * inks)
+    return Job(8, 4, 1e-4, np.where(MASK, 20e-6, 0.0), MASK, (Ink(), Ink(9e-6, 0.0, 0.0))[:inks])
 
 
 def panels(height: Any, pattern: Any, inks: int = 1) -> tuple[Any, Any]:
@@ -33,6 +33,9 @@ def test_high_cells_are_red_and_low_ones_blue_about_the_mean() -> None:
     height[2, 1] += 9 * 7.6e-6 / 9
     height[4, 2] -= 9 * 7.6e-6 / 9
     surface, _ = panels(height, np.zeros((8, 4), np.int32))
+    np.testing.assert_array_equal(
+        panels(height, np.zeros((8, 4), np.int32), 2)[0], surface
+    )  # layers are of the first ink
     assert tuple(surface[3, 1]) == (247, 247, 247)
     half = {(2, 1): (178, 24, 43), (4, 2): (33, 102, 172)}  # one layer of the two that the colours span
     for cell, end in half.items():
@@ -52,3 +55,12 @@ def test_droplets_have_the_colour_of_their_ink(inks: int) -> None:
     assert tuple(droplets[5, 2]) == ((40, 40, 40) if inks == 1 else (200, 120, 20))
     assert tuple(droplets[3, 1]) == (247, 247, 247)
     assert tuple(droplets[0, 0]) == (230, 230, 230)
+
+
+@pytest.mark.parametrize("shape", [(7, 5), (5, 7)])
+def test_longer_side_of_a_panel_has_256_pixels_at_least(shape: tuple[int, int]) -> None:
+    mask = np.ones(shape, np.bool_)
+    part = Job(*shape, 1e-4, np.full(shape, 20e-6), mask)
+    image = frame(part.target_height, mask.astype(np.int32), part)
+    nx, ny = shape
+    assert image.shape == (ny * 37, (2 * nx + 1) * 37, 3)  # 7 x 36 would be less

@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from inkloop.report import plot, surface_picture
+from inkloop.report import plot, solid_picture, surface_picture
 from inkloop.report.difference_picture import hardware_against_model
 from inkloop.report.error_maps import comparison, error_map
 from inkloop.report.layer_curves import cross_section, layers
@@ -24,7 +24,7 @@ from inkloop.report.solid_view import view
 from inkloop.report.surface_picture import surfaces
 from inkloop.results.metrics import masked_error
 from inkloop.results.result import Result
-from inkloop.results.solid import voxels
+from inkloop.results.solid import ink_error, voxels
 
 PITCH = 100e-6
 SIGN = "too low +, too high -"
@@ -32,15 +32,15 @@ ENDS = (("too low", "too high"), ("missing", "too much"), ("hardware\nhigher", "
 
 
 def printed(error_um: float, high_cell: tuple[int, int] | None = None) -> xr.Dataset:
-    """A part of 3 x 3 cells in 5 x 5 that lacks `error_um` everywhere, and ends 9 um too high in one cell."""
-    mask = np.zeros((5, 5), np.bool_)
-    mask[1:4, 1:4] = True
+    """A part of 4 x 3 cells in 7 x 5, off its middle, that lacks `error_um`, and ends 9 um too high in one cell."""
+    mask = np.zeros((7, 5), np.bool_)
+    mask[1:5, 1:4] = True
     target = np.where(mask, 50e-6, 0.0)
     height = np.where(mask, target - error_um * 1e-6, 0.0)
     if high_cell is not None:
         height[high_cell] = target[high_cell] + 9e-6
     errors = [masked_error(surface, target, mask) for surface in (np.zeros_like(height), height)]
-    axis = np.arange(5) * PITCH
+    x, y = (np.arange(count) * PITCH for count in mask.shape)
     return xr.Dataset(
         {
             "height": (("layer", "x", "y"), np.stack([np.zeros_like(height), height])),
@@ -49,7 +49,7 @@ def printed(error_um: float, high_cell: tuple[int, int] | None = None) -> xr.Dat
             "mean_error": ("layer", [error.mean_error for error in errors]),
             "std": ("layer", [error.std for error in errors]),
         },
-        coords={"layer": [0, 1], "x": axis, "y": axis},
+        coords={"layer": [0, 1], "x": x, "y": y},
         attrs={"pitch": PITCH},
     )
 
@@ -99,12 +99,12 @@ def test_too_high_is_red_on_every_map() -> None:
         each
         for axes in surfaces({"a": run}).axes
         for each in axes.collections
-        if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 25
+        if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 35
     ]
     colours: Any = solid.get_facecolor()
     redder = colours[:, 0] - colours[:, 2]
     assert (redder > 0.2).sum() == 1
-    assert (redder < -0.01).sum() == 8
+    assert (redder < -0.01).sum() == 11
 
 
 def test_dots_tell_too_high_from_too_low_in_grey_print() -> None:
@@ -147,11 +147,11 @@ def test_cut_has_the_mean_error_of_the_table() -> None:
 
 def test_layers_show_mean_and_unevenness_of_the_table() -> None:
     run = printed(-4.0, high_cell=(2, 3))
-    run["pattern"] = (("layer", "x", "y"), np.ones((2, 5, 5), np.int32))
+    run["pattern"] = (("layer", "x", "y"), np.ones((2, 7, 5), np.int32))
     mean, spread, droplets = layers({"a": run}).axes
     np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), run.mean_error * 1e6, rtol=1e-12)
     np.testing.assert_allclose(np.asarray(spread.lines[0].get_ydata()), run["std"][1:] * 1e6, rtol=1e-12)
-    np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [25])
+    np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [35])
 
 
 def slab(nx: int, ny: int) -> xr.Dataset:
@@ -317,3 +317,22 @@ def test_legend_fits_into_the_width_of_its_figure(count: int) -> None:
     [legend] = figure.legends
     assert legend.get_window_extent().width <= figure.bbox.width
     assert len(legend.get_texts()) == count
+
+
+def test_lines_of_no_error_are_drawn() -> None:
+    run = printed(4.0)
+    for axes in (cross_section({"a": run}).axes[1], layers({"a": run}).axes[0]):
+        dashed = [line for line in axes.lines if line.get_linestyle() == "--"]
+        assert [list(np.unique(np.asarray(line.get_ydata()))) for line in dashed] == [[0.0]]
+
+
+def test_error_of_a_solid_is_in_micrometres_where_it_is_seen() -> None:
+    run = in_two_inks()
+    seen = view(voxels(run) == 1, SOLID_UPRIGHT)
+    found = solid_picture._seen_error(run, seen)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(seen.brightness))
+    expected = ink_error(run) * 1e6
+    assert 1.0 < np.abs(expected).max() < 1000.0
+    for row, column in np.argwhere(~np.isnan(seen.brightness))[::97]:
+        i, j, k = seen.voxel[row, column]
+        assert found[row, column] == pytest.approx(expected[i, j, k], rel=1e-9, abs=0.0)

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 
 import pytest
-from rich.progress import Progress
+from rich.progress import BarColumn, Progress, TextColumn
 
 from inkloop.report.terminal import Terminal, decimals, number_table
 
@@ -68,6 +68,15 @@ def test_quiet_terminal_writes_nothing(capsys: pytest.CaptureFixture[str]) -> No
     with terminal.progress() as progress:
         progress.add_task("task", total=1)
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("width", "columns"), [(69, "a"), (70, "a"), (99, "a"), (100, "ab")])
+def test_notes_beside_a_bar_are_those_that_there_is_room_for(width: int, columns: str) -> None:
+    with Terminal(io.StringIO(), width=width).progress("a", "b") as progress:
+        shown = [column.text_format for column in progress.columns if isinstance(column, TextColumn)]
+        bars = [column for column in progress.columns if isinstance(column, BarColumn)]
+    assert shown == ["{task.description}", *(f"{{task.fields[{name}]}}" for name in columns)]
+    assert len(bars) == (width >= 70)
 
 
 def test_what_rounds_to_zero_has_no_sign() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
 import numpy as np
@@ -70,3 +71,62 @@ def test_every_output_of_our_models_and_controllers_has_a_meaning() -> None:
 
 def test_outputs_of_others_name_their_component() -> None:
     assert variable("wetness", (), 1.0, "1", giver="printer").attrs["long_name"] == "output wetness of the printer"
+
+
+WORDS = {
+    "x": "centre of a cell along x", "y": "centre of a cell along y", "time": "end of the layer", "layer": "number",
+    "target_height": "at the end of the print", "height": "above z = 0", "area": "share of each cell",
+    "measured_height": "the profiler reports", "valid": "scan of the layer measured",
+    "estimated_height": "controller takes the surface for", "shadow_height": "by the model", "pattern": "commanded",
+    "drop_level": "drops that each droplet", "ink": "fills most", "region_bottom": "lower end",
+    "region_top": "upper end", "mismatch": "misplaced or missing", "modified": "an event", "mean_error": "mean error",
+    "mae": "mean absolute", "rms": "root mean square", "std": "standard deviation of the error",
+    "growth_divergence": "scanned growth", "surface_divergence": "surface by the model", "droplets_a": "ink A",
+    "droplets_b": "ink B", "volume_lost": "left the grid", "volume_removed": "roller",
+    "bound": "no plan can fall below", "gap": "from its bound", "solve_time": "from the scan",
+    "volume_scale": "learnt", "untrusted_cells": "too many layers", "dead_cells": "bring nothing",
+    "capped_cells": "open loop", "blind_share": "did not measure", "ground_offset": "middle of ground",
+    "ground_rise_x": "along x", "ground_rise_y": "along y", "ink_excess": "by its droplets than by its scans",
+    "ink_excess_i": "along x of the largest excess of ink", "ink_excess_j": "along y of the largest excess of ink",
+    "height_excess": "above its target", "height_excess_i": "along x of the largest excess of height",
+    "height_excess_j": "along y of the largest excess of height", "scan_shift_x": "along x",
+    "scan_shift_y": "along y", "scan_shift_std": "error of the shift", "scan_spot_radius": "Gaussian spot",
+    "scan_spot_std": "error of the spot",
+}  # fmt: skip
+
+
+def test_long_names_say_what_is_held() -> None:
+    assert [name for name, words in WORDS.items() if words not in MEANINGS[name].long_name] == []
+    assert len({meaning.long_name for meaning in MEANINGS.values()}) == len(MEANINGS)
+
+
+def test_attributes_are_those_of_the_conventions() -> None:
+    def found(name: str, value: Any, unit: str = "1") -> dict[str, Any]:
+        return dict(variable(name, (), value, unit).attrs)
+
+    assert found("x", 1.0, "m")["axis"] == "X"
+    assert found("y", 1.0, "m")["axis"] == "Y"
+    mask = found("mask", np.True_)
+    assert mask["flag_values"].tolist() == [0, 1]
+    assert (mask["flag_values"].dtype, mask["flag_meanings"], mask["units"]) == (np.int8, "outside part", "1")
+    reasons = found("untrusted_reasons", np.int32(3))
+    assert reasons["flag_masks"].tolist() == [1, 2, 4, 8, 16, 32]
+    assert reasons["flag_meanings"].split()[:2] == ["unseen_cells", "blind_scan"]
+    assert found("area", np.float32(0.5))["valid_range"].tolist() == [0.0, 1.0]
+    droplets = found("droplets_a", np.int32(5))
+    assert (droplets["valid_min"], droplets["valid_min"].dtype) == (0, np.int32)
+    assert "valid_range" not in droplets
+    assert "valid_min" not in found("mean_error", 1.0, "m")
+    methods = {
+        "mean_error": "mean",
+        "mae": "mean_absolute_value",
+        "rms": "root_mean_square",
+        "std": "standard_deviation",
+    }
+    for name, method in methods.items():
+        assert found(name, 1.0, "m")["cell_methods"] == f"area: {method} (comment: over the cells of the part)"
+    assert found("height_mean", 1.0, "m")["cell_methods"] == "area: mean (comment: over the whole grid)"
+    assert found("valid", np.True_)["standard_name"] == "quality_flag"
+    assert found("measured_height", 1.0, "m")["ancillary_variables"] == "valid"
+    assert "flag_values" not in found("plan_status", 1.0)  # codes that are no whole numbers
+    assert found("wet_share", 1.0)["long_name"] == "wet share"

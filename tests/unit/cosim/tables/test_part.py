@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inkloop.component import BoolMap
 from inkloop.errors import ScenarioError
@@ -121,3 +122,51 @@ def test_part_beyond_the_grid_or_its_margin_is_refused_with_the_grid_that_it_nee
     with_part(BOX.replace("520.0", "350.0").replace(", ", "\n"), tmp_path)
     with pytest.raises(ScenarioError, match="the grid of 14 x 12 cells less its margin of 3: it is 480 x 400 µm"):
         with_part(BOX.replace("520.0", "350.0").replace(", ", "\n") + "\n[support]\nmargin_cells = 3", tmp_path)
+
+
+PLATE = 'shape = "cuboid", size_x_um = 380.0, size_y_um = 980.0, height_um = 40.0, center_x_um = 640.0'
+
+
+@pytest.mark.parametrize("op", ["union", "difference", "intersection"])
+@pytest.mark.parametrize("inks", [None, "AAB", "ABA", "BAA", "ABB"])
+def test_three_parts_are_combined_in_their_order(op: str, inks: str | None, tmp_path: Path) -> None:
+    """Ink A of what is left: of a union that of the first part there, else that of the first of all parts."""
+    z, box, rod = sampled()
+    x, y = cell_centers(NX, NY, PITCH)
+    plate = np.asarray(Cuboid(640e-6, (NY - 1) / 2 * PITCH, 380e-6, 980e-6, 40e-6).contains(x, y, z))
+    bodies = [box, rod, plate]
+    expected = {
+        "union": box | rod | plate, "difference": box & ~rod & ~plate, "intersection": box & rod & plate
+    }[op]  # fmt: skip
+    key = f"inks = {list(inks)}" if inks else ""
+    tables = f"parts = [{{ {BOX} }}, {{ {ROD} }}, {{ {PLATE} }}]"
+    scenario = with_part(f'shape = "combine"\nop = "{op}"\n{tables}\n{key}', tmp_path)
+    np.testing.assert_array_equal(scenario.solid.shape.contains(x, y, z), expected)
+    assert (scenario.solid.region is None) == (inks is None)
+    if inks is not None and scenario.solid.region is not None:
+        first = np.select(bodies, [ink == "A" for ink in inks], default=False)
+        in_a = expected & (first if op == "union" else inks[0] == "A")
+        np.testing.assert_array_equal(scenario.solid.region.contains(x, y, z) & expected, in_a)
+
+
+@pytest.mark.parametrize(
+    ("op", "box_um"),
+    [
+        ("union", (280.0, 1040.0, 320.0, 780.0)),
+        ("difference", (280.0, 760.0, 350.0, 750.0)),
+        ("intersection", (580.0, 760.0, 350.0, 750.0)),
+    ],
+)
+def test_box_of_a_combination_is_that_of_what_can_be_left(
+    op: str, box_um: tuple[float, float, float, float], tmp_path: Path
+) -> None:
+    found = combined(op, tmp_path).solid.bounds
+    assert [value * 1e6 for value in found] == pytest.approx(box_um, rel=1e-9, abs=0.0)
+
+
+def test_remark_on_a_part_says_which_part_it_is(tmp_path: Path) -> None:
+    Image.fromarray(np.ones((4, 4), np.uint8)).save(tmp_path / "slice.png")
+    stack = 'shape = "stack", files = "slice.png", layer_um = 8.0, pixel_um = 100.0, center_x_um = 700.0'
+    part = f'shape = "combine"\nop = "union"\nparts = [{{ {BOX} }}, {{ {stack} }}]'
+    (remark,) = with_part(part, tmp_path).solid.remarks
+    assert remark.startswith("parts.[1]: along x, centres of cells lie between two pixels")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import imagecodecs
@@ -156,6 +157,9 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
     write_stack(tmp_path, F, F[:, :3])
     (error,) = errors_of(BITS, tmp_path)
     assert "s_002.png has 3 x 6 pixels along x and y, s_001.png has 4 x 6; save all slices in one size" in error
+    write_stack(tmp_path, F, F[:5])
+    (error,) = errors_of(BITS, tmp_path)
+    assert "s_002.png has 4 x 5 pixels along x and y, s_001.png has 4 x 6" in error
 
 
 def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,3 +229,81 @@ def test_unknown_grey_value_of_a_slice_is_named_with_its_file(tmp_path: Path) ->
     write_stack(tmp_path, F, np.where(F == 1, 9, 0).astype(np.uint8))
     (error,) = errors_of(BITS, tmp_path)
     assert "inks has no grey value 9, which s_002.png has first in row 0, column 0; 11 pixels" in error
+
+
+def bounds_um(part: str, folder: Path) -> list[float]:
+    return [value / M_PER_UM for value in with_part(part, folder).solid.bounds]
+
+
+def test_box_of_a_stack_is_that_of_its_filled_pixels_where_it_stands(tmp_path: Path) -> None:
+    """4 x 6 pixels around (610, 520) um begin at (410, 220) um; filled are columns 1 and 2, rows 1 to 4, over both."""
+    one, other = np.zeros_like(F), np.zeros_like(F)
+    one[1:3, 1] = 1
+    other[3:5, 1:3] = 1
+    write_stack(tmp_path, np.maximum(one, other), other)
+    part = BITS + "center_x_um = 610.0\ncenter_y_um = 520.0"
+    assert bounds_um(part, tmp_path) == pytest.approx([510.0, 710.0, 320.0, 720.0], rel=1e-12, abs=0.0)
+
+
+def test_centres_on_the_borders_of_rows_are_remarked_along_y(tmp_path: Path) -> None:
+    write_stack(tmp_path, F)
+    (remark,) = with_part(BITS + "center_y_um = 600.0", tmp_path).solid.remarks
+    assert remark.startswith("along y, centres of cells lie between two pixels")
+    assert remark.endswith("(center_y_um)")
+
+
+@pytest.mark.parametrize(
+    ("keys", "on_grid"),
+    [
+        ("", lambda z: z),
+        ("rotation_deg = 90.0", lambda z: z.T[::-1]),
+        ("rotation_deg = 180.0", lambda z: z[::-1, ::-1]),
+        ("rotation_deg = 270.0", lambda z: z.T[:, ::-1]),
+        ('mirror = "x"', lambda z: z[::-1]),
+        ('mirror = "y"', lambda z: z[:, ::-1]),
+        ('rows_along = "y"', lambda z: z),
+        ('mirror = "x"\nrotation_deg = 90.0', lambda z: z[::-1].T[::-1]),
+    ],
+)
+def test_oblong_height_map_is_turned_and_stands_around_its_centre(
+    keys: str, on_grid: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    """3 x 5 pixels of a cell each around the cell (5, 4), heights from 3 um on, turned counterclockwise."""
+    heights = np.arange(4.0, 19.0).reshape(3, 5)
+    np.save(tmp_path / "map.npy", heights)
+    part = f"{HEIGHTS}pixel_um = 100.0\nbase_um = -1.0\ncenter_x_um = 500.0\ncenter_y_um = 400.0\n{keys}"
+    turned = on_grid(heights - 1.0)
+    expected = np.zeros((NX, NY))
+    nx, ny = turned.shape
+    expected[5 - nx // 2 : 6 + nx // 2, 4 - ny // 2 : 5 + ny // 2] = turned
+    np.testing.assert_allclose(with_part(part, tmp_path).job().target_height / M_PER_UM, expected, atol=1e-9)
+    box = [500 - 50 * nx, 500 + 50 * nx, 400 - 50 * ny, 400 + 50 * ny]
+    assert bounds_um(part, tmp_path) == pytest.approx(box, rel=1e-12, abs=0.0)
+
+
+def test_box_of_a_height_map_leaves_out_what_is_not_printed(tmp_path: Path) -> None:
+    """Only pixels (1, 2) and (1, 3) of 3 x 5 are above the substrate, with 2 um taken off all."""
+    heights = np.full((3, 5), 2.0)
+    heights[1, 2:4] = 9.0
+    np.save(tmp_path / "map.npy", heights)
+    part = f"{HEIGHTS}pixel_um = 100.0\nbase_um = -2.0\ncenter_x_um = 500.0\ncenter_y_um = 400.0"
+    assert bounds_um(part, tmp_path) == pytest.approx([450.0, 550.0, 350.0, 550.0], rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(("rows_along", "stored"), [("x", lambda z: z.T), ("y", lambda z: z)])
+def test_counts_of_a_picture_are_heights_by_their_scale(
+    rows_along: str, stored: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    counts = np.arange(20, 35, dtype=np.uint16).reshape(3, 5)
+    counts[1, 3] = 9
+    Image.fromarray(np.ascontiguousarray(stored(counts))).save(tmp_path / "map.png")
+    part = (
+        'shape = "height-map"\nfile = "map.png"\nunit = "nm"\ncount_scale = 500.0\npixel_um = 100.0\n'
+        "invalid_value = 9.0\n"
+        f'rows_along = "{rows_along}"\ncenter_x_um = 500.0\ncenter_y_um = 400.0'
+    )
+    expected = counts * 0.5
+    expected[1, 3] = 0.0
+    found = with_part(part, tmp_path).job().target_height / M_PER_UM
+    np.testing.assert_allclose(found[4:7, 2:7], expected, rtol=1e-9)
+    assert found.sum() == pytest.approx(expected.sum(), rel=1e-9, abs=0.0)

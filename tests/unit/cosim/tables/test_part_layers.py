@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inkloop.cli import main
 from inkloop.component import Ink
@@ -142,4 +144,27 @@ def test_changed_bitmaps_and_damaged_manifests_are_refused(tmp_path: Path) -> No
         with_part(PART, tmp_path)
     (tmp_path / "out" / "manifest.json").write_bytes(b'{"format": "inkl')
     with pytest.raises(ScenarioError, match=r"manifest\.json: is not JSON"):
+        with_part(PART, tmp_path)
+
+
+def test_pixels_of_a_manifest_may_be_oblong(tmp_path: Path) -> None:
+    """As wide as a cell and as high as two."""
+    manifest = export(tmp_path)
+    (tmp_path / "out" / "manifest.json").write_text(json.dumps({**manifest, "pitch_y_um": 2 * PITCH_UM}))
+    scenario = with_part(PART, tmp_path, ny=16)
+    mask = scenario.job().mask
+    assert mask.sum() == F.shape[0] * 2 * F.shape[1]
+    assert mask[5:9, 2:14].all()
+    box = [value * 1e6 for value in scenario.solid.bounds]
+    assert box == pytest.approx([450.0, 850.0, 150.0, 1350.0], rel=1e-9, abs=0.0)
+
+
+def test_bitmap_of_grey_values_is_refused(tmp_path: Path) -> None:
+    manifest = export(tmp_path)
+    first = manifest["files"][0]
+    path = tmp_path / "out" / first["file"]
+    Image.fromarray((2 * F.T).astype(np.uint8)).save(path)
+    first["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (tmp_path / "out" / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ScenarioError, match=r"has 4 x 6 pixels with values up to 2; expected 4 x 6 of one bit"):
         with_part(PART, tmp_path)

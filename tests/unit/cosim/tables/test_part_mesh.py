@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tools import parts
 
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
+from inkloop.geometry.body import Body
+from inkloop.geometry.mesh import closed_columns
+from inkloop.tables import part_mesh
+from inkloop.tables.part_mesh import MeshTable
+from inkloop.tables.shapes import Grid
+from inkloop.tables.solid import PartError
 from inkloop.units import M_PER_UM, MM_PER_M
 from support.parts import PITCH_UM, with_part
 from support.three_mf import mesh_object, model_xml, package
@@ -19,14 +28,15 @@ BOX = parts.box((10.0, 10.6), (-2.0, -1.6), 5.0, 5.03)
 """6 x 4 cells, far from the origin and over the substrate."""
 
 
-@pytest.mark.parametrize("away", [0.0, 100.0, 1e6])
+@pytest.mark.parametrize("away", [0.0, 100.0, 3e4, 1e6])
 def test_walls_on_centres_are_seen_as_far_as_the_coordinates_resolve_them(away: float, tmp_path: Path) -> None:
-    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 1 km 120 um."""
+    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 30 m 4 um."""
     box = parts.box((away + 0.3, away + 0.9), (away + 0.2, away + 0.6), 0.0, 0.03)
     write(tmp_path, box)
     remarks = with_part(MESH, tmp_path, nx=15).solid.remarks
-    if away == 1e6:
-        assert "the coordinates of the file resolve 119 µm" in remarks[0]
+    if away > 100.0:
+        resolved = {3e4: "3.58", 1e6: "119"}[away]
+        assert f"the coordinates of the file resolve {resolved} µm" in remarks[0]
         return
     assert "upright walls stand on rows of cell centres" in remarks[0]
     assert with_part(MESH, tmp_path).solid.remarks == ()
@@ -161,3 +171,81 @@ def test_names_of_a_3mf_become_inks_that_share_their_walls(tmp_path: Path) -> No
     assert swapped.contains(x, y, np.full_like(x, 60e-6)).sum() == 48 * 27  # the plate is whole, and ink A counts first
     (error,) = errors_of(part.replace("letters", "leters").format("A", "B"), tmp_path)
     assert "no object or material is called 'leters'; did you mean letters?" in error
+
+
+@pytest.mark.parametrize("mirror", ["none", "x", "y", "z"])
+def test_mesh_is_mirrored_scaled_and_turned_about_x_then_y_then_z(mirror: Any) -> None:
+    """Against the rotations of SciPy about axes that stay where they are."""
+    grid = Grid(nx=15, ny=11, pitch_um=80.0)
+    corners = np.random.default_rng(4).uniform(-3e-4, 5e-4, (7, 3, 3))
+    table = MeshTable(
+        shape="mesh", file="part.stl", rotate_deg=[20.0, -35.0, 110.0], scale=1.7, mirror=mirror,
+        center_x_um=430.0, center_y_um=390.0,
+    )  # fmt: skip
+    (body,) = table.placed([Body(corners)], grid)
+    flipped = 1.7 * corners * [-1.0 if axis == mirror else 1.0 for axis in "xyz"]
+    expected = Rotation.from_euler("xyz", [20.0, -35.0, 110.0], degrees=True).apply(flipped.reshape(-1, 3))
+    low, high = expected.min(axis=0), expected.max(axis=0)
+    middle = [*(low + high)[:2] / 2, low[2]]
+    np.testing.assert_allclose(
+        np.sort(body.triangles.reshape(-1, 3), axis=0), np.sort(expected - middle + [430e-6, 390e-6, 0.0], axis=0),
+        rtol=0.0, atol=1e-12,
+    )  # fmt: skip
+    centred = table.model_copy(update={"center_x_um": None, "center_y_um": None})
+    (body,) = centred.placed([Body(corners)], grid)
+    corner = body.triangles.reshape(-1, 3)
+    found = [*(corner.min(axis=0) + corner.max(axis=0))[:2] / 2, corner[:, 2].min()]
+    np.testing.assert_allclose(found, [560e-6, 400e-6, 0.0], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("key", "found"), [("x", (300.0, 400.0)), ("y", (560.0, 300.0))])
+def test_mesh_that_is_moved_along_one_axis_stays_in_the_middle_of_the_other(
+    key: str, found: tuple[float, float]
+) -> None:
+    keys: dict[str, Any] = {f"center_{key}_um": 300.0}
+    table = MeshTable(shape="mesh", file="part.stl", **keys)
+    (body,) = table.placed([Body(np.array(BOX) * 1e-3)], Grid(nx=15, ny=11, pitch_um=80.0))
+    corner = body.triangles.reshape(-1, 3)
+    middle = (corner.min(axis=0) + corner.max(axis=0)) / 2 * 1e6
+    assert middle[:2] == pytest.approx(found, rel=1e-9, abs=0.0)
+    with pytest.raises(PartError, match="place is"):
+        MeshTable(shape="mesh", file="part.stl", place="as-is", **keys).placed([], Grid(nx=1, ny=1))
+
+
+def test_box_of_a_mesh_is_where_it_stands(tmp_path: Path) -> None:
+    write(tmp_path, BOX)
+    box = with_part(MESH + "center_x_um = 550.0\ncenter_y_um = 450.0", tmp_path).solid.bounds
+    assert [value / M_PER_UM for value in box] == pytest.approx([250.0, 850.0, 250.0, 650.0], rel=1e-4, abs=0.0)
+
+
+def test_walls_on_centres_are_listed_up_to_three(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.5), 0.0, 0.03))
+    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
+    assert remark.startswith("4 upright walls stand on rows of cell centres")
+    assert ", ...)" in remark or ", ... µm" in remark
+
+
+def test_every_body_is_looked_at_for_walls_and_for_its_resolution() -> None:
+    grid = Grid(nx=15, ny=11, pitch_um=100.0)
+    between = Body(parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.03) * 1e-3)
+    on_rows = Body(parts.box((0.3, 0.75), (0.15, 0.45), 0.0, 0.03) * 1e-3)
+    assert list(part_mesh._remarks([between], grid)) == []
+    for bodies in ([between, on_rows], [on_rows, between]):
+        (remark,) = part_mesh._remarks(bodies, grid)
+        assert remark.startswith("1 upright walls stand on rows of cell centres")
+        assert "(at 300 µm)" in remark
+    coarse = replace(between, resolution=5e-6)
+    for bodies in ([between, coarse], [coarse, between]):
+        (remark,) = part_mesh._remarks(bodies, grid)
+        assert "resolve 5 µm" in remark
+
+
+def test_open_columns_are_treated_as_the_table_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    closed = closed_columns
+    monkeypatch.setattr(part_mesh, "closed_columns", lambda *given: asked.append(given[-1]) or closed(*given))
+    write(tmp_path, BOX)
+    for keys, expected in (("", "refuse"), ('open_columns = "neighbours"', "neighbours")):
+        with_part(MESH + keys, tmp_path)
+        assert set(asked) == {expected}
+        asked.clear()

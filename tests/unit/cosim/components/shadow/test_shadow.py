@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 from inkloop.component import Component, Job, Port, Status, Values
 from inkloop.components import catalog
+from inkloop.components.bench import Bench
+from inkloop.components.shadow import options as shadow_options
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.shadow import Shadow
 from inkloop.errors import ComponentError, ScenarioError
@@ -324,3 +327,49 @@ def test_plant_that_cannot_be_followed_is_named() -> None:
     made: Callable[[Job], Component] = lambda job: FunctionComponent([Port("layer_command")], [])  # noqa: E731
     with pytest.raises(ValueError, match="plant has no pattern, height, layers_printed; needs those of the layer"):
         Shadow(job, made)
+
+
+def test_options_of_a_file_reach_the_shadow_in_metres(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[tuple[Any, dict[str, Any]]] = []
+
+    class Kept:
+        optional_inputs = Shadow.optional_inputs
+
+        def __init__(self, job: Job, make_plant: Any, **given: Any) -> None:
+            made.append((make_plant, given))
+
+    monkeypatch.setattr(shadow_options, "Shadow", Kept)
+    part = small_job(4, 3)
+    given = {"start": "job", "alarm_um": 4.0, "stop_um": 9.0, "h1_um": 4.2}
+    cases: list[tuple[dict[str, Any], dict[str, Any], bool]] = [
+        ({}, {"start": "scan", "alarm": 3e-6, "stop": None}, True),
+        (given, {"start": "job", "alarm": 4e-6, "stop": 9e-6}, False),
+    ]
+    for asked, expected, on_scan in cases:
+        plant_jobs: list[tuple[Job, Any]] = []
+
+        def check_plant(kind: str, job: Job, own: Any, seen: Any = plant_jobs) -> Any:
+            seen.append((job, dict(own)))
+            return catalog.check(kind, job, {})
+
+        checked = shadow_options.ShadowKind(check_plant).check(part, asked)
+        assert checked.ports is not None
+        assert checked.ports.starts_on_scan is on_scan
+        checked.make(Bench())
+        make_plant, found = made[-1]
+        assert found["start"] == expected["start"]
+        assert found["alarm"] == pytest.approx(expected["alarm"], rel=1e-12, abs=0.0)
+        assert found["stop"] == (None if expected["stop"] is None else pytest.approx(9e-6, rel=1e-12, abs=0.0))
+        other = replace(part, height_start=np.full((part.nx, part.ny), 1e-6))
+        for wanted in (part, other):
+            make_plant(wanted).terminate()
+        extra = {"h1_um": 4.2} if asked else {}
+        assert [own for _, own in plant_jobs] == [extra, extra]
+        assert [job is other for job, _ in plant_jobs] == [False, True]
+
+
+def test_start_surface_is_moved_by_the_median_whatever_single_cells_show() -> None:
+    measured = np.array([[1.0, 2.0, 90.0], [0.0, 0.0, 0.0]])
+    valid = np.array([[True, True, True], [False, False, False]])
+    found = start_surface(np.full((2, 3), 0.5), measured, valid)
+    np.testing.assert_array_equal(found, [[1.0, 2.0, 90.0], [2.0, 2.0, 2.0]])

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import anyio
@@ -19,12 +20,14 @@ import numpy as np
 import pytest
 
 from inkloop.cli import main
+from inkloop.errors import ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
 from inkloop.printing.so_far import RunFolder, feed_of
 from inkloop.report.page import page, server
 from inkloop.report.page.devices import devices
 from inkloop.report.page.feed import Feed
+from inkloop.report.page.maps import FINAL_CELLS
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -96,6 +99,129 @@ def test_run_that_begins_again_is_a_new_epoch(tmp_path: Path) -> None:
     assert heights_of(feed.content(epoch, [5])["runs"][0]).shape[0] == 2
 
 
+def test_problem_of_a_folder_is_shown_until_it_is_gone(tmp_path: Path) -> None:
+    feed, source = feed_of_six(tmp_path, 2)
+    assert feed.content() == {"problem": "No layer is finished yet."}
+    assert feed.refresh()
+    good = source.runs
+
+    def damaged() -> dict[str, Result]:
+        raise ResultError("0002.npz: cannot be read")
+
+    source.runs, source.layers = damaged, 3
+    assert feed.refresh()
+    assert feed.content() == {"problem": "0002.npz: cannot be read"}
+    source.runs, source.layers = good, 4
+    assert feed.refresh()
+    assert heights_of(feed.content()["runs"][0]).shape[0] == 5
+    assert feed.version == 3
+
+
+def test_new_message_of_a_device_is_a_change_of_its_own(tmp_path: Path) -> None:
+    feed, source = feed_of_six(tmp_path, 2)
+    feed.refresh()
+    epoch = feed.content()["epoch"]
+    (tmp_path / "bench.log").write_text("a message\n")
+    assert feed.refresh()
+    assert not feed.refresh()
+    assert source.readings == 2
+    assert feed.content(epoch, [3])["epoch"] == epoch  # as many layers as before
+
+
+def test_owner_of_a_run_is_looked_up_once_in_eight_looks(tmp_path: Path) -> None:
+    source, owners = Still(printed()), list[str]()
+
+    def owner() -> str:
+        owners.append(f"Being printed by process {len(owners)}.")
+        return owners[-1]
+
+    feed = Feed(source, owner, tmp_path / "bench.log", 6)
+    changed = [feed.refresh() for _ in range(17)]
+    assert [number for number, is_new in enumerate(changed) if is_new] == [0, 8, 16]
+    assert feed.content()["state"].endswith(": 0 layers. Being printed by process 2.")
+
+
+def test_runs_that_are_compared_share_the_cells_of_the_last_maps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def content(runs: Any, maps: Any, known: Any, cells: float) -> dict[str, Any]:
+        asked.append((list(runs), [len(each.heights) for each in maps], list(known), cells))
+        return {"state": ""}
+
+    monkeypatch.setattr("inkloop.report.page.feed.content", content)
+    source = Still(printed())
+    two = {
+        name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
+    }
+    source.runs = lambda: two
+    feed = Feed(source, lambda: "", tmp_path / "bench.log", 6)
+    feed.refresh()
+    feed.content("0", [2, 5])
+    feed.content("0", [2])
+    feed.content("1", [2, 5])
+    cells = FINAL_CELLS / 2
+    assert asked == [(["a", "b"], [3, 5], known, cells) for known in ([2, 5], [], [])]
+
+
+def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, blocks = [], iter([2, 1, 3, 3])
+
+    def first_block(runs: Any, room: float, layers: int) -> int:
+        asked.append((list(runs), layers))
+        return next(blocks)
+
+    monkeypatch.setattr("inkloop.report.page.feed.first_block", first_block)
+    source = Still(printed())
+    source.runs = lambda: {  # a new result each time
+        name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
+    }
+    feed = Feed(source, lambda: "", tmp_path / "bench.log", 7)
+    epochs = []
+    for source.layers in range(4):
+        feed.refresh()
+        epochs.append(feed.content()["epoch"])
+    assert asked == [(["a", "b"], 21)] * 4
+    assert epochs == [epochs[0]] * 2 + [epochs[2]] * 2
+    assert epochs[0] != epochs[2]
+
+
+def test_watch_says_where_it_serves_on_this_machine_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bound = list[Any]()
+
+    class Host:
+        def run(self, sockets: Any) -> None:
+            bound.extend(each.getsockname() for each in sockets)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(server, "server", lambda feed: Host())
+    unfinished(quick_cuboid(), tmp_path / "run", 0)
+    assert main(["watch", str(tmp_path / "run"), "--port", "0", "--json"]) == 0
+    ((host, port),) = bound
+    assert host == "127.0.0.1"
+    assert json.loads(capsys.readouterr().out) == {"folder": str(tmp_path / "run"), "url": f"http://127.0.0.1:{port}/"}
+
+
+def test_numbers_of_layers_have_eight_digits_at_most(tmp_path: Path) -> None:
+    asked = []
+    feed: Any = SimpleNamespace(
+        content=lambda epoch, known: asked.append((epoch, known)) or {"runs": []}, refresh=lambda: False, version=0
+    )
+    with served(feed) as port:
+        answers = [asked_page(port, f"/content?epoch=4&known={known}") for known in ("3,12345678", "3,123456789,x", "")]
+        _, _, headers = asked_page(port, "/")
+    assert asked == [("4", [3, 12345678]), ("4", [3]), ("4", [])]
+    assert {(status, body) for status, body, _ in answers} == {(200, b'{"runs":[]}')}
+    assert answers[0][2]["Content-Type"] == "application/json"
+    assert "; frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert headers["Content-Security-Policy"].startswith(page.POLICY)
+
+
 def test_stream_sends_the_newest_change_only(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path)
 
@@ -131,7 +257,7 @@ def served(feed: Feed) -> Iterator[int]:
         thread.join()
 
 
-def asked(port: int, path: str, method: str = "GET", host: str = "") -> tuple[int, bytes, Any]:
+def asked_page(port: int, path: str, method: str = "GET", host: str = "") -> tuple[int, bytes, Any]:
     connection = http.client.HTTPConnection(server.HOST, port, timeout=60)
     connection.request(method, path, headers={"Host": host} if host else {})
     answer = connection.getresponse()
@@ -152,20 +278,20 @@ def test_server_answers_this_machine_only_and_tells_of_layers(tmp_path: Path) ->
         events.close()
         connection.close()
         for host, status in (("", 200), (f"localhost:{port}", 200), (EVIL, 400), (f"{EVIL}:{port}", 400)):
-            assert asked(port, "/", host=host)[0] == status
-            assert asked(port, "/content", host=host)[0] == status
-        assert [asked(port, path, "POST")[0] for path in ("/", "/content", "/events")] == [405] * 3
-        _, _, headers = asked(port, "/")
+            assert asked_page(port, "/", host=host)[0] == status
+            assert asked_page(port, "/content", host=host)[0] == status
+        assert [asked_page(port, path, "POST")[0] for path in ("/", "/content", "/events")] == [405] * 3
+        _, _, headers = asked_page(port, "/")
         assert "script-src 'self'" in headers["Content-Security-Policy"]
         assert "Access-Control-Allow-Origin" not in headers
         for source in page.served().split('<script src="')[1:]:
-            assert asked(port, f"/{source.partition(chr(34))[0]}")[0] == 200
-        assert asked(port, "/../scenario.toml")[0] == asked(port, "/scenario.toml")[0] == 404
+            assert asked_page(port, f"/{source.partition(chr(34))[0]}")[0] == 200
+        assert asked_page(port, "/../scenario.toml")[0] == asked_page(port, "/scenario.toml")[0] == 404
 
 
 def layers_at(port: int) -> int:
     """Layers of the run that the server sends to a new page; 0 before it has read any."""
-    found = json.loads(asked(port, "/content")[1])
+    found = json.loads(asked_page(port, "/content")[1])
     return int(found["runs"][0]["layers"]["heights"]["shape"][0]) if "runs" in found else 0
 
 

@@ -1,0 +1,208 @@
+"""What a person is told of a node, and what the commands of a person ask of which nodes; the rig is a double."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from inkloop_hardware.devices import commands, readiness
+from inkloop_hardware.devices.commands import NodeReport
+from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
+from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+
+
+def state(**changes: Any) -> NodeState:
+    plain: dict[str, Any] = {
+        "state": State.IDLE, "cause": Fault.NONE, "roles": Roles(15), "flags": Flags(0), "job": 4, "layer": 3,
+        "passes": 0, "done": 0, "unknown": 0, "cured": 0, "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1,
+        "session": 1, "pattern_crc": 0, "clock": 1.0, "gate_pulses": 0,
+    }  # fmt: skip
+    return NodeState(**{**plain, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, None),
+        ({"flags": Flags.DRY_RUN | Flags.BY_WATCHDOG, "cause": Fault.STOP_REQUEST}, None),
+        (
+            {"flags": Flags.STOPPED | Flags.NEEDS_OPERATOR},
+            "head: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`",
+        ),
+        (
+            {"flags": Flags.JOURNAL_DAMAGED | Flags.NEEDS_OPERATOR},
+            "head: its journal cannot be written; replace its storage, nothing is energised until then",
+        ),
+        (
+            {"flags": Flags.NEEDS_OPERATOR, "unknown": 0b1010, "layer_flags": LayerFlags.CURE_UNKNOWN},
+            "head: needs a person because of pass 2, 4 of layer 3, which was begun and whose progress is unknown; "
+            "check the bench, then `inkloop device SCENARIO clear`",
+        ),
+        (
+            {"flags": Flags.NEEDS_OPERATOR, "layer_flags": LayerFlags.CURE_UNKNOWN, "cause": Fault.STOP_REQUEST},
+            "head: needs a person because of a cure of layer 3, which was begun and whose duration is unknown; it will "
+            "be repeated; check the bench, then `inkloop device SCENARIO clear`",
+        ),
+        (
+            {"flags": Flags.NEEDS_OPERATOR, "cause": Fault.STORAGE_FAILED},
+            "head: needs a person because of STORAGE_FAILED; make room in its storage, then `inkloop device SCENARIO "
+            "clear`",
+        ),
+        (
+            {"flags": Flags.NEEDS_OPERATOR},
+            "head: needs a person because of a step that it gave up; check the bench, then `inkloop device SCENARIO "
+            "clear`",
+        ),
+    ],
+)  # fmt: skip
+def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any], message: str | None) -> None:
+    assert blocked(Node.HEAD, state(**changes)) == message
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({}, "head     IDLE; v1"),
+        ({"cause": Fault.STOP_REQUEST}, "head     IDLE; v1"),
+        ({"state": State.SAFE, "cause": Fault.STOP_REQUEST}, "head     SAFE because of STOP_REQUEST; v1"),
+        ({"state": State.FAULT, "cause": Fault.NONE}, "head     FAULT; v1"),
+        (
+            {"passes": 4, "done": 0b0101, "unknown": 0b1000},
+            "head     IDLE, layer 3 of job 4: 2 of 4 passes done, 1 unknown; v1",
+        ),
+        (
+            {"flags": Flags.NEEDS_OPERATOR | Flags.STOPPED | Flags.DRY_RUN},
+            "head     IDLE, needs a person to clear it, a stop request is active, in a dry run; v1",
+        ),
+        (
+            {"flags": Flags.JOURNAL_DAMAGED | Flags.BY_WATCHDOG | Flags.MAP_READY},
+            "head     IDLE, its journal is damaged, reset by its watchdog; v1",
+        ),
+    ],
+)
+def test_report_of_a_node_is_one_line(changes: dict[str, Any], line: str) -> None:
+    rig: Any = Rig(Node.HEAD, **changes)
+    (found,) = (each for each in commands.status(rig) if each.node == "head")
+    assert str(found) == line
+    assert isinstance(found, NodeReport)
+    layer = (4, 3) if changes.get("passes") else (0, 0)
+    assert (found.job, found.layer) == layer
+    assert rig.log[0] == ("wait", tuple(Node))
+
+
+class Rig(SimpleNamespace):
+    """Nodes in a state, `node` in another one; `log` has what was asked of them."""
+
+    def __init__(self, node: Node = Node.HEAD, *, version: int | None = None, **changes: Any) -> None:
+        super().__init__(job=9, log=[], lost=())
+        self.states = {each: state(**(changes if each == node else {})) for each in Node}
+        self.version = Codec().protocol_version if version is None else version
+        self.changed = node
+
+    def wait_for(self, nodes: Any) -> None:
+        self.log.append(("wait", tuple(nodes)))
+
+    def check_alone(self) -> None:
+        self.log.append("alone")
+
+    def status(self, node: Node) -> Any:
+        right = Codec().protocol_version
+        return SimpleNamespace(protocol_version=self.version if node == self.changed else right)
+
+    @contextmanager
+    def enabled(self, **enables: bool) -> Any:
+        self.log.append(("on", enables))
+        yield
+        self.log.append("off")
+
+    def link(self, node: Node) -> Any:
+        def routine(which: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
+            self.log.append((node.lower(), which.name, bytes(key), option, limit_s))
+            return Outcome.DONE
+
+        motion = {Node.HEAD: 11.0, Node.STAGE: 30.0}.get(node, 1.0)
+        limits = NodeLimits(100, 1.0, 2.0, 3.0, 4.0, motion, 6.0, 7)
+        return SimpleNamespace(
+            routine=routine, state=lambda: self.states[node], version=lambda: "v1", limits=lambda: limits
+        )
+
+
+def key(node: str, what: str, option: bytes = b"", limit_s: float = 5.0) -> tuple[Any, ...]:
+    return (node, what, bytes(Key(9, 0)), option, limit_s)
+
+
+NAMES = [node.lower() for node in Node]
+
+
+@pytest.mark.parametrize("give_up", [False, True])
+def test_clear_releases_every_node_as_a_person(give_up: bool) -> None:
+    rig: Any = Rig()
+    shown = list(commands.clear_all(rig, give_up=give_up))
+    option = bytes([int(ClearOption.OPERATOR) + give_up * int(ClearOption.ABANDON)])
+    assert rig.log == [("wait", tuple(Node)), *(key(name, "CLEAR", option) for name in NAMES)]
+    assert shown == [f"{name}: cleared" + (", its open layer is given up" if give_up else "") for name in NAMES]
+
+
+def test_home_clears_the_stage_and_moves_it_with_motion_enabled() -> None:
+    rig: Any = Rig()
+    assert list(commands.home(rig)) == ["stage: at its zero"]
+    assert rig.log == [
+        ("wait", (Node.STAGE,)), key("stage", "CLEAR", b"\0"), ("on", {"motion": True}),
+        key("stage", "HOME", b"", 32.0), "off",
+    ]  # fmt: skip
+
+
+def test_purge_clears_the_head_and_has_its_own_limit() -> None:
+    rig: Any = Rig()
+    assert list(commands.purge(rig)) == ["head: purged"]
+    assert rig.log == [("wait", (Node.HEAD,)), key("head", "CLEAR", b"\0"), key("head", "PURGE", b"", 13.0)]
+
+
+def test_nodes_are_made_ready_and_homed_where_the_stage_is_one_of_them() -> None:
+    rig: Any = Rig(Node.CURE, flags=Flags.DRY_RUN)
+    limits = make_ready(rig, [Node.STAGE, Node.CURE])
+    assert rig.log == [
+        ("wait", (Node.STAGE, Node.CURE)), "alone", key("stage", "CLEAR", b"\0"), key("cure", "CLEAR", b"\0"),
+        key("cure", "DRY_RUN", b"\0"), ("on", {"motion": True}), key("stage", "HOME", b"", 32.0), "off",
+    ]  # fmt: skip
+    assert {node: limit.motion for node, limit in limits.items()} == {Node.STAGE: 30.0, Node.CURE: 1.0}
+    without: Any = Rig()
+    make_ready(without, [Node.PROFILER])
+    assert without.log[2:] == [key("profiler", "CLEAR", b"\0")]
+
+
+def test_dry_run_is_switched_on_and_off() -> None:
+    rig: Any = Rig()
+    readiness.set_dry_run(rig, Node.CURE, on=True)
+    readiness.set_dry_run(rig, Node.CURE, on=False)
+    assert rig.log == [key("cure", "DRY_RUN", b"\1"), key("cure", "DRY_RUN", b"\0")]
+
+
+def test_other_protocol_and_other_roles_are_named_before_anything_is_asked() -> None:
+    right = Codec().protocol_version
+    old: Any = Rig(Node.CURE, version=99)
+    with pytest.raises(NotReady) as refused:
+        make_ready(old, list(Node))
+    assert str(refused.value) == (
+        f"cure: has version 99 of the protocol (v1), this inkloop {right}; update the older of the two"
+    )
+    other: Any = Rig(Node.PROFILER, roles=Roles.HEAD | Roles.STAGE, flags=Flags.STOPPED)
+    with pytest.raises(NotReady, match=r"^profiler: the node at its ids has the roles .*; give it its own ids$"):
+        make_ready(other, list(Node))
+    for rig in (old, other):
+        assert rig.log == [("wait", tuple(Node)), "alone"]
+    make_ready(Rig(Node.STAGE, roles=Roles.STAGE), [Node.STAGE])  # type: ignore[arg-type]
+
+
+def test_all_nodes_that_need_a_person_are_named_at_once() -> None:
+    rig: Any = Rig()
+    rig.states = {node: state(flags=Flags.STOPPED) for node in Node}
+    with pytest.raises(NotReady) as refused:
+        make_ready(rig, list(Node))
+    assert [line.split(":")[0] for line in str(refused.value).split("\n")] == NAMES

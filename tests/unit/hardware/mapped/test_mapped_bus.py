@@ -1,0 +1,337 @@
+"""A rig that a file maps: what goes to its bus, what is waited for, and what a step makes of it; no bus is there."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from inkloop.errors import ComponentError
+from inkloop.testing import job as small_job
+from inkloop_hardware.bus.heartbeat import Enables
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
+from inkloop_hardware.mapped import mapped, mapped_bus
+from inkloop_hardware.mapped.mapped import Mapped
+from inkloop_hardware.mapped.mapped_bus import MappedBus
+from inkloop_hardware.mapped.mapping_file import load
+from inkloop_hardware.protocol.codec import Frame
+from support.benches import foreign_rig
+
+JOB = small_job(6, 5)
+IDLE, BUSY, READY, FAULT = range(4)
+
+
+class Clock:
+    """Runs only while somebody sleeps; `after` are frames that come with a sleep, one each."""
+
+    def __init__(self) -> None:
+        self.now, self.after = 100.0, deque[Frame]()
+        self.bus: Any = None
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        if self.after:
+            self.bus.others.append((self.now, self.after.popleft()))
+
+
+class Connection:
+    """Stands for a BusConnection; `log` has what went out."""
+
+    def __init__(self, settings: BusSettings, session: int, job: int, answers: Any) -> None:
+        self.made = settings, session, job, list(answers)
+        self.others: deque[tuple[float, Frame]] = deque()
+        self.log: list[Any] = []
+        self.at_once: list[Frame] = []  # what comes before anybody waits
+        self.receive = Mock(return_value=b"data")
+        self.check, self.close = Mock(), Mock()
+
+    def send(self, frames: Any) -> None:
+        self.log += frames
+        self.others.extend((0.0, frame) for frame in self.at_once)
+
+    def send_keep_alive(self, enables: Enables) -> None:
+        self.log.append(enables)
+
+
+def state(code: int, layers: int = 0, bed_mm: float = 0.0, celsius: float = 0.0) -> Frame:
+    """A frame PlcState as its DBC lays it out."""
+    return Frame(544, struct.pack("<BHHhx", code, layers, round(bed_mm * 100), round(celsius * 10)))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    found = Clock()
+    for module in (mapped_bus, mapped):
+        monkeypatch.setattr(module, "time", found)
+    monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
+    return found
+
+
+def written(folder: Path, old: str = "", new: str = "") -> Path:
+    (folder / "rig.dbc").write_text(foreign_rig.DBC)
+    (folder / "rig.toml").write_text(foreign_rig.MAPPING.replace(old, new) if old else foreign_rig.MAPPING)
+    return folder / "rig.toml"
+
+
+def opened(folder: Path, clock: Clock, heartbeat: bool = True, **settings: Any) -> tuple[MappedBus, Connection]:
+    mapping = load(written(folder), JOB)
+    mapping.tables.__dict__["heartbeat"] = heartbeat
+    bus = MappedBus(BusSettings(**settings), folder, mapping, 5, 7)
+    clock.bus = bus._bus
+    return bus, clock.bus
+
+
+def test_bus_is_opened_with_the_answers_of_the_peers_and_its_log_in_the_folder(tmp_path: Path, clock: Clock) -> None:
+    _, bus = opened(tmp_path, clock, traffic_log=Path("bus.asc"))
+    settings, session, job, answers = bus.made
+    assert settings.traffic_log == tmp_path / "bus.asc"
+    assert (session, job, answers) == (5, 7, [0x7A8, 0x7B8])
+    assert not settings.fd
+    assert opened(tmp_path, clock, fd=True)[1].made[0].fd
+    assert opened(tmp_path, clock)[1].made[0].traffic_log is None
+
+
+def test_frame_has_its_signals_in_their_units(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    bus.send("PlcCommand", {"LayerNo": 258, "Go": "GO", "Lamp": 37.5})
+    assert wire.log == [Frame(528, bytes([2, 1, 1, 75]))]
+
+
+def test_heartbeat_is_kept_alive_every_20_ms_if_the_mapping_has_one(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    for _ in range(10):
+        bus.take()
+        clock.now += 0.006
+    assert wire.log == [Enables.NONE] * 3
+    silent, wire = opened(tmp_path, clock, heartbeat=False)
+    silent.take()
+    assert wire.log == []
+    assert wire.check.call_count == 1
+
+
+def test_outputs_are_enabled_for_one_step_also_one_that_fails(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    with bus.enabled(["lamp", "motion"]):
+        assert wire.log == [Enables.LAMP | Enables.MOTION]
+        bus.take()
+        assert wire.log[-1] == Enables.LAMP | Enables.MOTION
+    assert wire.log[-1] == Enables.NONE
+    with pytest.raises(KeyError), bus.enabled(["gate"]):
+        raise KeyError
+    assert wire.log[-2:] == [Enables.GATE, Enables.NONE]
+    count = len(wire.log)
+    with bus.enabled([]):
+        pass
+    assert len(wire.log) == count
+
+
+def test_newest_frame_is_kept_and_what_is_no_message_of_the_file_is_left_out(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    frames = (state(BUSY, 3), Frame(0x123, bytes(8)), state(READY, 4, 12.5, -3.5), Frame(544, b"\1"))
+    wire.others.extend((0.0, frame) for frame in frames)
+    bus.take()
+    assert list(bus.readings) == ["PlcState"]
+    assert bus.readings["PlcState"].values == pytest.approx(
+        {"State": 2, "LayersDone": 4, "BedPosition": 12.5, "Temperature": -3.5}, rel=1e-9, abs=0.0
+    )
+    assert [reading.values["LayersDone"] for reading in bus.inbox["PlcState"]] == [3, 4]
+    bus.forget()
+    assert not bus.inbox
+    assert bus.readings["PlcState"].values["LayersDone"] == 4
+
+
+@pytest.mark.parametrize(
+    ("signal", "expected", "frame"),
+    [
+        ("State", "READY", state(READY)),
+        ("State", 2, state(READY)),
+        ("LayersDone", 7, state(IDLE, 7)),
+        ("BedPosition", 12.34, state(IDLE, 0, 12.34)),
+    ],
+)
+def test_wait_ends_with_the_first_frame_that_has_the_value(
+    signal: str, expected: Any, frame: Frame, tmp_path: Path, clock: Clock
+) -> None:
+    bus, wire = opened(tmp_path, clock)
+    wire.others.append((0.0, state(BUSY, 6, 12.33)))
+    clock.after.extend([state(BUSY, 6, 12.35), frame, state(FAULT, 9)])
+    bus.wait("PlcState", signal, expected, 10.0, "FAULT" if signal == "State" else None)
+    assert clock.now == pytest.approx(100.01, rel=1e-9, abs=0.0)
+    assert not bus.inbox["PlcState"]
+
+
+def test_frames_after_the_one_that_is_waited_for_stay_for_the_next_wait(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    wire.others.extend((0.0, frame) for frame in (state(IDLE), state(BUSY), state(READY, 1)))
+    bus.wait("PlcState", "State", "BUSY", 1.0)
+    bus.wait("PlcState", "LayersDone", 1, 1.0)
+    assert clock.now == 100.0
+
+
+def test_value_that_ends_the_run_is_reported_at_once(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    wire.others.append((0.0, state(FAULT)))
+    with pytest.raises(HardwareError, match=r"^PlcState\.State is FAULT, expected READY; check the rig$"):
+        bus.wait("PlcState", "State", "READY", 10.0, "FAULT")
+    assert clock.now == 100.0
+
+
+def test_value_that_does_not_come_is_reported_with_the_last_one(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    with pytest.raises(LinkTimeout, match=r"was not READY within 2\.5 s; no frame of it was received$"):
+        bus.wait("PlcState", "State", "READY", 2.5)
+    assert clock.now == pytest.approx(102.5, rel=0.0, abs=0.006)
+    wire.others.append((0.0, state(BUSY, 3)))
+    with pytest.raises(LinkTimeout, match=r"^PlcState\.State was not READY within 1 s; it is BUSY$"):
+        bus.wait("PlcState", "State", "READY", 1.0)
+    with pytest.raises(LinkTimeout, match=r"^PlcState\.LayersDone was not 4 within 1 s; it is 3$"):
+        bus.wait("PlcState", "LayersDone", 4, 1.0)
+
+
+def test_peer_hears_its_own_answers(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    assert bus.receive(0x7A8, 0.25) == b"data"
+    wire.receive.assert_called_once_with(0x7A8, 0.25)
+    way = mapped_bus._Wire(bus, 0x7B8)
+    assert way.receive(0.5) == b"data"
+    wire.receive.assert_called_with(0x7B8, 0.5)
+    assert way.now() == 100.0
+    way.begin()
+    way.check()
+    assert wire.check.call_count == 2
+    way.send([state(BUSY)])
+    assert wire.log[-1] == state(BUSY)
+    assert bus.peer("head").name.startswith("head (0x7A0, 0x7A8")
+    bus.close()
+    wire.close.assert_called_once_with()
+
+
+class Peer:
+    """A peer that answers as it is told; `asked` has what it was asked."""
+
+    def __init__(self, name: str, *answers: bytes) -> None:
+        self.name, self.answers, self.asked = name, deque(answers), list[Any]()
+
+    def read(self, identifier: int) -> bytes:
+        self.asked.append(identifier)
+        return self.answers[0] if len(self.answers) == 1 else self.answers.popleft()
+
+    def routine(self, *asked: Any) -> bytes:
+        self.asked.append(asked)
+        return self.answers.popleft()
+
+    def upload(self, place: Any, size: int, crc: bool) -> bytes:
+        self.asked.append((place.address, place.memorysize, place.address_format, place.memorysize_format, size, crc))
+        return self.answers.popleft()
+
+    def download(self, place: Any, blob: bytes, crc: bool) -> None:
+        self.asked.append((place.address, place.memorysize, place.address_format, place.memorysize_format, blob, crc))
+
+
+@pytest.fixture
+def rig(tmp_path: Path, clock: Clock) -> Any:
+    """A rig after its start, its bus and its peers."""
+    part = Mapped(JOB, mapping=str(written(tmp_path)))
+    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9)
+    part.use_rig(rig)  # type: ignore[arg-type]
+    part.initialize(0, {"layer_command": np.asarray(2)})
+    bus: Any = part._bus
+    clock.bus = bus._bus
+    peers = {name: Peer(name) for name in ("head", "scanner")}
+    bus._peers = peers
+    return SimpleNamespace(part=part, bus=bus, wire=bus._bus, peers=peers, clock=clock)
+
+
+def scan(value: float, is_whole: bool = False) -> bytes:
+    """A map of 6 x 5 cells, y by y, cell (2, 1) unmeasured unless it is whole."""
+    cells = value + np.add.outer(np.arange(6.0), 10.0 * np.arange(5.0))
+    cells[2, 1] = cells[2, 1] if is_whole else -999.0
+    return b"HM\6\5" + cells.T.astype("<f4").tobytes()
+
+
+def answer_scan(rig: Any, layer: int, value: float, is_whole: bool = False) -> None:
+    rig.peers["scanner"].answers.extend([b"\1", b"\0" + layer.to_bytes(2, "big"), scan(value, is_whole)])
+
+
+def test_layer_is_downloaded_commanded_waited_for_and_scanned(rig: Any) -> None:
+    pattern = np.zeros((6, 5), np.int32)
+    pattern[4, 1], pattern[0, 3] = 1, 1
+    answer_scan(rig, 2, 5.0, is_whole=True)
+    answer_scan(rig, 3, 7.0)
+    rig.wire.at_once = [state(BUSY)]
+    rig.clock.after.extend([state(READY, 3, 12.5)])
+    found = rig.part.do_step(0, 1, {"pattern": pattern, "layer_command": np.asarray(3)})
+    blob = bytearray(b"\xa5\0\3" + bytes(10))
+    blob[3 + 2 + 1], blob[3 + 2 * 3] = 1, 1  # two bits for each of six cells: cell 4 of row 1, cell 0 of row 3
+    assert rig.peers["head"].asked == [(3, 13, 32, 16, bytes(blob), False)]
+    assert [frame for frame in rig.wire.log if isinstance(frame, Frame)] == [Frame(528, bytes([3, 0, 1, 75]))]
+    size = 4 + 4 * 30
+    assert rig.peers["scanner"].asked == [
+        entry
+        for layer in (2, 3)
+        for entry in ((0x0310, bytes([0, layer]), 10.0), 0x0107, (0x20, size, 8, 16, size, True))
+    ]
+    assert (int(found["layers_printed"]), int(found["layers_scanned"])) == (3, 3)
+    expected = (7.0 + np.add.outer(np.arange(6.0), 10.0 * np.arange(5.0))) * 1e-6
+    expected[2, 1] = 17e-6  # of the scan before
+    np.testing.assert_allclose(found["measured_height"], expected, rtol=1e-6)
+    assert np.argwhere(~found["valid"]).tolist() == [[2, 1]]
+    assert float(found["bed_position"]) == pytest.approx(0.0125, rel=1e-9, abs=0.0)
+    again = rig.part.do_step(1, 1, {"pattern": pattern, "layer_command": np.asarray(3)})
+    assert len(rig.peers["head"].asked) == 1
+    assert len(rig.peers["scanner"].asked) == 6
+    assert int(again["layers_printed"]) == 3
+
+
+def test_state_of_a_rig_comes_back(rig: Any, tmp_path: Path) -> None:
+    answer_scan(rig, 2, 5.0)
+    before = rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
+    saved = rig.part.save()
+    other = Mapped(JOB, mapping=str(tmp_path / "rig.toml"))
+    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1)
+    other.use_rig(own)  # type: ignore[arg-type]
+    other.initialize(0, {})
+    other.restore(saved)
+    assert own.job == 9
+    found = other._outputs()
+    for name in ("layers_printed", "layers_scanned", "measured_height", "valid"):
+        np.testing.assert_array_equal(found[name], before[name])
+    assert int(found["layers_printed"]) == int(found["layers_scanned"]) == 2
+    with pytest.raises(ComponentError, match="the saved state is not one of this rig"):
+        other.restore(saved[:-1])
+
+
+def test_answer_that_begins_otherwise_is_refused(rig: Any) -> None:
+    rig.peers["scanner"].answers.append(b"\2\3")
+    with pytest.raises(TransferError, match=r"scanner answers routine 0x0310 with 02 03, expected 01; check the rig"):
+        rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
+
+
+def test_identifier_that_stays_another_is_reported_with_what_it_is(rig: Any) -> None:
+    rig.peers["scanner"].answers.extend([b"\1", b"\0\0\1"])
+    with pytest.raises(LinkTimeout, match=r"identifier 0x0107 of scanner was not 2 within 10 s; it is 00 00 01"):
+        rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
+    assert rig.clock.now == pytest.approx(110.1, rel=0.0, abs=0.06)
+
+
+def test_answer_that_is_too_short_is_read_again(rig: Any) -> None:
+    rig.peers["scanner"].answers.extend([b"\1", b"\0\2", b"\0\0\2", scan(1.0)])
+    rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
+    assert rig.peers["scanner"].asked[1:3] == [0x0107, 0x0107]
+
+
+def test_rig_that_is_not_open_says_so(tmp_path: Path) -> None:
+    part = Mapped(JOB, mapping=str(written(tmp_path)))
+    with pytest.raises(ComponentError, match="the bus is not open: call initialize first"):
+        part.do_step(0, 1, {})
+    part.terminate()
