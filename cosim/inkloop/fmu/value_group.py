@@ -109,8 +109,11 @@ class ValueGroup:
         for port, name, field in self._fields:
             value: NDArray[Any] = np.ndarray(field.shape, self._dtype, content, first)
             first += field.nbytes
-            yield name, value if port.dtype == self._dtype else np.ndarray(
-                field.shape, port.dtype, value.astype(port.dtype).tobytes()
+            yield (
+                name,
+                value
+                if port.dtype == self._dtype
+                else np.ndarray(field.shape, port.dtype, value.astype(port.dtype).tobytes()),
             )
 
 
