@@ -81,7 +81,8 @@ def _own_share() -> Table:
 def _inkloop(path: Path) -> tuple[float, float]:
     """Seconds per step of our master with the FMU alone, and the master's own share."""
     printer = FmuComponent(path, parameters={"layer_period": 10.0}, structural={"nx": SIDE, "ny": SIDE})
-    components, clock = {"printer": printer, "held": _Ready(printer.inputs)}, _Clock()
+    components = {"printer": printer, "held": _Ready(printer.inputs)}
+    clock = _Clock()
     master = Master(components, contract_connections(components), step_ns=NS_PER_S, observers=[clock])
     master.run(time_max_ns=STEPS * NS_PER_S)
     return (clock.end - clock.begin) / STEPS, master.wall_s["master"] / STEPS
