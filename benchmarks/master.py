@@ -17,7 +17,7 @@ from rich.console import Group
 from rich.table import Table
 
 from benchmarks.timing import scaled
-from inkloop.component import Job, Port, Values
+from inkloop.component import Component, Job, Port, Values
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.master import Master
@@ -81,7 +81,7 @@ def _own_share() -> Table:
 def _inkloop(path: Path) -> tuple[float, float]:
     """Seconds per step of our master with the FMU alone, and the master's own share."""
     printer = FmuComponent(path, parameters={"layer_period": 10.0}, structural={"nx": SIDE, "ny": SIDE})
-    components = {"printer": printer, "held": _Ready(printer.inputs)}
+    components: dict[str, Component] = {"printer": printer, "held": _Ready(printer.inputs)}
     clock = _Clock()
     master = Master(components, contract_connections(components), step_ns=NS_PER_S, observers=[clock])
     master.run(time_max_ns=STEPS * NS_PER_S)
