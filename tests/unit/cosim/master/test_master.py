@@ -209,7 +209,7 @@ def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
         )
     source = FunctionComponent(outputs=[Port("height", "m")], step=lambda *_: {"height": np.asarray(-np.inf)})
     sink = FunctionComponent(inputs=[Port("height", "m")])
-    with pytest.raises(ComponentError, match="source failed at t = 0 s: output height is -inf$"):
+    with pytest.raises(ComponentError, match=r"source failed at t = 0 s: output height is -inf$"):
         Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
             time_max_ns=1
         )
