@@ -117,10 +117,16 @@ class LayerController:
         """Nothing is held open."""
 
     def save(self) -> bytes:
-        """The whole state, bit by bit, as NumPy's npz."""
+        """The whole state, bit by bit, as NumPy's npz; without a pattern that is the plan's, and with one drop for all
+        sites where all have the same.
+        """
+        state = {name: value for name, value in vars(self._state).items() if name != "estimate"}
+        if self._state.pattern.ctypes.data == self._state.plan.ctypes.data:
+            del state["pattern"]
+        if not any(self._state.drop_level.strides):
+            state["drop_level"] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
-        state = vars(self._state)
-        np.savez(buffer, **{name: state[name] for name in state if name != "estimate"}, **self._state.estimate.arrays())
+        np.savez(buffer, **state, **self._state.estimate.arrays())
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
@@ -129,6 +135,10 @@ class LayerController:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
                 found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
             found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
+            if "pattern" not in found:
+                found["pattern"] = found["plan"][0]
+            if np.ndim(found["drop_level"]) == 0:
+                found["drop_level"] = np.full(found["pattern"].shape, found["drop_level"], np.int32)
             own = {field.name for field in fields(_State)}
             estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
             whole = _State(**found, estimate=estimate)

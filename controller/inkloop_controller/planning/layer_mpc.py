@@ -143,7 +143,7 @@ class LayerMpc:
             pattern=pattern,
             drop_level=drop_level,
             objective=found.objective,
-            predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
+            predict=lambda: model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
             status=PlanStatus.OPTIMAL if is_proven and found.status is not PlanStatus.DONE else found.status,
             start=found.start,
             sweeps=found.sweeps,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum
+from functools import cached_property
 from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Protocol
 
@@ -52,16 +53,16 @@ class LayerPlan:
 
     plan: (layers, nx, ny), 0 nothing, 1 + kind of droplet; pattern: (nx, ny) its first layer, 0 none, 1 material A,
     2 material B; drop_level: (nx, ny) drops per site of it; objective of the surface after the last layer [m];
-    predicted_height: (nx, ny) after the first one [m]; start: the candidate that won; bound: no plan can have a lower
-    objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by phase;
-    left_out: by a time limit.
+    predict: calculates `predicted_height`, which no print needs; start: the candidate that won; bound: no plan can have
+    a lower objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by
+    phase; left_out: by a time limit.
     """
 
     plan: IntPlan
     pattern: IntMap
     drop_level: IntMap
     objective: Objective
-    predicted_height: FloatMap
+    predict: Callable[[], FloatMap]
     status: PlanStatus
     start: str
     sweeps: int = 0
@@ -76,7 +77,12 @@ class LayerPlan:
     ) -> LayerPlan:
         """The plan of one layer that is a pattern of single drops."""
         level = (pattern > 0).astype(np.int32)
-        return cls(pattern[None], pattern, level, objective, predicted, status, start, sweeps)
+        return cls(pattern[None], pattern, level, objective, lambda: predicted, status, start, sweeps)
+
+    @cached_property
+    def predicted_height(self) -> FloatMap:
+        """(nx, ny) the surface after the first layer [m]."""
+        return self.predict()
 
     @property
     def gap(self) -> float:

@@ -90,6 +90,7 @@ class FmuComponent:
         self._structural = self._changed_sizes() | switches
         self._parameters = {n: value for n, value in checked.items() if n not in switches}
         self._inputs = self.description.ports("input", self._sizes)
+        self._input_names = {port.name for port in self._inputs}
         self._outputs = self.description.ports("output", self._sizes)
         self._binding: Binding | None = None
         self._cleanup = contextlib.ExitStack()
@@ -199,5 +200,5 @@ class FmuComponent:
         return self._running()
 
     def _set(self, binding: Binding, inputs: Values) -> None:
-        given = [port for port in self._inputs if port.name in inputs]
-        binding.set(self._inputs if len(given) == len(self._inputs) else given, inputs)
+        is_whole = inputs.keys() >= self._input_names
+        binding.set(self._inputs if is_whole else [port for port in self._inputs if port.name in inputs], inputs)

@@ -1,7 +1,7 @@
 """Variables of one FMI type that are handed over in one call, by functions of the binary without a wrapper.
 
-Small values go through one record that stays where it is: nothing is allocated for them in a step. A large map goes by
-its own pointer, without a copy.
+Small values go through one record that stays where it is. What has not changed since the last call is not handed over
+again, and is given as the arrays of the last call. A large map goes by its own pointer, without a copy.
 """
 
 from __future__ import annotations
@@ -49,10 +49,12 @@ class ValueGroup:
         self._references = (ctypes.c_uint * len(references))(*references)
         self._is_large = len(ports) == 1 and is_large(ports[0])
         self._record: NDArray[Any] = np.empty(0 if self._is_large else (), [_field(port, dtype) for port in ports])
-        self._pointer = self._record.ctypes.data
+        self._fields = [] if self._is_large else [(port, port.name, self._record[port.name]) for port in ports]
         self._sent: bytes | None = None
-        self._given = [(port.name, None if port.dtype == self._dtype else port.dtype) for port in ports]
+        self._received: bytes | None = None
+        self._values: dict[str, NDArray[Any]] = {}
         count = sum(int(np.prod(port.shape)) for port in ports)
+        self._arguments = (self._references, len(references), self._record.ctypes.data)
         self._length = (count,) if getter.name.startswith("fmi3") else ()
 
     def set(self, component: int, values: Values) -> int:
@@ -61,51 +63,67 @@ class ValueGroup:
         Raises ComponentError for a value of another shape.
         """
         if self._is_large:
-            value = np.ascontiguousarray(self._value(self._ports[0], values), self._dtype)
-            return self._called(self.setter, component, value.ctypes.data)
-        for port in self._ports:
-            self._record[port.name] = self._value(port, values)
+            value = np.ascontiguousarray(_fitting(self._ports[0], values), self._dtype)
+            return self._called_large(self.setter, component, value)
+        for port, name, field in self._fields:
+            value = values[name]
+            field[...] = value if type(value) is np.ndarray and value.shape == field.shape else _fitting(port, values)
         content = self._record.tobytes()
         if content == self._sent:
             return 0
         self._sent = None  # what is refused is handed over again
-        status = self._called(self.setter, component, self._pointer)
+        status: int = self.setter.function(component, *self._arguments, *self._length)
         if status == 0:
             self._sent = content
         return status
 
-    def get(self, component: int) -> tuple[int, Iterator[tuple[str, NDArray[Any]]]]:
-        """Status and present values, read-only, in memory of their own."""
+    def get(self, component: int) -> tuple[int, dict[str, NDArray[Any]]]:
+        """Status and present values, which nothing can change: the same arrays as long as the FMU gives the same."""
         if self._is_large:
             port = self._ports[0]
             values: NDArray[Any] = np.empty(port.shape, self._dtype)
-            status = self._called(self.getter, component, values.ctypes.data)
+            status = self._called_large(self.getter, component, values)
             values = values.astype(port.dtype, copy=False)
             values.flags.writeable = False
-            return status, iter([(port.name, values)])
-        status = self._called(self.getter, component, self._pointer)
+            return status, {port.name: values}
+        status = self.getter.function(component, *self._arguments, *self._length)
         self._sent = None
-        record = self._record.copy()
-        record.flags.writeable = False
-        found = ((name, record[name], dtype) for name, dtype in self._given)
-        return status, ((name, value if dtype is None else value.astype(dtype)) for name, value, dtype in found)
+        content = self._record.tobytes()
+        if content != self._received:
+            self._received = content
+            self._values = dict(self._arrays(content))
+        return status, self._values
 
     def forget(self) -> None:
         """The FMU may hold other values than were handed over, as after its state was restored."""
         self._sent = None
 
-    def _called(self, accessor: Accessor, component: int, pointer: int) -> int:
-        arguments = (component, self._references, len(self._references), pointer, *self._length)
-        status: int = accessor.function(*arguments)
+    def _called_large(self, accessor: Accessor, component: int, values: NDArray[Any]) -> int:
+        arguments = (self._references, len(self._references), values.ctypes.data)
+        status: int = accessor.function(component, *arguments, *self._length)
         return status
 
-    @staticmethod
-    def _value(port: Port, values: Values) -> NDArray[Any]:
-        value = np.asarray(values[port.name])
-        if value.shape != port.shape:
-            expected, found = (" x ".join(map(str, n)) or "a scalar" for n in (port.shape, value.shape))
-            raise ComponentError(f"{port.name} takes {expected}, found {found}")
-        return value
+    def _arrays(self, content: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
+        """The values of the ports in bytes that the FMU wrote; those of its own type without a copy."""
+        first = 0
+        for port, name, field in self._fields:
+            value: NDArray[Any] = np.ndarray(field.shape, self._dtype, content, first)
+            first += field.nbytes
+            yield (
+                name,
+                value
+                if port.dtype == self._dtype
+                else np.ndarray(field.shape, port.dtype, value.astype(port.dtype).tobytes()),
+            )
+
+
+def _fitting(port: Port, values: Values) -> NDArray[Any]:
+    """The value of a port, in its shape. Raises ComponentError."""
+    value = np.asarray(values[port.name])
+    if value.shape != port.shape:
+        expected, found = (" x ".join(map(str, n)) or "a scalar" for n in (port.shape, value.shape))
+        raise ComponentError(f"{port.name} takes {expected}, found {found}")
+    return value
 
 
 def is_large(port: Port) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
+from math import isfinite
 from time import perf_counter_ns
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -30,6 +31,9 @@ StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
 Turns: TypeAlias = Generator[tuple[str, Values], None, StopReason]
 """Pauses before each step of a component: its name and its inputs; ends with the stop reason."""
 
+
+_UNCHANGEABLE: type = bytes
+"""Memory of outputs that nothing can change, as those of FMUs."""
 
 _FAULT, _DONE = int(Status.FAULT), int(Status.DONE)
 
@@ -241,8 +245,12 @@ class Master:
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
         checked: dict[str, NDArray[Any]] = {}
+        before = self._outputs[name]
         for port, key, shape, dtype, must_be_finite in self._checked_ports[name]:
             value = outputs.get(key)
+            if value is before[key] and isinstance(value.base, _UNCHANGEABLE):  # since it was checked
+                checked[key] = value
+                continue
             is_ready = type(value) is np.ndarray and value.dtype == dtype and value.shape == shape
             if value is None or not is_ready or value.flags.writeable or must_be_finite:
                 value = checked_output(port, outputs, must_be_finite)
@@ -304,7 +312,7 @@ def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray
         if not np.can_cast(value.dtype, port.dtype, "same_kind"):
             raise ComponentError(f"output {port.name} is {value.dtype}, declared {port.dtype}")
         value = value.astype(port.dtype)
-    if must_be_finite and not np.isfinite(value).all():
+    if must_be_finite and not (np.isfinite(value).all() if value.shape else isfinite(value)):
         cell = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         raise ComponentError(
             f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"

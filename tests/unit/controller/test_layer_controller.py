@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import weakref
 from typing import Any
 
@@ -104,6 +105,25 @@ def test_restored_controller_continues_with_the_same_bits() -> None:
     left, right = (answer(one, height, 3, 3) for one in (controller, resumed))
     for name in left.keys() - {"solve_time"}:
         np.testing.assert_array_equal(left[name], right[name], err_msg=name)
+
+
+@pytest.mark.parametrize("options", [{"horizon": 1}, {"horizon": 2, "drop_levels": 2}])
+def test_state_holds_no_map_twice_and_one_of_earlier_versions_is_read(options: dict[str, Any]) -> None:
+    """Earlier ones held pattern and drop level of every print."""
+    controller, resumed = (started(LayerMpcController(JOB, **options)) for _ in range(2))
+    shown = answer(controller, FLAT, 0, 0)
+    saved = controller.save()  # type: ignore[attr-defined]
+    stored = dict(np.load(io.BytesIO(saved)))
+    assert ("pattern" in stored) is (options["horizon"] == 2)
+    assert stored["drop_level"].shape == (FLAT.shape if (shown["drop_level"] != 1).any() else ())
+    assert (shown["drop_level"] != 1).any() == (options["horizon"] == 2)
+    buffer = io.BytesIO()
+    np.savez(buffer, **stored | {name: shown[name] for name in ("pattern", "drop_level")})
+    for state in (saved, buffer.getvalue()):
+        resumed.restore(state)  # type: ignore[attr-defined]
+        found = answer(resumed, FLAT, 0, 0)  # answered already
+        for name in shown:
+            np.testing.assert_array_equal(found[name], shown[name], err_msg=name)
 
 
 class Watched:

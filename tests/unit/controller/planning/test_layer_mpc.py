@@ -105,6 +105,16 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
             assert plan.objective.value <= bindings.objective(problem, other).value
 
 
+def test_surface_is_predicted_only_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    job, height = rough_job(3)
+    asked = []
+    monkeypatch.setattr(LayerModel, "layer", lambda *_: asked.append(1) or height)
+    plan = LayerMpc(job, horizon=2).plan(known(height), 0, none(job))
+    assert asked == []
+    assert plan.predicted_height is plan.predicted_height
+    assert asked == [1]
+
+
 def test_objective_is_that_of_the_predicted_surface() -> None:
     job, height = rough_job(3)
     plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))

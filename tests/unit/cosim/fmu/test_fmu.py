@@ -69,6 +69,24 @@ def test_values_travel_unchanged_in_every_type(folder: Path, fmi: int) -> None:
 
 
 @BOTH
+def test_outputs_that_stay_are_given_again_and_nothing_can_change_them(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    first, same, other = (
+        part.do_step(k * SECOND, SECOND, inputs(x, 0.2, -0.0)) for k, x in enumerate((0.1, 0.1, -0.0))
+    )
+    assert same["y"] is first["y"]
+    assert same["count"] is not first["count"]
+    assert [values["y"].tolist() for values in (first, other)] == [[0.2, 0.4, 0.0], [0.0, 0.4, 0.0]]
+    for value in (*first.values(), *other.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            value[...] = 1
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            value.flags.writeable = True
+    part.terminate()
+
+
+@BOTH
 def test_outputs_of_an_earlier_step_stay_as_they_were(folder: Path, fmi: int) -> None:
     part = FmuComponent(build(folder, fmi))
     part.initialize(0, {})

@@ -299,6 +299,28 @@ def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
         Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
             time_max_ns=1
         )
+    source = FunctionComponent(outputs=[Port("height", "m")], step=lambda *_: {"height": np.asarray(-np.inf)})
+    sink = FunctionComponent(inputs=[Port("height", "m")])
+    with pytest.raises(ComponentError, match=r"source failed at t = 0 s: output height is -inf$"):
+        Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
+            time_max_ns=1
+        )
+
+
+def test_array_that_its_source_changes_and_gives_again_is_checked_again() -> None:
+    own = np.zeros((2, 3))
+    given = own.view()
+    given.flags.writeable = False
+
+    def step(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        own[0, 1] = np.inf if time_ns >= 2 * SECOND else 1.0
+        return {"height": given}
+
+    source = FunctionComponent(outputs=[Port("height", "m", (2, 3))], step=step)
+    sink = FunctionComponent(inputs=[Port("height", "m", (2, 3))])
+    master = Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=SECOND)
+    with pytest.raises(ComponentError, match=r"source failed at t = 2 s: output height is inf in cell \(0, 1\)"):
+        master.run(time_max_ns=5 * SECOND)
 
 
 @pytest.mark.parametrize(
