@@ -42,4 +42,9 @@ static inline bool is_flip_in_vain(const FlipBounds *bounds, size_t cell) {
     return bounds->least && bounds->least[cell] > bounds->sure;
 }
 
+/* The same of a swap of two cells, `rows` and `columns` apart, 0 or 1. */
+static inline bool is_swap_in_vain(const FlipBounds *bounds, size_t one, size_t other, size_t rows, size_t columns) {
+    return bounds->least && bounds->least[one] + bounds->least[other] > bounds->loss[rows][columns] + bounds->sure;
+}
+
 #endif

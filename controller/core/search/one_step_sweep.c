@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "instruction_sets.h"
 #include "one_step.h"
 #include "one_step_cells.h"
 #include "stopwatch.h"
@@ -123,28 +124,42 @@ static void flip(TileWork *work, size_t i, size_t j) {
     }
 }
 
+/* The rows and columns of neighbours that are on the grid, 0 to 2 for -1 to 1. */
+typedef struct {
+    size_t top, bottom, left, right;
+} Around;
+
+static INLINED size_t partners_among(const TileWork *work, size_t i, size_t j, unsigned own, const Around around,
+                                     size_t *partner) {
+    const PlanSurface *surface = work->surface;
+    const float *least = work->flips->least, sure = work->flips->sure;
+    const float losses[3] = {0.0f, work->flips->loss[0][1] + sure, work->flips->loss[1][1] + sure};
+    const size_t cell = surface_cell(surface, i, j), place = i * surface->ny + j;
+    const uint8_t *plan = surface_layer(surface, 0);
+    const uint16_t *choices = surface->problem->choices;
+    const unsigned own_choices = 2u * choices[place] + 1u;
+    const float own_least = least ? least[cell] : NAN;
+    size_t count = 0;
+    for (size_t row = around.top; row <= around.bottom; row++)
+        for (size_t column = around.left; column <= around.right; column++) {
+            const size_t its_cell = cell + row * surface->stride + column - surface->stride - 1;
+            const unsigned other = plan[its_cell];
+            const unsigned its_choices = 2u * choices[place + row * surface->ny + column - surface->ny - 1] + 1u;
+            const bool in_vain = least && own_least + least[its_cell] > losses[(row != 1) + (column != 1)];
+            partner[count] = 3 * row + column;
+            count += (other != own) & (its_choices >> own) & (own_choices >> other) & !in_vain;
+        }
+    return count;
+}
+
 /* The neighbours that the cell's droplet may be swapped with, as k of FOOTPRINT, without those that certainly are in
  * vain; returns how many. Without a branch on the plan, which no processor could predict. */
 static size_t partners(const TileWork *work, size_t i, size_t j, unsigned own, size_t *partner) {
-    const PlanSurface *surface = work->surface;
-    const float *least = work->flips->least ? work->flips->least + surface_cell(surface, i, j) : NULL;
-    const HorizonProblem *problem = surface->problem;
-    const uint8_t *plan = surface_layer(surface, 0) + surface_cell(surface, i, j);
-    const unsigned own_choices = 2u * problem->choices[i * surface->ny + j] + 1u;
-    const size_t top = i > 0 ? 0 : 1, bottom = i + 1 < surface->nx ? 2 : 1;
-    const size_t left = j > 0 ? 0 : 1, right = j + 1 < surface->ny ? 2 : 1;
-    size_t count = 0;
-    for (size_t row = top; row <= bottom; row++)
-        for (size_t column = left; column <= right; column++) {
-            const ptrdiff_t ahead = (ptrdiff_t)((row - 1) * surface->stride + column - 1);
-            const unsigned other = plan[ahead];
-            const unsigned choices = 2u * problem->choices[(i + row - 1) * surface->ny + j + column - 1] + 1u;
-            partner[count] = 3 * row + column;
-            const float loss = work->flips->loss[row != 1][column != 1] + work->flips->sure;
-            const bool in_vain = least && *least + least[ahead] > loss;
-            count += (other != own) & (choices >> own) & (own_choices >> other) & !in_vain;
-        }
-    return count;
+    const size_t nx = work->surface->nx, ny = work->surface->ny;
+    if (i > 0 && i + 1 < nx && j > 0 && j + 1 < ny)
+        return partners_among(work, i, j, own, (Around){0, 2, 0, 2}, partner);
+    const Around around = {i > 0 ? 0 : 1, i + 1 < nx ? 2 : 1, j > 0 ? 0 : 1, j + 1 < ny ? 2 : 1};
+    return partners_among(work, i, j, own, around, partner);
 }
 
 /* Puts another droplet, or none, on the cell before its own goes to a neighbour. */
@@ -153,6 +168,8 @@ static void begin_swap(TileWork *work, size_t i, size_t j, unsigned own, unsigne
     const CellsChange change = change_of(work, i, j, own, other, raised);
     const Sums added = look_at_change(work->surface, &change, work->cost_alone, costs);
     first_put(work->surface, &change, costs, &added, &work->first);
+    flip_bounds_put(work->flips, surface_cell(work->surface, i, j),
+                    added.cost); /* the other is 0 if there are bounds */
 }
 
 /* The cell's droplet against what one of its neighbours has. */
@@ -173,7 +190,10 @@ static void swap(TileWork *work, size_t i, size_t j) {
         double raised[THREE];
         if (other != given)
             begin_swap(work, i, j, own, other);
-        given = other;
+        given = other; /* and while the cell's flip has become known: */
+        if (is_swap_in_vain(work->flips, surface_cell(surface, i, j), surface_cell(surface, its_i, its_j), row != 1,
+                            column != 1))
+            continue;
         const CellsChange change = change_of(work, its_i, its_j, other, own, raised);
         const Sums added = look_at_second(surface, &work->first, near_of(row, column), &change, work->cost_alone);
         const double cost = cost_of(work, &sums, &added);
