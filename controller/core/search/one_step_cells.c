@@ -37,23 +37,38 @@ static INLINED void shares_of(const PlanSurface *surface, size_t first, unsigned
         shares[k] = taken[k] + MIDDLE_LANES[k] * kept;
 }
 
+/* What counts: constants wherever a function is inlined, so that most of the trials have a short one. */
+typedef struct {
+    bool cost_alone, chance, ceiling;
+} Asked;
+
+static const Asked COST_ALONE = {true, false, false};
+
+static inline Asked asked_of(const PlanSurface *surface, bool cost_alone) {
+    return (Asked){cost_alone, surface->chance > 0.0, surface->ceiling != NULL};
+}
+
+static inline bool is_cost_alone(const Asked *asked) {
+    return asked->cost_alone && !asked->chance && !asked->ceiling;
+}
+
 /* What the heights `is` cost, left to `chance`: see surface_cost. */
 static INLINED void costs_of(const PlanSurface *surface, size_t first, const double *is, const double *chance,
-                             double *restrict cost) {
+                             double *restrict cost, const Asked asked) {
     const double upward = surface->upward, skew = surface->skew, steep = surface->problem->ceiling_cost;
     double target[THREE], weight[THREE], ceiling[THREE];
     load_cells(surface->target + first, surface->stride, target);
     load_cells(surface->weight + first, surface->stride, weight);
     for (size_t k = 0; k < THREE; k++)
         cost[k] = fabs(is[k] - target[k]);
-    for (size_t k = 0; surface->chance > 0.0 && k < THREE; k++) {
+    for (size_t k = 0; asked.chance && k < THREE; k++) {
         const double size = cost[k], safe = chance[k] > 0.0 ? chance[k] : 1.0;
         const double expected = 0.5 * (size * size / safe + chance[k]);
         cost[k] = size < chance[k] ? expected : size;
     }
     for (size_t k = 0; k < THREE; k++)
         cost[k] = upward * cost[k] + skew * (is[k] - target[k]);
-    if (surface->ceiling) {
+    if (asked.ceiling) {
         load_cells(surface->ceiling + first, surface->stride, ceiling);
         for (size_t k = 0; k < THREE; k++) {
             const double above = is[k] - ceiling[k];
@@ -83,30 +98,30 @@ static inline double square_of_chance(const PlanSurface *surface, const CellsCha
     return surface->inside[cell] * (chance * chance - was * was) / 3.0;
 }
 
-static INLINED Sums change_alone(const PlanSurface *surface, const CellsChange *change, bool cost_alone,
+static INLINED Sums change_alone(const PlanSurface *surface, const CellsChange *change, const Asked asked,
                                  double *restrict cost) {
     double was[THREE], is[THREE], chance[THREE], cost_was[THREE], height[THREE], square[THREE];
     const double own = surface_chance(surface, change->kept);
     load_cells(surface_height(surface, 1) + change->first, surface->stride, was);
     load_cells(surface->cost + change->first, surface->stride, cost_was);
-    if (surface->chance > 0.0) {
+    if (asked.chance) {
         load_cells(surface->left_to_chance + change->first, surface->stride, chance);
         for (size_t k = 0; k < THREE; k++)
             chance[k] = MIDDLE_LANES[k] > 0.0 ? own : chance[k];
     }
     for (size_t k = 0; k < THREE; k++)
         is[k] = was[k] + change->raised[k];
-    costs_of(surface, change->first, is, chance, cost);
+    costs_of(surface, change->first, is, chance, cost, asked);
     for (size_t k = 0; k < THREE; k++)
         cost[k] -= cost_was[k];
-    if (cost_alone)
+    if (asked.cost_alone)
         return (Sums){sum_of(cost), 0.0, 0.0};
     add_heights(surface, change, was, height, square);
     return (Sums){sum_of(cost), sum_of(height), sum_of(square) + square_of_chance(surface, change, own)};
 }
 
 static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *earlier, size_t near,
-                                 const CellsChange *change, bool cost_alone) {
+                                 const CellsChange *change, const Asked asked) {
     double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], added[THREE], is_own[THREE];
     double cost[THREE], height[THREE], square[THREE];
     const double own = surface_chance(surface, change->kept);
@@ -114,7 +129,7 @@ static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *
     load_cells(surface->cost + change->first, surface->stride, cost_was);
     load_cells(earlier->raised + near, REACH_LANES, raised);
     load_cells(earlier->cost + near, REACH_LANES, added);
-    if (surface->chance > 0.0) {
+    if (asked.chance) {
         load_cells(surface->left_to_chance + change->first, surface->stride, chance);
         load_cells(earlier->is_own + near, REACH_LANES, is_own);
         for (size_t k = 0; k < THREE; k++) {
@@ -126,10 +141,10 @@ static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *
         was[k] += raised[k];
         is[k] = was[k] + change->raised[k];
     }
-    costs_of(surface, change->first, is, chance, cost);
+    costs_of(surface, change->first, is, chance, cost, asked);
     for (size_t k = 0; k < THREE; k++)
         cost[k] -= cost_was[k] + added[k];
-    if (cost_alone)
+    if (asked.cost_alone)
         return (Sums){earlier->sums.cost + sum_of(cost), 0.0, 0.0};
     add_heights(surface, change, was, height, square);
     return (Sums){earlier->sums.cost + sum_of(cost), earlier->sums.height + sum_of(height),
@@ -149,11 +164,15 @@ void take_shares(const PlanSurface *surface, size_t first, unsigned value, doubl
 }
 
 static Sums alone_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
-    return cost_alone ? change_alone(surface, change, true, cost) : change_alone(surface, change, false, cost);
+    const Asked asked = asked_of(surface, cost_alone);
+    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, cost)
+                                 : change_alone(surface, change, asked, cost);
 }
 
 static WITH_AVX2 Sums alone_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
-    return cost_alone ? change_alone(surface, change, true, cost) : change_alone(surface, change, false, cost);
+    const Asked asked = asked_of(surface, cost_alone);
+    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, cost)
+                                 : change_alone(surface, change, asked, cost);
 }
 
 Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
@@ -162,14 +181,16 @@ Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool 
 
 static Sums after_plain(const PlanSurface *surface, const FirstChange *earlier, size_t near, const CellsChange *change,
                         bool cost_alone) {
-    return cost_alone ? change_after(surface, earlier, near, change, true)
-                      : change_after(surface, earlier, near, change, false);
+    const Asked asked = asked_of(surface, cost_alone);
+    return is_cost_alone(&asked) ? change_after(surface, earlier, near, change, COST_ALONE)
+                                 : change_after(surface, earlier, near, change, asked);
 }
 
 static WITH_AVX2 Sums after_avx2(const PlanSurface *surface, const FirstChange *earlier, size_t near,
                                  const CellsChange *change, bool cost_alone) {
-    return cost_alone ? change_after(surface, earlier, near, change, true)
-                      : change_after(surface, earlier, near, change, false);
+    const Asked asked = asked_of(surface, cost_alone);
+    return is_cost_alone(&asked) ? change_after(surface, earlier, near, change, COST_ALONE)
+                                 : change_after(surface, earlier, near, change, asked);
 }
 
 Sums look_at_second(const PlanSurface *surface, const FirstChange *earlier, size_t near, const CellsChange *change,
