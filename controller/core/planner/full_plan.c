@@ -4,6 +4,8 @@
 
 static const double SAME_SHAPE = 1e-9; /* inks whose parts differ by less, as shares, are drops of one ink (assumed) */
 
+static const double ROUNDED = 1e-12; /* more than what a surface is rounded by [m] */
+
 static bool is_same_shape(const Ink *one, const Ink *other) {
     const double scale = one->h1 / other->h1;
     return fabs(scale * other->h2 - one->h2) <= SAME_SHAPE * one->h2 &&
@@ -24,6 +26,21 @@ static bool largest_kind(const HorizonProblem *problem, uint16_t choices, int32_
     return true;
 }
 
+/* Whether full layers alone, without what the neighbours give, pass the target of a cell that counts. */
+static bool is_passed(const HorizonProblem *problem, const int32_t *plan) {
+    const size_t cells = problem->nx * problem->ny;
+    for (size_t cell = 0; cell < cells; cell++) {
+        double least = problem->height[cell] - ROUNDED;
+        for (size_t layer = 0; layer < problem->layers; layer++) {
+            const int32_t value = plan[layer * cells + cell];
+            least += value ? problem->kind[value - 1].h1 : 0.0;
+        }
+        if (least > problem->target[cell] && cell_weight(problem, cell) > 0.0)
+            return true;
+    }
+    return false;
+}
+
 bool fullest_plan(const HorizonProblem *problem, int32_t *plan) {
     for (size_t kind = 0; kind < problem->kinds; kind++) {
         const Droplet droplet = droplet_of(&problem->kind[kind]);
@@ -33,7 +50,7 @@ bool fullest_plan(const HorizonProblem *problem, int32_t *plan) {
     for (size_t place = 0; place < problem->layers * problem->nx * problem->ny; place++)
         if (!largest_kind(problem, problem->choices[place], &plan[place]))
             return false;
-    return true;
+    return !is_passed(problem, plan);
 }
 
 /* What a lower surface may take from the squares of what is left to chance, as a height above the mean [m]: at most

@@ -21,7 +21,6 @@ int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options
         return CORE_NO_MEMORY;
     const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
     const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
-    surface_evaluate(&surface);
     report->objective = surface_objective(&surface);
     surface_plan(&surface, plan);
     surface_close(&surface);

@@ -14,13 +14,36 @@ static const struct {
 } LATER[] = {{0, 1, 7.0 / 16.0}, {1, -1, 3.0 / 16.0}, {1, 0, 5.0 / 16.0}, {1, 1, 1.0 / 16.0}};
 enum { LATERS = 4 };
 
+/* Drop levels of the kinds, each in droplets of each other one. */
+typedef struct {
+    double level[KINDS_MAX][KINDS_MAX];
+} Levels;
+
+static Levels levels_of(const HorizonProblem *problem) {
+    Levels levels;
+    for (size_t first = 0; first < problem->kinds; first++)
+        for (size_t kind = 0; kind < problem->kinds; kind++)
+            levels.level[first][kind] = drop_level(problem, first, kind);
+    return levels;
+}
+
+/* The largest level that `choices` allows; 0 if it allows nothing. */
+static double level_max(const HorizonProblem *problem, const Levels *levels, uint16_t choices) {
+    const uint8_t first = first_kind(problem, choices);
+    double largest = 0.0;
+    for (size_t kind = first; kind < problem->kinds; kind++)
+        if (choices >> kind & 1 && levels->level[first][kind] > largest)
+            largest = levels->level[first][kind];
+    return largest;
+}
+
 /* The largest kind that `choices` allows and that is at most `amount` droplets of the first one; NO_KIND if none is. */
-static uint8_t kind_for(const HorizonProblem *problem, uint16_t choices, double amount) {
+static uint8_t kind_for(const HorizonProblem *problem, const Levels *levels, uint16_t choices, double amount) {
     const uint8_t first = first_kind(problem, choices);
     uint8_t best = NO_KIND;
     double largest = 0.0;
     for (size_t kind = first; kind < problem->kinds; kind++) {
-        const double level = choices >> kind & 1 ? drop_level(problem, first, kind) : 0.0;
+        const double level = choices >> kind & 1 ? levels->level[first][kind] : 0.0;
         if (level > largest && level <= amount) {
             best = (uint8_t)kind;
             largest = level;
@@ -30,15 +53,16 @@ static uint8_t kind_for(const HorizonProblem *problem, uint16_t choices, double 
 }
 
 /* Jets `amount` droplets on a cell, in the last layers first; returns those that fell. */
-static double fill_layers(const HorizonProblem *problem, size_t cell, double amount, int32_t *plan) {
+static double fill_layers(const HorizonProblem *problem, const Levels *levels, size_t cell, double amount,
+                          int32_t *plan) {
     const size_t cells = problem->nx * problem->ny;
     double left = amount;
     for (size_t layer = problem->layers; layer-- > 0;) {
         const uint16_t choices = problem->choices[layer * cells + cell];
-        const uint8_t kind = kind_for(problem, choices, left);
+        const uint8_t kind = kind_for(problem, levels, choices, left);
         plan[layer * cells + cell] = kind == NO_KIND ? 0 : 1 + kind;
         if (kind != NO_KIND)
-            left -= drop_level(problem, first_kind(problem, choices), kind);
+            left -= levels->level[first_kind(problem, choices)][kind];
     }
     return amount - left;
 }
@@ -49,16 +73,17 @@ typedef struct {
 } RollingRows;
 
 /* Takes row i of the droplets into the rows `wanted` and `room`; nothing behind the last one. */
-static void take_row(const HorizonProblem *problem, const double *droplets, size_t i, double *wanted, double *room) {
+static void take_row(const HorizonProblem *problem, const Levels *levels, const double *droplets, size_t i,
+                     double *wanted, double *room) {
     const size_t ny = problem->ny, cells = problem->nx * ny;
     memset(wanted, 0, ny * sizeof *wanted);
     memset(room, 0, ny * sizeof *room);
     for (size_t layer = 0; i < problem->nx && layer < problem->layers; layer++) {
         const size_t first = layer * cells + i * ny;
         for (size_t j = 0; j < ny; j++) {
-            const double limit = drop_level_max(problem, problem->choices[first + j]);
+            const double limit = level_max(problem, levels, problem->choices[first + j]);
             room[j] += limit;
-            wanted[j] += fmin(limit, droplets[first + j]);
+            wanted[j] += droplets[first + j] < limit ? droplets[first + j] : limit;
         }
     }
 }
@@ -74,7 +99,9 @@ static void pass_on(const HorizonProblem *problem, const RollingRows *rows, size
                    rows->room[LATER[k].rows][column] > 0.0;
         share += takes[k] ? LATER[k].share : 0.0;
     }
-    for (int k = 0; k < LATERS; k++)
+    for (int k = 0; k < LATERS && share == 1.0; k++)
+        rows->wanted[LATER[k].rows][(ptrdiff_t)j + forward * LATER[k].ahead] += error * LATER[k].share;
+    for (int k = 0; k < LATERS && share < 1.0; k++)
         if (takes[k])
             rows->wanted[LATER[k].rows][(ptrdiff_t)j + forward * LATER[k].ahead] += error * LATER[k].share / share;
 }
@@ -84,16 +111,18 @@ int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, 
     double *memory = malloc(4 * ny * sizeof(double));
     if (!memory)
         return CORE_NO_MEMORY;
-    take_row(problem, droplets, 0, memory, memory + 2 * ny);
+    const Levels levels = levels_of(problem);
+    take_row(problem, &levels, droplets, 0, memory, memory + 2 * ny);
     for (size_t i = 0; i < nx; i++) {
         const size_t own = i % 2, next = 1 - own;
         const RollingRows rows = {{memory + own * ny, memory + next * ny},
                                   {memory + (2 + own) * ny, memory + (2 + next) * ny}};
-        take_row(problem, droplets, i + 1, rows.wanted[1], rows.room[1]);
+        take_row(problem, &levels, droplets, i + 1, rows.wanted[1], rows.room[1]);
         for (size_t step = 0; step < ny; step++) {
             const size_t j = own ? ny - 1 - step : step; /* back on every other row */
-            const double whole = fmin(rows.room[0][j], fmax(0.0, floor(rows.wanted[0][j] + 0.5)));
-            const double fallen = fill_layers(problem, i * ny + j, whole, plan);
+            const double nearest = floor(rows.wanted[0][j] + 0.5), least = nearest > 0.0 ? nearest : 0.0;
+            const double whole = least < rows.room[0][j] ? least : rows.room[0][j];
+            const double fallen = fill_layers(problem, &levels, i * ny + j, whole, plan);
             pass_on(problem, &rows, i, j, own ? -1 : 1, rows.wanted[0][j] - fallen);
         }
     }

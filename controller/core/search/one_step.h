@@ -1,7 +1,6 @@
 /* Changes of a plan that is printed in one step: all at once, without a window.
  *
- * The surface under the droplets stays, so a change moves heights within one cell of it and nowhere else. They lie in
- * at most 4x4 cells, which are looked at together and without a branch. */
+ * The surface under the droplets stays, so a change moves heights within one cell of it and nowhere else. */
 #ifndef INKLOOP_ONE_STEP_H
 #define INKLOOP_ONE_STEP_H
 

@@ -81,7 +81,7 @@ static int32_t descend(Search *search) {
     const bool local = surface->steps == 1 && surface->weighting.alpha == 1.0;
     int64_t sweeps = 0;
     for (bool changed_since_all = true; changed_since_all;) {
-        wake_all(surface, search->tiling.awake);
+        tiling_wake(&search->tiling);
         changed_since_all = false;
         for (bool changed = true; changed;) {
             changed = false;
@@ -115,10 +115,15 @@ int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double d
     if (status == CORE_DONE)
         status = descend(&search);
     report->incremental = objective(&surface->sums, &surface->weighting);
-    if (report->incremental > search.best_value) {
+    const bool is_worse = report->incremental > search.best_value;
+    if (is_worse) {
         memcpy(surface->plan, search.best, values);
         report->incremental = search.best_value;
     }
+    if (is_worse || surface->weighting.alpha < 1.0) /* a colour out of time may have left its surfaces behind */
+        surface_evaluate(surface);
+    else
+        surface_add_up(surface);
     tiling_close(&search.tiling);
     free(search.best);
     return status;

@@ -140,6 +140,7 @@ enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns that are printed togethe
 
 /* Droplets of a row of a band, jetted in one step. */
 typedef struct {
+    bool is_jetted; /* there are any; if not, all is 0 */
     double volume[FRAMED_BAND], spread[2][FRAMED_BAND], slope[2][FRAMED_BAND];
 } DropletRow;
 
@@ -149,6 +150,14 @@ static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row
     const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
     const uint8_t *values = surface_layer(surface, layer) + row * surface->stride + left - 1;
     const Droplet *droplet = surface->droplet;
+    uint8_t any = 0;
+    for (size_t k = 0; k < count + 2; k++)
+        any |= values[k];
+    if (!any && droplets->is_jetted)
+        memset(droplets, 0, sizeof *droplets);
+    droplets->is_jetted = any != 0;
+    if (!any)
+        return;
     for (size_t k = 0; k < count + 2; k++) {
         const bool falls = values[k] && (passes == 1 || surface_step(surface, layer, row - 1, left + k - 2) == step);
         const Droplet *own = &droplet[falls ? values[k] : 0];
@@ -181,6 +190,8 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
     double *after = surface_height(surface, step + 1), kept[BAND];
     const bool is_last = step + 1 == surface->steps;
     DropletRow rows[3];
+    for (size_t k = 0; k < 3; k++)
+        rows[k].is_jetted = true; /* nothing is known */
     load_row(surface, step, 0, left, count, &rows[0]);
     load_row(surface, step, 1, left, count, &rows[1]);
     for (size_t row = 1; row <= surface->nx; row++) {
@@ -189,6 +200,12 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
         const size_t cell = row * stride + left;
         const double *own = before + cell, *over = own - stride, *under = own + stride;
         load_row(surface, step, row + 1, left, count, below);
+        if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
+            memcpy(after + cell, own, count * sizeof *own);
+            for (size_t k = 0; is_last && k < count; k++)
+                surface->left_to_chance[cell + k] = surface_chance(surface, 0.0);
+            continue;
+        }
         for (size_t k = 0; k < count; k++) {
             kept[k] = here->volume[1 + k];
             after[cell + k] = own[k] + here->volume[1 + k];
@@ -228,22 +245,26 @@ static void take_costs(PlanSurface *surface) {
 }
 
 /* The reference of the heights is the mean that they have after the last step. */
-void surface_evaluate(PlanSurface *surface) {
-    for (size_t step = 0; step < surface->steps; step++)
-        (HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step);
+void surface_add_up(PlanSurface *surface) {
     const double *last = surface_height(surface, surface->steps);
     double mean = 0.0;
     for (size_t cell = 0; cell < surface->framed; cell++)
         mean += surface->inside[cell] * last[cell];
     surface->reference = height_on_lattice(mean / surface->weighting.count);
     surface->sums = (Sums){0.0, 0.0, 0.0};
-    take_costs(surface);
     for (size_t cell = 0; cell < surface->framed; cell++) {
         const double inside = surface->inside[cell], height = inside * (last[cell] - surface->reference);
         const double chance = surface->left_to_chance[cell];
         const Sums own = {surface->cost[cell], height, height * height + inside * chance * chance / 3.0};
         surface->sums = sums_after(&surface->sums, &own);
     }
+}
+
+void surface_evaluate(PlanSurface *surface) {
+    for (size_t step = 0; step < surface->steps; step++)
+        (HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step);
+    take_costs(surface);
+    surface_add_up(surface);
 }
 
 Objective surface_objective(const PlanSurface *surface) {

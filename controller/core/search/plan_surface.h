@@ -56,6 +56,9 @@ void surface_close(PlanSurface *surface);
 /* All surfaces and sums of the present plan from scratch. */
 void surface_evaluate(PlanSurface *surface);
 
+/* The sums alone, where the surfaces are those of the plan. */
+void surface_add_up(PlanSurface *surface);
+
 /* Objective of the present plan, in its parts, from scratch. */
 Objective surface_objective(const PlanSurface *surface);
 

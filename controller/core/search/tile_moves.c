@@ -58,13 +58,12 @@ void wake_all(const PlanSurface *surface, uint8_t *awake) {
     memset(awake, MOVES_ALL, surface->framed);
 }
 
-static void wake(Work *work, size_t i, size_t j) {
-    const PlanSurface *surface = work->surface;
+void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
     const size_t top = i > WAKE_REACH ? i - WAKE_REACH : 0, left = j > WAKE_REACH ? j - WAKE_REACH : 0;
     const size_t bottom = i + WAKE_REACH < surface->nx ? i + WAKE_REACH : surface->nx - 1;
     const size_t right = j + WAKE_REACH < surface->ny ? j + WAKE_REACH : surface->ny - 1;
     for (size_t row = top; row <= bottom; row++)
-        memset(work->awake + surface_cell(surface, row, left), MOVES_ALL, right - left + 1);
+        memset(awake + surface_cell(surface, row, left), MOVES_ALL, right - left + 1);
 }
 
 static void make(Work *work, const Best *best) {
@@ -74,7 +73,7 @@ static void make(Work *work, const Best *best) {
     bound_renew(work->bound);
     work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
-        wake(work, best->change[k].i, best->change[k].j);
+        wake_near(work->surface, work->awake, best->change[k].i, best->change[k].j);
 }
 
 static unsigned value_at(const Work *work, size_t layer, size_t i, size_t j) {

@@ -5,6 +5,8 @@
 #include "change_bound.h"
 #include "plan_change.h"
 
+enum { TILE = 64 }; /* cells on a side (assumed); windows of two tiles of one colour do not meet */
+
 typedef struct {
     size_t top, bottom, left, right; /* cells of the grid, ends excluded */
 } Tile;
@@ -33,5 +35,8 @@ void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sw
 
 /* Sets all moves awake everywhere. */
 void wake_all(const PlanSurface *surface, uint8_t *awake);
+
+/* Sets all moves awake on the cells that may feel a change at (i, j). */
+void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j);
 
 #endif

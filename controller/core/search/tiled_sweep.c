@@ -26,7 +26,8 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     tiling->tally = malloc(rows * columns * sizeof(Tally));
     tiling->window = calloc(wanted, sizeof(Window));
     tiling->bound = calloc(wanted, sizeof(ChangeBound));
-    bool complete = tiling->awake && tiling->kept && tiling->tally && tiling->window && tiling->bound;
+    bool complete = flip_bounds_open(&tiling->flips, surface) && tiling->awake && tiling->kept && tiling->tally &&
+                    tiling->window && tiling->bound;
     while (complete && tiling->threads < wanted) {
         complete = window_open(&tiling->window[tiling->threads], surface);
         complete = bound_open(&tiling->bound[tiling->threads], surface) && complete;
@@ -42,11 +43,17 @@ void tiling_close(Tiling *tiling) {
         window_close(&tiling->window[k]);
         bound_close(&tiling->bound[k]);
     }
+    flip_bounds_close(&tiling->flips);
     free(tiling->bound);
     free(tiling->window);
     free(tiling->tally);
     free(tiling->kept);
     free(tiling->awake);
+}
+
+void tiling_wake(Tiling *tiling) {
+    wake_all(tiling->surface, tiling->awake);
+    flip_bounds_clear(&tiling->flips, tiling->surface);
 }
 
 static size_t tiles_of_colour(const Tiling *tiling, size_t colour) {
@@ -67,9 +74,13 @@ static Tile tile_at(const Tiling *tiling, size_t index) {
 
 static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Sums *before, size_t thread) {
     const Tile tile = tile_at(tiling, index);
-    tiling->tally[index] = (Tally){0};
-    tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, &tiling->window[thread], &tiling->bound[thread],
-               &tiling->tally[index]);
+    Tally *tally = &tiling->tally[index];
+    Window *window = &tiling->window[thread];
+    *tally = (Tally){0};
+    if (tiling->surface->steps > 1 || sweep->move == MOVE_ANNEAL)
+        tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->bound[thread], tally);
+    else if (sweep->move != MOVE_SHIFTS) /* there is no other layer */
+        one_step_sweep(tiling->surface, tiling->awake, &tile, sweep, before, &tiling->flips, &window->work, tally);
 }
 
 static void *sweep_share(void *handed) {
@@ -133,7 +144,7 @@ static void sweep_colour(Tiling *tiling, const Sweep *sweep, size_t colour) {
     if (is_out_of_time(tiling, colour)) /* the search ends, and evaluates its plan */
         return;
     surface_evaluate(surface);
-    wake_all(surface, tiling->awake);
+    tiling_wake(tiling);
     sweep_in_turn(tiling, sweep, colour);
 }
 

@@ -5,9 +5,7 @@
 #ifndef INKLOOP_TILED_SWEEP_H
 #define INKLOOP_TILED_SWEEP_H
 
-#include "tile_moves.h"
-
-enum { TILE = 64 }; /* cells on a side (assumed); windows of two tiles of one colour do not meet */
+#include "one_step_sweep.h"
 
 typedef struct {
     PlanSurface *surface;
@@ -18,11 +16,15 @@ typedef struct {
     size_t threads;
     Window *window;     /* one for each thread */
     ChangeBound *bound; /* one for each thread */
+    FlipBounds flips;
 } Tiling;
 
 /* False if there is no memory. */
 bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads);
 void tiling_close(Tiling *tiling);
+
+/* Every move of every cell may help. */
+void tiling_wake(Tiling *tiling);
 
 /* Makes one sweep and adds what it did to `report`; returns how many changes were made. `out_of_time` reports whether
  * the deadline passed; the plan and the sums are valid in either case. A sweep without annealing never raises the
