@@ -87,6 +87,29 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
     return CORE_DONE;
 }
 
+/* What is left of the last plan, or of the plan for one layer more. */
+static void take_rest(FirstPlans *first, PlanSurface *surface) {
+    const HorizonProblem *problem = first->problem;
+    const PlanWork *work = first->work;
+    const int32_t *of = work->longer ? work->longer : work->last;
+    const size_t layers = work->longer ? problem->layers + 1 : work->last_layers;
+    if (!of || !has_time(first))
+        return;
+    shift_plan(problem, of, layers, first->plan[START_LAST_PLAN]);
+    take(first, surface, START_LAST_PLAN);
+    if (layers == 1 || layers > problem->layers + 1 || !has_time(first))
+        return;
+    if (work->longer)
+        squeeze_plan(problem, of, first->trial);
+    else
+        postpone_plan(problem, of, layers, first->trial);
+    const Objective value = evaluate(first, surface, first->trial);
+    if (value.value >= first->value[START_LAST_PLAN].value)
+        return;
+    memcpy(first->plan[START_LAST_PLAN], first->trial, first->places * sizeof(int32_t));
+    first->value[START_LAST_PLAN] = value;
+}
+
 static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
     const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
     const double began = stopwatch_seconds();
@@ -97,10 +120,7 @@ static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
     if (!is_rounded)
         full_layers(first->problem, first->plan[START_FULL_LAYERS]);
     take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS);
-    if (first->work->last && has_time(first)) {
-        shift_plan(first->problem, first->work->last, first->work->last_layers, first->plan[START_LAST_PLAN]);
-        take(first, surface, START_LAST_PLAN);
-    }
+    take_rest(first, surface);
     if (is_limited(first) && can_relax(first) && take_relaxed(first, surface, rounding) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
     if (is_rounded && has_time(first)) {

@@ -10,11 +10,12 @@
 #include "plan_starts.h"
 #include "stopwatch.h"
 
-static const double LEAST_REPAIR = 3.0; /* a surface, its evaluation at the end, and some time between (assumed) */
-enum { ONE_LAYER_ANNEALING = 50 };      /* sweeps: these reach the proven optima of small grids (by trial) */
-enum { SMALL_LAYER = 20000 };           /* cells of a single layer up to which annealing is worth its time (assumed) */
-enum { SMALL_PLAN = 1000 };             /* values of a plan of several layers up to which it is (by trial) */
-enum { SMALL_ANNEALING = 40000 };       /* values drawn for such a plan, in at most 200 sweeps (by trial) */
+static const double LEAST_REPAIR = 3.0;   /* a surface, its evaluation at the end, and some time between (assumed) */
+static const double LEFT_BY_REPAIR = 0.4; /* of how much a start is worse than the longer plan, at least (by trial) */
+enum { ONE_LAYER_ANNEALING = 50 };        /* sweeps: these reach the proven optima of small grids (by trial) */
+enum { SMALL_LAYER = 20000 };     /* cells of a single layer up to which annealing is worth its time (assumed) */
+enum { SMALL_PLAN = 1000 };       /* values of a plan of several layers up to which it is (by trial) */
+enum { SMALL_ANNEALING = 40000 }; /* values drawn for such a plan, in at most 200 sweeps (by trial) */
 enum { MANY_SWEEPS = 200 };
 enum { UNREPAIRED = -1 };
 
@@ -30,9 +31,9 @@ typedef struct {
     FirstPlans first;
     int32_t *repaired, *trial, *moved, *best; /* the first and the last where `droplets` were */
     Objective best_value;
+    double best_rank; /* what plans are compared by [m] */
     Origin best_origin;
     int64_t sweeps;
-    double gain; /* of the best repair [m] */
     void *memory;
 } Planning;
 
@@ -64,12 +65,12 @@ static bool is_empty(const int32_t *values, size_t count) {
 }
 
 /* Takes a plan, that begins with a layer then, if it is better than the best. One that does not begin with a layer
- * needs an evaluation more; without the time for it the best remains, if that prints anything. */
+ * needs an evaluation more; without the time for it the best remains, if that prints anything. Empty layers at the end
+ * hide what the last droplets leave to chance, so they win nothing by moving there. */
 static int32_t consider(Planning *planning, const int32_t *plan, Objective value, Origin origin) {
     const size_t bytes = planning->places * sizeof(int32_t);
+    double rank = value.value;
     if (!is_empty(plan, planning->problem->nx * planning->problem->ny)) {
-        if (value.value >= planning->best_value.value)
-            return CORE_DONE;
         memcpy(planning->trial, plan, bytes);
     } else {
         if (planning->best_origin.start != START_NOTHING && seconds_left(&planning->first) < 0.0) {
@@ -80,10 +81,12 @@ static int32_t consider(Planning *planning, const int32_t *plan, Objective value
         if (leave_idle_start(planning->problem, planning->trial, planning->moved) &&
             plan_objective(planning->problem, planning->trial, &value) == CORE_NO_MEMORY)
             return CORE_NO_MEMORY;
+        rank = fmax(rank, value.value);
     }
-    if (value.value < planning->best_value.value) {
+    if (rank < planning->best_rank) {
         memcpy(planning->best, planning->trial, bytes);
         planning->best_value = value;
+        planning->best_rank = rank;
         planning->best_origin = origin;
     }
     return CORE_DONE;
@@ -120,7 +123,6 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
         return CORE_NO_MEMORY;
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
-    planning->gain = fmax(planning->gain, planning->first.value[start].value - report.objective.value);
     const Origin origin = {start, annealing > 0, found};
     const int32_t status = consider(planning, planning->repaired, report.objective, origin);
     return status == CORE_DONE && found == CORE_STOPPED ? CORE_STOPPED : status;
@@ -170,8 +172,10 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
 static bool is_useless(const Planning *planning) {
     const PlanWork *work = planning->work;
     int rank[STARTS];
+    if (!work->longer)
+        return false;
     rank_first_plans(&planning->first, rank);
-    return work->repair_gain > 0.0 && planning->first.value[rank[0]].value > work->useful + work->repair_gain;
+    return LEFT_BY_REPAIR * (planning->first.value[rank[0]].value - work->longer_value) > work->layer_price;
 }
 
 static int32_t find_best(Planning *planning) {
@@ -184,6 +188,7 @@ static int32_t find_best(Planning *planning) {
         return CORE_NO_MEMORY;
     memcpy(planning->best, first->plan[START_NOTHING], planning->places * sizeof(int32_t));
     planning->best_value = first->value[START_NOTHING];
+    planning->best_rank = planning->best_value.value;
     planning->best_origin = (Origin){START_NOTHING, 0, UNREPAIRED};
     if (is_useless(planning))
         return CORE_DONE;
@@ -214,14 +219,14 @@ int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_
         return CORE_NO_MEMORY;
     const int32_t status = find_best(&planning);
     if (status == CORE_DONE) {
+        const int32_t start = planning.best_origin.start;
         memcpy(plan, planning.best, planning.places * sizeof(int32_t));
         *report = (PlanReport){.status = plan_status(&planning),
-                               .start = planning.best_origin.start,
+                               .start = start == START_LAST_PLAN && work->longer ? START_LONGER_PLAN : start,
                                .is_annealed = planning.best_origin.is_annealed,
                                .sweeps = planning.sweeps,
                                .left_out = planning.first.left_out,
                                .objective = planning.best_value,
-                               .gain = planning.gain,
                                .nothing = planning.first.value[START_NOTHING],
                                .evaluation = planning.first.evaluation};
         memcpy(report->seconds, planning.first.seconds, sizeof report->seconds);

@@ -22,7 +22,6 @@ typedef struct {
     int32_t left_out;             /* LEFT_... */
     int64_t sweeps;               /* of all repairs together */
     Objective objective, nothing; /* of the plan; of printing nothing */
-    double gain;                  /* of the best repair, over its start [m] */
     double evaluation;            /* what that of a plan took [s] */
     double seconds[PHASES];
 } PlanReport;

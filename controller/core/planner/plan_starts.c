@@ -45,6 +45,26 @@ void shift_plan(const HorizonProblem *problem, const int32_t *last, size_t last_
     }
 }
 
+void postpone_plan(const HorizonProblem *problem, const int32_t *last, size_t last_layers, int32_t *plan) {
+    const size_t cells = cells_of(problem), places = problem->layers * cells, rest = (last_layers - 1) * cells;
+    for (size_t place = 0; place < places; place++) {
+        const int32_t value = place + rest < places ? 0 : last[cells + place + rest - places];
+        plan[place] = may_fall(problem->choices[place], value) ? value : 0;
+    }
+}
+
+void squeeze_plan(const HorizonProblem *problem, const int32_t *longer, int32_t *plan) {
+    const size_t cells = cells_of(problem), places = problem->layers * cells;
+    memcpy(plan, longer + cells, places * sizeof(int32_t));
+    for (size_t cell = 0; cell < cells; cell++) {
+        size_t place = cell;
+        while (place < places && (plan[place] != 0 || !may_fall(problem->choices[place], longer[cell])))
+            place += cells;
+        if (place < places)
+            plan[place] = longer[cell];
+    }
+}
+
 static bool is_idle(const int32_t *layer, size_t cells) {
     for (size_t cell = 0; cell < cells; cell++)
         if (layer[cell] > 0)

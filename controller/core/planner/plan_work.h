@@ -4,8 +4,9 @@
 
 #include "horizon_problem.h"
 
-/* Plans to begin from, in the order in which equal ones win. */
-enum { START_NOTHING, START_FULL_LAYERS, START_LAST_PLAN, START_RELAXATION, STARTS };
+/* Plans to begin from, in the order in which equal ones win. With a longer plan its rest is in the place of the last
+ * plan's, and is reported by a number of its own. */
+enum { START_NOTHING, START_FULL_LAYERS, START_LAST_PLAN, START_RELAXATION, STARTS, START_LONGER_PLAN = STARTS };
 
 /* What a time limit has left out or cut short, as a sum. In the order of LeftOut in layer_plan.py. */
 enum { LEFT_RELAXATION = 1, LEFT_STARTS = 2, LEFT_REPAIR = 4, LEFT_FEWER_LAYERS = 8 };
@@ -20,8 +21,9 @@ typedef struct {
     const int32_t *last;      /* the last plan, last_layers * nx * ny; NULL: none */
     size_t last_layers;       /* 1 or more */
     double layer_worth;       /* see shortest_plan.h; of no meaning for a single horizon */
-    double useful;            /* no repair where the best start is above this objective [m], ... */
-    double repair_gain;       /* ... even if a repair gains so much [m]; 0: whatever the start */
+    const int32_t *longer;    /* a plan for one layer more, of which nothing is printed; NULL: none */
+    double longer_value;      /* its objective [m] */
+    double layer_price;       /* that of a plan for its layers but one may be higher by so much, to be of use [m] */
     int64_t sweeps;           /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */
     int64_t iterations;       /* of the relaxation */

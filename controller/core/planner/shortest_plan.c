@@ -12,10 +12,6 @@
 /* Of what a full layer adds to the mean error far from the target: nothing makes up for leaving that out (by trial). */
 static const double FULL_LAYER = 0.75;
 
-/* What a repair of the plan for one layer less gains at most, in gains of the one before, both of a rounded start (by
- * trial: they differ by a third at most). */
-static const double REPAIR_GAINS = 2.0;
-
 /* Time that a plan for fewer layers is not begun without, in evaluations of a plan (assumed). */
 static const double LEAST_TIME = 10.0;
 
@@ -44,6 +40,14 @@ static size_t layers_used(const HorizonProblem *problem, const int32_t *plan) {
     return (place + cells - 1) / cells;
 }
 
+/* Ends the horizon with the last layer of the plan: an empty one would hide what the last droplets leave to chance. */
+static int32_t end_with_plan(HorizonProblem *problem, const int32_t *plan, Objective *value) {
+    const size_t used = layers_used(problem, plan);
+    const bool is_shorter = used < problem->layers;
+    problem->layers = used;
+    return is_shorter ? plan_objective(problem, plan, value) : CORE_DONE;
+}
+
 static double tallest_layer(const HorizonProblem *problem) {
     double tallest = 0.0;
     for (size_t kind = 0; kind < problem->kinds; kind++)
@@ -58,14 +62,14 @@ static void add_work(PlanReport *report, const PlanReport *earlier) {
         report->seconds[phase] += earlier->seconds[phase];
 }
 
-/* The plan for the first layers of the problem (`fewer`) in `shorter`, made from the rest of `plan` among others. False
+/* The plan for the first layers of the problem (`fewer`) in `shorter`, made from the `longer` one among others. False
  * if there is none that can be worth it. */
-static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, const int32_t *plan, double value,
-                       int32_t *shorter, PlanReport *report, int32_t *status) {
+static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, int32_t *shorter, PlanReport *report,
+                       int32_t *status) {
     Objective rest;
-    shift_plan(fewer, plan, fewer->layers + 1, shorter);
+    squeeze_plan(fewer, work->longer, shorter);
     *status = plan_objective(fewer, shorter, &rest);
-    if (*status != CORE_DONE || rest.value - value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
+    if (*status != CORE_DONE || rest.value - work->longer_value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
         return false;
     *status = plan_horizon(fewer, work, shorter, report);
     return *status == CORE_DONE;
@@ -77,20 +81,20 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
     const size_t cells = problem->nx * problem->ny;
     HorizonProblem fewer = *problem;
     PlanWork rest = *work;
-    int32_t status = CORE_DONE;
-    rest.last = plan;
+    rest.last = NULL;
+    rest.longer = plan;
+    rest.layer_price = price;
     rest.relaxation = work->relaxation == RELAX_GIVEN ? RELAX_HERE : work->relaxation;
-    for (fewer.layers = layers_used(problem, plan) - 1; fewer.layers > 0 && !stop->is_stopped; fewer.layers--) {
+    int32_t status = end_with_plan(&fewer, plan, &report->objective);
+    while (status == CORE_DONE && --fewer.layers > 0 && !stop->is_stopped) {
         PlanReport found;
-        rest.last_layers = fewer.layers + 1;
-        rest.useful = report->objective.value + price;
-        rest.repair_gain = report->start == START_RELAXATION ? REPAIR_GAINS * report->gain : 0.0;
+        rest.longer_value = report->objective.value;
         rest.seconds_max = fmin(work->seconds_max, ends_at - stopwatch_seconds());
         if (rest.seconds_max < LEAST_TIME * report->evaluation) {
             report->left_out |= LEFT_FEWER_LAYERS;
             break;
         }
-        if (!plan_fewer(&fewer, &rest, plan, report->objective.value, shorter, &found, &status))
+        if (!plan_fewer(&fewer, &rest, shorter, &found, &status))
             break;
         if (found.status == PLAN_DONE || found.objective.value > report->objective.value + price) {
             add_work(report, &found);
@@ -100,7 +104,7 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
         *report = found;
         memset(plan, 0, problem->layers * cells * sizeof(int32_t));
         memcpy(plan, shorter, fewer.layers * cells * sizeof(int32_t));
-        fewer.layers = layers_used(problem, plan);
+        status = end_with_plan(&fewer, plan, &report->objective);
     }
     return status;
 }

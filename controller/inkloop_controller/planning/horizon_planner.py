@@ -23,7 +23,7 @@ Finish: TypeAlias = Literal["even", "fast"]
 """How a print ends: as even as it can, or in fewer layers."""
 
 _FINISHES = ("even", "fast")  # from 1 on, as in shortest_plan.h
-_STARTS = ("nothing", "full layers", "last plan", "relaxation")
+_STARTS = ("nothing", "full layers", "last plan", "relaxation", "longer plan")
 _PHASES = ("relaxation", "rounding", "repair")
 _RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of plan_work.h
 

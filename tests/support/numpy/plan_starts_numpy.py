@@ -20,6 +20,24 @@ def shifted(last: IntPlan, problem: HorizonProblem) -> IntPlan:
     return plan
 
 
+def postponed(last: IntPlan, problem: HorizonProblem) -> IntPlan:
+    """The rest of the last plan after as many empty layers as make a plan, without what may not fall any longer."""
+    plan = np.zeros((problem.layers, *last.shape[1:]), np.int32)
+    plan[problem.layers + 1 - len(last) :] = last[1:]
+    plan[~_may_fall(plan, problem)] = 0
+    return plan
+
+
+def squeezed(longer: IntPlan, problem: HorizonProblem) -> IntPlan:
+    """A plan for one layer more without its first layer, whose droplets fall in the first later layer that is free."""
+    plan = np.array(longer[1:], np.int32)
+    for i, j in np.argwhere(longer[0] > 0):
+        kind = longer[0, i, j]
+        free = np.flatnonzero((plan[:, i, j] == 0) & (problem.choices[:, i, j] >> (kind - 1) & 1 > 0))
+        plan[free[:1], i, j] = kind
+    return plan
+
+
 def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
     """The plan with its empty first layers moved to its end; what may not fall so early becomes the kind that may."""
     filled = np.flatnonzero(plan.reshape(len(plan), -1).max(axis=1))
@@ -30,10 +48,12 @@ def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
 
 
 def best_of(plans: Sequence[IntPlan], problem: HorizonProblem) -> IntPlan:
-    """The plan with the lowest objective that begins with a layer, the first of equal ones."""
-    return min(
-        (without_idle_start(plan, problem) for plan in plans), key=lambda plan: bindings.objective(problem, plan).value
-    )
+    """The plan with the lowest objective, the first of equal ones, moved so that it begins with a layer.
+
+    Empty layers that move to the end hide what the last droplets leave to chance: the higher objective counts.
+    """
+    moved = [(without_idle_start(plan, problem), plan) for plan in plans]
+    return min(moved, key=lambda pair: max(bindings.objective(problem, plan).value for plan in pair))[0]
 
 
 def _may_fall(plan: IntPlan, problem: HorizonProblem) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy as np
 from inkloop.component import Ink
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.problem.horizon_problem import HorizonProblem
-from support.numpy.plan_starts_numpy import shifted, without_idle_start
+from support.numpy.plan_starts_numpy import postponed, shifted, squeezed, without_idle_start
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
@@ -37,6 +37,19 @@ def test_shifted_plan_continues_where_the_last_one_is() -> None:
 
 def test_shifted_plan_leaves_out_what_may_not_fall_any_longer() -> None:
     assert shifted(layers(0, 1, 2), problem([2, 0, 3]))[:, 0, 0].tolist() == [0, 0, 2]
+
+
+def test_postponed_plan_is_the_rest_of_the_last_one_after_an_empty_layer() -> None:
+    assert postponed(layers(2, 1, 1), problem([3, 3, 3]))[:, 0, 0].tolist() == [0, 1, 1]
+    assert postponed(layers(2, 1), problem([3, 3, 3]))[:, 0, 0].tolist() == [0, 0, 1]
+    assert postponed(layers(2, 1, 2), problem([3, 2, 3]))[:, 0, 0].tolist() == [0, 0, 2]
+
+
+def test_squeezed_plan_keeps_the_droplets_of_the_layer_left_out_where_there_is_room() -> None:
+    assert squeezed(layers(2, 1, 0), problem([3, 3]))[:, 0, 0].tolist() == [1, 2]
+    assert squeezed(layers(2, 0, 0), problem([1, 3]))[:, 0, 0].tolist() == [0, 2]
+    assert squeezed(layers(2, 1, 1), problem([3, 3]))[:, 0, 0].tolist() == [1, 1]
+    assert squeezed(layers(0, 1, 0), problem([3, 3]))[:, 0, 0].tolist() == [1, 0]
 
 
 def test_empty_first_layers_move_to_the_end() -> None:

@@ -26,16 +26,17 @@ from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.work import Work
 from support.closed_loop import block
 from support.half_spaces import Above
-from support.numpy.plan_starts_numpy import shifted
+from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+ROUNDING = 1e-12  # share of a deviation, whose sums depend on the order of changes
 ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]
 
 
-def rough_job(seed: int = 0, n: int = 9) -> tuple[Job, Any]:
-    """A block that wants half a layer more on a rough surface."""
+def rough_job(seed: int = 0, n: int = 9, layers: float = 0.5) -> tuple[Job, Any]:
+    """A block that wants half a layer more, or so many, on a rough surface."""
     height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n - 1))
-    return block(n, n - 1, float(height.mean()) + 3.8e-6), height
+    return block(n, n - 1, float(height.mean()) + layers * 7.6e-6), height
 
 
 def none(job: Job, layers: int = 1) -> Any:
@@ -101,7 +102,7 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
         last = (rng.integers(0, 2, (horizon, *height.shape)) * job.mask).astype(np.int32)
         mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=horizon)
         plan, problem = mpc.plan(known(height), 0, last), mpc.problem(known(height), 0)
-        for other in (no_droplets(problem), full_layers(problem), shifted(last, problem)):
+        for other in (no_droplets(problem), full_layers(problem), shifted(last, problem), postponed(last, problem)):
             assert plan.objective.value <= bindings.objective(problem, other).value
 
 
@@ -113,6 +114,38 @@ def test_surface_is_predicted_only_where_it_is_asked_for(monkeypatch: pytest.Mon
     assert asked == []
     assert plan.predicted_height is plan.predicted_height
     assert asked == [1]
+
+
+@pytest.mark.parametrize("horizon", [2, 3, 5])
+def test_plan_made_where_the_last_one_has_led_is_not_worse(horizon: int) -> None:
+    """The rest of that plan after an empty layer ends on the same surface."""
+    criterion = Criterion(alpha=0.8, layer_worth=0.0, droplet_std=0.0)
+    for seed in range(2):
+        job, height = rough_job(seed, 13, layers=2.5)
+        mpc, last, before = LayerMpc(job, criterion=criterion, horizon=horizon), none(job), np.inf
+        for layer in range(4):
+            plan = mpc.plan(known(height), layer, last)
+            assert plan.objective.value <= before * (1.0 + ROUNDING)
+            height, last, before = plan.predicted_height, plan.plan, plan.objective.value
+
+
+def test_no_layer_is_left_that_its_own_droplets_can_do_without() -> None:
+    """Where they fit into later layers for less than the layer is worth; the last layer printed ends the horizon."""
+    layers = []
+    for seed in range(3):
+        job, height = rough_job(seed, 9, layers=1.2)
+        criterion, work = Criterion(layer_worth=0.01, droplet_std=0.2), Work(annealing_sweeps=0)
+        mpc, last = LayerMpc(job, criterion=criterion, work=work), none(job)
+        for layer in range(3):
+            plan, problem = mpc.plan(known(height), layer, last), mpc.problem(known(height), layer)
+            height, last, used = plan.predicted_height, plan.plan, int(np.count_nonzero(plan.plan.any((1, 2))))
+            layers.append(used)
+            printed, fewer = (replace(problem, choices=problem.choices[: max(1, n)]) for n in (used, used - 1))
+            assert plan.objective == bindings.objective(printed, plan.plan[: max(1, used)])
+            if used > 1:
+                rest = bindings.objective(fewer, squeezed(plan.plan[:used], fewer)).value
+                assert rest > plan.objective.value + 0.01 * job.inks[0].layer_height
+    assert max(layers) > 1
 
 
 def test_objective_is_that_of_the_predicted_surface() -> None:
