@@ -29,7 +29,7 @@ from support.half_spaces import Above
 from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-ROUNDING = 1e-12  # share of a deviation, whose sums depend on the order of changes
+ROUNDING = 9 * 2.0**-54  # [m], of the nine shares of a droplet, which are kept on the lattice of the core
 ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]
 
 
@@ -125,7 +125,7 @@ def test_plan_made_where_the_last_one_has_led_is_not_worse(horizon: int) -> None
         mpc, last, before = LayerMpc(job, criterion=criterion, horizon=horizon), none(job), np.inf
         for layer in range(4):
             plan = mpc.plan(known(height), layer, last)
-            assert plan.objective.value <= before * (1.0 + ROUNDING)
+            assert plan.objective.value <= before + ROUNDING
             height, last, before = plan.predicted_height, plan.plan, plan.objective.value
 
 
