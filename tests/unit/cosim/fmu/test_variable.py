@@ -87,6 +87,7 @@ def test_limits_are_shown_in_the_unit_of_a_key() -> None:
         (variable("Float64", start=("2.5",), dimensions=(2, 2)), 2.5),
         (variable("Int32", start=("1", "2", "3", "4"), dimensions=(2, 2)), [[1, 2], [3, 4]]),
         (variable("Int32", start=("1", "2"), dimensions=(2, 2)), 0.0),  # of an array that has been resized
+        (variable("Int32", start=("3", "3"), dimensions=(2, 2)), 3),  # the same everywhere, whatever the size
         (variable("Boolean", start=("true", "false"), dimensions=(2,)), [True, False]),
         (variable("Float64"), 0.0),
     ],

@@ -12,11 +12,13 @@ import pytest
 from inkloop.errors import ResultError, ScenarioError
 from inkloop.report.terminal import Terminal
 from inkloop.studies.sweep import sensitivity
+from inkloop.studies.sweep.bundle import Bundle
+from inkloop.studies.sweep.journal import Journal
 from inkloop.studies.sweep.optimise import OptimisePlan
 from inkloop.studies.sweep.report import report
 from inkloop.studies.sweep.study import Study
 from inkloop.studies.sweep.task import Record, Task, failed
-from support.sweeps import Shuffled, record, study, swept
+from support.sweeps import SCENARIO, Shuffled, record, study, swept
 
 ALPHA, FINISH, HORIZON = (f"components.controller.{name}" for name in ("alpha", "finish", "horizon"))
 VARIATION = "components.printer.variation"
@@ -197,3 +199,13 @@ def test_key_that_holds_another_and_a_search_with_changing_seeds_are_refused(tmp
         study(tmp_path, text)
     assert '"grid" holds "grid.nx"; keep one of them' in str(caught.value)
     assert study(tmp_path, f'title = "other"\n{SEARCH}').title == "other"
+
+
+def test_scenario_that_has_changed_is_another_study(tmp_path: Path) -> None:
+    own = study(tmp_path, SEARCH)
+    text = own.scenario.text
+    (tmp_path / "out").mkdir()
+    with Journal(tmp_path / "out", own, Bundle.of(text, SCENARIO)):
+        pass
+    with pytest.raises(ResultError, match="changed since then: the scenario or one of its files"):
+        Journal(tmp_path / "out", own, Bundle.of(f"# seen\n{text}", SCENARIO))
