@@ -51,7 +51,7 @@ def test_environments_side_by_side_have_the_options_that_were_given(monkeypatch:
 
 def test_controller_has_the_job_and_options_that_were_given(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(environment.catalog, "make", lambda *given: asked.append(given))
+    monkeypatch.setattr("inkloop.components.catalog.make", lambda *given: asked.append(given))
     monkeypatch.setattr(environment, "ControllerPolicy", lambda made, code: None)
     env = inkloop.LayerEnv(CUBOID, {"components.controller.horizon": 3})
     other = inkloop.LayerEnv(SCENARIOS / "two-materials.toml").job

@@ -141,7 +141,7 @@ def test_report_of_a_search_has_its_best_trial_and_what_failed(tmp_path: Path) -
     found, plan, _ = swept(own, tmp_path / "out", Shuffled(worth))
     told: dict[str, Any] = {}
     console = Terminal(io.StringIO())
-    console.result = lambda **values: told.update(values)  # type: ignore[method-assign]
+    console.result = lambda **values: told.update(values)
     assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 6
     assert told["interrupted"] is True
     assert (told["prints"], told["failed"], told["indices"]) == (15, 6, None)
@@ -209,3 +209,25 @@ def test_scenario_that_has_changed_is_another_study(tmp_path: Path) -> None:
         pass
     with pytest.raises(ResultError, match="changed since then: the scenario or one of its files"):
         Journal(tmp_path / "out", own, Bundle.of(f"# seen\n{text}", SCENARIO))
+
+
+def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
+    def plant(task: Task) -> Record:
+        return failed(task, "gave up") if task.key == (0, 0) else record(task, std=1e-6, layers=2.0)
+
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[seeds]\ncount = 3\n')
+    found, plan, _ = swept(own, tmp_path / "out", Shuffled(plant, slots=1, interrupted_after=4))
+    told: dict[str, Any] = {}
+    shown = io.StringIO()
+    console = Terminal(shown)
+    console.result = lambda **values: told.update(values)
+    assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 1
+    assert (told["prints"], told["failed"], told["best"]) == (4, 1, None)
+    assert "1 print failed: gave up" in shown.getvalue()
+    assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+
+
+def test_points_of_a_sample_go_by_its_seed(tmp_path: Path) -> None:
+    text = f'[sample]\nmethod = "halton"\npoints = 4\nseed = SEED\n"{ALPHA}" = {{ uniform = [0.1, 1.0] }}\n'
+    one, other, same = (list(study(tmp_path, text.replace("SEED", seed)).points()) for seed in ("1", "2", "1"))
+    assert one == same != other
