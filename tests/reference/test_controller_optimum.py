@@ -58,9 +58,7 @@ def gap(n: int, seed: int) -> float:
 
 @pytest.mark.parametrize(
     ("n", "seed"),
-    rest_is_long(
-        [(7, 100), *((8, seed) for seed in range(100, 106)), *((12, seed) for seed in TWELVE), *PROVEN_20], 1
-    ),
+    rest_is_long([(7, 100), *((8, seed) for seed in range(100, 106)), *((12, seed) for seed in TWELVE), *PROVEN_20], 1),
 )
 def test_plan_is_within_half_a_per_cent_of_the_optimum(n: int, seed: int) -> None:
     assert gap(n, seed) <= GAP
