@@ -299,6 +299,15 @@ def test_malformed_frames_are_counted_and_change_nothing(data: str) -> None:
     assert (node.state.malformed, node.receive(), node.next(0)) == (1, b"", None)
 
 
+def test_frame_that_is_cut_short_is_no_part_of_its_message() -> None:
+    """The whole one that follows it is."""
+    node = IsotpEnd()
+    first, second, third = segments(payload(20))
+    for frame in (first, Frame(REQUEST_ID, second.data[:7]), second, third):
+        node.take(frame, 0)
+    assert (node.state.malformed, node.receive()) == (1, payload(20))
+
+
 @pytest.mark.parametrize("message", [b"", payload(4096)])
 def test_lengths_that_cannot_be_are_not_sent(message: bytes) -> None:
     node = IsotpEnd()
