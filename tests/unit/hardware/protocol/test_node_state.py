@@ -174,6 +174,22 @@ def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
         assert watch.falls == 2
 
 
+def test_fault_frame_of_a_cause_that_is_gone_is_no_fall() -> None:
+    """A node sends one as well when it is cleared."""
+    watch = NodeWatch(Node.HEAD)
+    watch.take_status(0.0, replace(STATUS, state=State.SAFE, fault=Fault.LAMP_TIME), 0)
+    watch.take_status(0.1, STATUS, 1)
+    watch.take_fault(NodeFault(Node.HEAD, Fault.NONE, 0, 3, 1.0))
+    assert (watch.falls, watch.fault) == (0, Fault.NONE)
+
+
+def test_silence_after_which_a_node_is_lost_is_the_configured_one() -> None:
+    watch = NodeWatch(Node.HEAD, silence_s=2.0)
+    watch.take_status(0.0, STATUS, 0)
+    assert watch.trouble(2.0) is None
+    assert "silent for 2.1 s" in (watch.trouble(2.1) or "")
+
+
 @pytest.mark.parametrize(
     ("counters", "now", "message"),
     [
