@@ -193,6 +193,18 @@ def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:
     assert (patterns[0] == 1).any()
 
 
+def test_interval_without_length_is_one_height_of_the_region() -> None:
+    """Both ends of an interval belong to the region: a surface of that very height gets ink A, one above it ink B."""
+    on_the_surface = {"inks": 2, "has_region": True, "region_test": 2, "layers_scanned": 0, "horizon": 1}
+    found = []
+    for height in (6e-6, np.nextafter(6e-6, 1.0)):
+        with Driver("LayerController", nx=9, ny=8) as fmu:
+            ends = {"region_bottom": 6e-6, "region_top": 6e-6, "measured_height": height}
+            assert fmu.start(on_the_surface | ends).step(0.0) == OK
+            found.append(set(np.unique(fmu.get("pattern"))) - {0})
+    assert found == [{1}, {2}]
+
+
 def test_state_of_another_number_of_intervals_is_refused() -> None:
     with Driver("LayerController") as two, Driver("LayerController") as three:
         assert three.resize(9, 9, 3) == OK

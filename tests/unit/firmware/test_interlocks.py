@@ -20,6 +20,7 @@ from support.benches.node_bench import (
     GATE_STAYS_OPEN,
     HEAD,
     HOME,
+    JOURNAL_DAMAGED,
     LAMP,
     LAMP_PULSES,
     LAMP_STAYS_OFF,
@@ -54,6 +55,7 @@ from support.benches.node_bench import (
 
 FULL = np.ones((9, 8), np.uint8)
 LONG = 5000
+GATE_LIMIT = 500  # ms
 ALIVE = 300  # ms without MasterAlive, in ticks of 5 ms; 350 ms are promised
 
 
@@ -225,10 +227,36 @@ def test_lamp_time_has_a_limit() -> None:
 
 
 def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
+    """The time of a step counts from its beginning, not from its last phase."""
+    began = bench.clock
     begin_cure(bench, 300)
     bench.broken(LAMP_STAYS_ON)
     bench.tick(1000)
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", STEP_EXPIRED)
+    assert bench.times(CURE).off - began == 300 + GATE_LIMIT
+
+
+def test_lamp_goes_out_in_the_very_millisecond_of_its_limit() -> None:
+    """By MasterAlive alone, where the loop of the node hangs that would have ended the step."""
+    with NodeBench(lamp_limit_ms=1000) as bench:
+        bench.ready()
+        bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=(900).to_bytes(2, "big")), CURE)
+        for passed in (200, 200, 200, 200, 199):
+            bench.clock += passed
+            bench.send_keep_alive()
+        assert bench.state(CURE).state == "CURING"
+        bench.clock += 1
+        bench.send_keep_alive()
+        assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", LAMP_TIME)
+        assert bench.times(CURE).lamp_off == bench.clock
+
+
+def test_journal_that_fails_in_a_fault_is_the_fault_that_is_reported(bench: NodeBench) -> None:
+    """What the node can not record outlasts the fault that it was to record."""
+    begin_pass(bench)
+    bench.tear(5)
+    bench.broken(GATE_STAYS_CLOSED)
+    assert off_after(bench, HEAD) == ("FAULT", JOURNAL_DAMAGED)
 
 
 def test_pattern_is_sent_again_after_whatever_ended_a_layer(bench: NodeBench) -> None:

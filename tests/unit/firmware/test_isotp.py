@@ -144,6 +144,32 @@ def test_sender_that_stops_is_given_up_after_a_second_even_where_the_clock_wraps
     assert not node.take(Frame(0x123, b"\0"), 0)
 
 
+def test_sender_has_its_second_from_the_flow_control_that_it_waits_for() -> None:
+    """The bus may be too busy to send it: no time runs before."""
+    node = IsotpEnd()
+    node.take(segments(payload(100))[0], 0)
+    node.tick(1500)
+    assert node.state.received == "none"
+    assert node.next(1500) == Frame(ANSWER_ID, bytes.fromhex("300000cccccccccc"))
+    node.tick(2499)
+    assert node.state.received == "none"
+    node.tick(2500)
+    assert node.state.received == "timeout"
+
+
+def test_separation_is_that_of_two_frames_of_one_block() -> None:
+    """Two frames a block, 20 ms between them; the first one of a block follows its flow control at once."""
+    node, go = IsotpEnd(), Frame(REQUEST_ID, bytes.fromhex("300214"))
+    assert node.send(payload(60))
+    assert node.next(0) is not None
+    for began in (5, 27):
+        node.take(go, began)
+        assert node.next(began) is not None
+        assert node.next(began + 20) is None
+        assert node.next(began + 21) is not None
+        assert node.next(began + 22) is None, "the block is over"
+
+
 def test_each_frame_of_a_slow_sender_gives_a_new_second() -> None:
     message, node = payload(100), IsotpEnd()
     first, *rest = segments(message)
@@ -238,6 +264,23 @@ def test_message_that_was_not_taken_is_kept_and_the_next_one_refused() -> None:
     assert node.receive() == b"two"
 
 
+def test_end_of_the_last_message_says_nothing_of_the_next_one() -> None:
+    """Both ways; to let go of what was received ends no message that is under way."""
+    node, go = IsotpEnd(), Frame(REQUEST_ID, bytes.fromhex("300000"))
+    first, *rest = segments(payload(20))
+    node.take(Frame(REQUEST_ID, b"\x03one"), 0)
+    assert node.send(b"one")
+    assert node.next(0) is not None
+    assert (node.receive(), node.state.received, node.state.sent) == (b"one", "done", "done")
+    node.take(first, 1)
+    assert node.send(payload(20))
+    assert node.next(1) is not None
+    assert (node.receive(), node.state.received, node.state.sent) == (b"", "none", "none")
+    for frame in (go, *rest):
+        node.take(frame, 2)
+    assert (node.receive(), node.state.received) == (payload(20), "done")
+
+
 def test_new_message_takes_the_place_of_one_that_is_under_way() -> None:
     node = IsotpEnd()
     for frame in segments(payload(50))[:3]:
@@ -254,6 +297,15 @@ def test_malformed_frames_are_counted_and_change_nothing(data: str) -> None:
     node = IsotpEnd()
     node.take(Frame(REQUEST_ID, bytes.fromhex(data)), 0)
     assert (node.state.malformed, node.receive(), node.next(0)) == (1, b"", None)
+
+
+def test_frame_that_is_cut_short_is_no_part_of_its_message() -> None:
+    """The whole one that follows it is."""
+    node = IsotpEnd()
+    first, second, third = segments(payload(20))
+    for frame in (first, Frame(REQUEST_ID, second.data[:7]), second, third):
+        node.take(frame, 0)
+    assert (node.state.malformed, node.receive()) == (1, payload(20))
 
 
 @pytest.mark.parametrize("message", [b"", payload(4096)])

@@ -49,7 +49,7 @@ def as_message(frame: SlcanFrame) -> can.Message:
 
 MALFORMED = (
     *(b"t", b"t02", b"t0209", b"t02011", b"t020111 ", b"t8000", b"T200000000", b"tG200", b"r02081122334455667788"),
-    *(b"x", b"z", b"Q", b"O1", b"S", b"S9", b"s12", b"Z2", b"\xff\x00", b"t" * 40),
+    *(b"x", b"z", b"Q", b"O1", b"S", b"S9", b"s12", b"Z2", b"\xff\x00", b"t" * 40, b"t020\n0"),
     *(b"d0201AA", b"D000000201AA", b"b0201AA"),  # CAN FD
 )
 COMMANDS = {

@@ -129,6 +129,15 @@ def test_relaxation_is_not_worse_than_its_start_and_keeps_to_the_choices() -> No
         assert limits.max() == (3.0 if problem.kinds == GREY else 1.0)
 
 
+def test_start_beyond_the_choices_is_brought_within_them_before_the_first_step() -> None:
+    problem = uneven(2, 1, 1)
+    limits = drop_limits(problem)
+    for start in (-0.5, 1.5):
+        found = relax(problem, np.full(problem.choices.shape, start), iterations_max=0)
+        np.testing.assert_array_equal(found.droplets, np.clip(start, 0.0, limits))
+    assert set(limits.flat) == {0.0, 1.0}
+
+
 def test_relaxation_stops_with_its_budget() -> None:
     problem = rough((6, 6), 2)
     assert relax(problem, iterations_max=0).iterations == 0

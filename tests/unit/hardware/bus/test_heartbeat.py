@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
+from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, after
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
 from inkloop_hardware.protocol.records import MasterAlive, unpack
@@ -123,3 +123,34 @@ def test_end_sends_that_nothing_is_enabled_and_then_nothing() -> None:
     assert [enables(alive) for alive in last if isinstance(alive, MasterAlive)] == [Enables.NONE]
     assert loop.heartbeat.end() == []
     assert loop.run(1.0, None) == []
+
+
+def test_loop_that_had_enabled_nothing_may_enable_as_soon_as_it_is_back() -> None:
+    loop = Loop()
+    loop.run(STEP, Enables.NONE)
+    loop.now += 120.0
+    loop.run(STEP, None)
+    assert len(loop.silences) == 1
+    assert {enables(alive) for alive in loop.run(0.05, Enables.GATE)} == {Enables.GATE}
+
+
+def test_loop_that_is_back_is_heard_at_once() -> None:
+    heartbeat = Loop().heartbeat
+    heartbeat.keep_alive(1.0, Enables.NONE)
+    assert [len(heartbeat.frames(now)) for now in (1.0, 1.03, 1.05)] == [1, 1, 0]
+    assert len(heartbeat.end()) == 1
+    assert heartbeat.frames(1.05) == []
+    heartbeat.keep_alive(1.05, Enables.NONE)
+    assert len(heartbeat.frames(1.05)) == 1
+
+
+def test_silence_counts_from_beyond_the_grace() -> None:
+    heartbeat = Loop().heartbeat
+    heartbeat.keep_alive(1.0, Enables.GATE)
+    assert heartbeat.silence(1.5) is None
+    assert heartbeat.silence(1.75) == 0.75
+
+
+def test_frames_that_were_missed_are_not_made_up_for() -> None:
+    assert after(1.0, 0.25, 1.0) == 1.25
+    assert after(1.0, 0.25, 9.0) == 9.25

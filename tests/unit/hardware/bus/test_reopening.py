@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import can
 import pytest
 
@@ -63,6 +65,22 @@ def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
     assert watch.other_master(later) is None
     watch.take_master(later, OTHER)
     assert watch.other_master(later) is None, "again a single one"
+
+
+def test_each_master_is_heard_by_its_own_frames() -> None:
+    watch = BusWatch(session=4)
+    for session in (5, 6):
+        watch.take_master(0.0, replace(OTHER, session=session))
+    assert watch.other_master(0.0) is None, "a single one of each"
+    watch.take_master(0.1, replace(OTHER, session=6))
+    assert "session 6" in (watch.other_master(0.1) or "")
+
+
+def test_stop_request_that_lasts_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    watch = BusWatch(session=4)
+    for now, active in enumerate((True, True, False, True)):
+        watch.take_stop(now / 10, StopRequest(active, Source.OPERATOR))
+    assert caplog.messages == 2 * ["a stop request of the operator"]
 
 
 def test_own_frames_are_no_other_master() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.errors import NodeLost, NodeStopped
+from inkloop_hardware.errors import AnotherMaster, NodeLost, NodeStopped
 from inkloop_hardware.link import node_wire
 from inkloop_hardware.link.node_watch import NodeWatch
 from inkloop_hardware.link.node_wire import ANSWER_GRACE_S, NodeWire
@@ -37,6 +37,7 @@ class Bench:
         self.seen = NodeWatch(Node.CURE)
         self.seen.take_status(0.0, STATUS, 0)
         self.words = 0
+        self.other = ""
 
     def keep_alive(self) -> None:
         self.words += 1
@@ -46,7 +47,8 @@ class Bench:
             raise NodeLost(trouble)
 
     def check_alone(self) -> None:
-        pass
+        if self.other:
+            raise AnotherMaster(self.other)
 
     def watch(self, node: Node) -> NodeWatch:
         return self.seen
@@ -91,6 +93,23 @@ def test_node_that_enters_fault_is_given_a_moment_to_report_it(bench: Bench) -> 
     with pytest.raises(NodeStopped, match=r"de-energised state \(gate not confirmed\).*clear") as caught:
         wire.check()
     assert caught.value.fault is Fault.GATE_NOT_CONFIRMED
+
+
+def test_each_request_gives_a_fallen_node_its_own_moment(bench: Bench) -> None:
+    """Who else is on the bus is the reason that counts."""
+    wire = wire_of(bench)
+    for second, counter in ((1, 1), (2, 3)):
+        bench.seen.take_status(second, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), counter)
+        bench.now = float(second)
+        wire.check()
+        bench.seen.take_status(second, STATUS, counter + 1)
+        wire.begin()
+    bench.seen.take_status(3.0, replace(STATUS, state=State.SAFE, fault=Fault.TWO_MASTERS), 5)
+    bench.now, bench.other = 3.0, "another master is active"
+    wire.check()
+    bench.now += ANSWER_GRACE_S + 0.01
+    with pytest.raises(NodeStopped, match="during a request; another master is active"):
+        wire.check()
 
 
 def test_node_that_was_off_before_may_be_asked(bench: Bench) -> None:

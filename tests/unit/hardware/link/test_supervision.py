@@ -1,4 +1,5 @@
-"""A master sends nothing before the nodes have forgotten every other one, by the clock of the frames it received."""
+"""A master sends nothing before the nodes have forgotten every other one, by the clock of the frames it received; then
+it watches them and everyone else."""
 
 from __future__ import annotations
 
@@ -8,11 +9,12 @@ from itertools import count
 import pytest
 
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.errors import AnotherMaster, BusError
+from inkloop_hardware.errors import AnotherMaster, BusDisconnected, BusError, NodeLost, StopRequested
 from inkloop_hardware.link import supervision
-from inkloop_hardware.link.supervision import Supervision
+from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
-from inkloop_hardware.protocol.records import MasterAlive, pack
+from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches.faulty_wire import CODEC
 
 SILENCE_S, CYCLE_S = 2.0, 0.1
@@ -78,3 +80,113 @@ def test_bus_that_fails_meanwhile_is_closed(monkeypatch: pytest.MonkeyPatch) -> 
         opened(bus, monkeypatch)
     assert bus.closed
     assert not bus.began
+
+
+STATUS = NodeStatus(
+    *(Node.HEAD, False, False, True, True, State.IDLE),
+    pass_mask=0,
+    fault=Fault.NONE,
+    layer=3,
+    boot_count=1,
+    unknown_mask=0,
+    protocol_version=1,
+)
+
+
+class Watched(Bus):
+    """A bus that needs no listening; keeps the enables that were sent, with their times."""
+
+    is_live = False
+
+    def __init__(self) -> None:
+        super().__init__(ends_at=0.0)
+        self.clock, self.enabled = 10.0, list[tuple[float, Enables]]()
+
+    def send_keep_alive(self, enables: Enables) -> None:
+        self.enabled.append((self.clock, enables))
+
+    def bring(self, *frames: Frame) -> None:
+        self.others.extend((self.clock, frame) for frame in frames)
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    made = Watched()
+    monkeypatch.setattr(supervision.time, "monotonic", lambda: made.clock)  # type: ignore[attr-defined]
+    return made
+
+
+@pytest.fixture
+def watching(bus: Watched, monkeypatch: pytest.MonkeyPatch) -> Supervision:
+    return opened(bus, monkeypatch)
+
+
+def test_requests_wait_for_the_heartbeat_again_after_the_adapter_was_away(bus: Watched, watching: Supervision) -> None:
+    assert not watching.is_settled
+    bus.clock += FIRST_BEATS + 0.01
+    assert watching.is_settled
+    bus.disconnected = "the adapter is gone"
+    with pytest.raises(BusDisconnected, match="the adapter is gone"):
+        watching.check(())
+    bus.disconnected = ""
+    watching.check(())
+    assert not watching.is_settled
+    bus.clock += FIRST_BEATS + 0.01
+    assert watching.is_settled
+
+
+def test_heartbeat_is_kept_alive_no_more_often_than_it_needs(bus: Watched, watching: Supervision) -> None:
+    """A waiting link calls it all the time; a change of enables is sent at once."""
+    for _ in range(40):
+        watching.keep_alive()
+        bus.clock += KEEP_ALIVE_PERIOD_S / 8
+    assert len(bus.enabled) == 5
+    watching.enable(Enables.GATE)
+    assert bus.enabled[-1] == (bus.clock, Enables.GATE)
+
+
+def test_only_the_nodes_of_a_request_are_missed(bus: Watched, watching: Supervision) -> None:
+    bus.bring(pack(CODEC, STATUS, 0))
+    watching.check((Node.HEAD,))
+    with pytest.raises(NodeLost, match=r"^the bus of the test: the stage has sent no status$"):
+        watching.check((Node.HEAD, Node.STAGE))
+
+
+def test_damaged_frames_count_against_their_node_and_unknown_content_is_logged(
+    bus: Watched, watching: Supervision, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = [pack(CODEC, STATUS, counter) for counter in range(3)]
+    short = Frame(whole[0].arbitration_id, whole[0].data[:5])
+    bus.bring(whole[0], short, whole[1])
+    watching.check((Node.HEAD,))
+    assert "has 5 bytes" in caplog.text
+    damaged = Frame(whole[2].arbitration_id, bytes([whole[2].data[0] ^ 1]) + whole[2].data[1:])
+    bus.bring(damaged, damaged)
+    with pytest.raises(NodeLost, match="of its frames 2 were damaged, 0 repeated, 0 jumped"):
+        watching.check((Node.HEAD,))
+
+
+def test_stop_request_comes_before_another_master(bus: Watched, watching: Supervision) -> None:
+    others = [pack(CODEC, OTHER, counter) for counter in range(2)]
+    bus.bring(*others, pack(CODEC, StopRequest(True, Source.OPERATOR), 0))
+    with pytest.raises(StopRequested, match="stop request of the operator"):
+        watching.check_alone()
+    bus.bring(pack(CODEC, StopRequest(False, Source.OPERATOR), 1))
+    with pytest.raises(AnotherMaster, match="session 5"):
+        watching.check_alone()
+
+
+def test_bus_that_is_opened_again_is_known_by_nothing_of_before(
+    bus: Watched, watching: Supervision, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.bring(pack(CODEC, STATUS, 0), pack(CODEC, StopRequest(True, Source.OPERATOR), 0))
+    watching.enable(Enables.LAMP)
+    watching.close()
+    assert (watching.is_open, watching.enables, bus.closed) == (False, Enables.NONE, True)
+    assert watching.watch(Node.HEAD).status == STATUS, "what came before its end is taken"
+    bus.clock += KEEP_ALIVE_PERIOD_S
+    watching.open(bus)  # type: ignore[arg-type]
+    assert bus.enabled[-1] == (bus.clock, Enables.NONE)
+    watching.check_alone()
+    with pytest.raises(NodeLost, match="the head has sent no status"):
+        watching.check((Node.HEAD,))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from struct import pack
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,11 @@ import pytest
 
 from inkloop_hardware.bus.isotp_connection import IsoTpConnection
 from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
-from inkloop_hardware.link.transfers import BlockSize
+from inkloop_hardware.link.transfers import BlockSize, receive_map
 from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.height_map_bytes import map_size
+from inkloop_hardware.protocol.node_state import MapSize
+from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import State
 from support.benches.faulty_wire import FaultyWire
@@ -195,7 +200,7 @@ def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> Non
 @pytest.mark.parametrize("often", [1, 2])
 def test_altered_block_counter_is_refused_and_the_pattern_sent_once_more(often: int, bench: NodeBench) -> None:
     """The node answers 0x73 and keeps nothing of the block; twice, then an error is raised."""
-    blob, count, answers = pattern_blob(random_pattern(9)), iter(range(100)), []
+    blob, count, answers = pattern_blob(random_pattern(9)[:, :8]), iter(range(100)), []
 
     def alter(frame: Frame) -> Frame:
         if frame.data[:3] == b"\x03\x7f\x36":
@@ -276,7 +281,7 @@ def test_late_answers_of_a_profiler_belong_to_nothing_any_more(service: int, cou
 
 
 def test_node_that_restarts_in_the_middle_takes_the_pattern_after_a_clear(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
 
     def restart(frame: Frame) -> Frame:
         bench.power_up(HEAD)
@@ -339,3 +344,41 @@ def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_
         connection.send(bytes([0x22, number]))
         assert connection.wait_frame(1.0) == bytes([0x62, number])
         assert connection.stray == number
+
+
+class OddProfiler:
+    """Answers an upload with what no profiler of ours would: another size, blocks of its own."""
+
+    name = "profiler"
+    client = SimpleNamespace(request_upload="upload", transfer_data="block", request_transfer_exit="exit")
+
+    def __init__(self, size: tuple[int, int, int], most: int, blocks: list[bytes]) -> None:
+        self.size, self.blocks = MapSize(*size), iter(blocks)
+        self.answers: dict[str, Callable[[], Any]] = {
+            "upload": lambda: {"max_length": most},
+            "block": lambda: {"parameter_records": next(self.blocks)},
+            "exit": lambda: {"parameter_records": pack(">I", zlib.crc32(b"".join(blocks)))},
+        }
+
+    def read(self, *_: object) -> MapSize:
+        return self.size
+
+    def request(self, _what: str, service: str, *_: object, **__: object) -> Any:
+        return SimpleNamespace(service_data=SimpleNamespace(**self.answers[service]()))
+
+
+WHOLE = bytes(range(map_size(9, 8)))
+ODD: dict[str, tuple[tuple[int, int, int], int, list[bytes]]] = {
+    "165 bytes for its map of 9 x 9 cells": ((165, 9, 9), 66, [WHOLE]),
+    f"bytes for its map of 2 x {CELLS_MAX} cells": ((map_size(2, CELLS_MAX), 2, CELLS_MAX), 66, [WHOLE]),
+    "takes blocks of 2 bytes, expected more than 2": ((165, 9, 8), 2, [WHOLE]),
+    "sent an empty block: block 2 of the map of layer 3": ((165, 9, 8), 66, [WHOLE[:64], b"", WHOLE[64:]]),
+    "map of layer 3 from the profiler was altered": ((165, 9, 8), 66, [WHOLE[:64], WHOLE]),
+}
+
+
+@pytest.mark.parametrize("message", ODD)
+def test_map_that_cannot_be_is_refused_with_a_message(message: str) -> None:
+    with pytest.raises(TransferError, match=message):
+        receive_map(OddProfiler(*ODD[message]), 3, None)  # type: ignore[arg-type]
+    assert receive_map(OddProfiler((165, 9, 8), 66, [WHOLE[:64], WHOLE[64:]]), 3, None) == WHOLE  # type: ignore[arg-type]

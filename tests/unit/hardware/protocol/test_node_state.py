@@ -46,7 +46,7 @@ def bench() -> Iterator[NodeBench]:
 
 @pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
-    bench.print_layer(np.ones((9, 9)), 1)
+    bench.print_layer(np.ones((9, 8)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
@@ -62,7 +62,7 @@ def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
 
 @pytest.mark.compiled
 def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
-    bench.print_layer(np.ones((9, 9)), 1)
+    bench.print_layer(np.ones((9, 8)), 1)
     link = FaultyWire(bench, HEAD).link()
     times, ticks = link.times(), bench.times()
     assert times.now == bench.clock / 1e3
@@ -72,23 +72,23 @@ def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
         ticks.gate_closed / 1e3,
     )
     limits = link.limits()
-    assert (limits.alive, limits.block, limits.pattern_bytes) == (0.3, 4095, 21)
+    assert (limits.alive, limits.block, limits.pattern_bytes) == (0.3, 4095, 18)
 
 
 @pytest.mark.compiled
 def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     link = FaultyWire(bench, PROFILER).link()
-    assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 9)
+    assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 8)
     assert bench.scan(0) == 0
     link.upload(0)
     transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
-    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 185, 185)
+    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 165, 165)
     assert link.version()
 
 
 @pytest.mark.compiled
 def test_journal_is_read_newest_first(bench: NodeBench) -> None:
-    bench.print_layer(np.ones((9, 9)), 1)
+    bench.print_layer(np.ones((9, 8)), 1)
     records = FaultyWire(bench, HEAD).link().journal()
     assert [(record.kind, record.step, record.key.pass_) for record in reversed(records)] == bench.journal()
     newest = records[0]
@@ -100,7 +100,7 @@ def test_journal_is_read_newest_first(bench: NodeBench) -> None:
 @pytest.mark.compiled
 def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     link = FaultyWire(bench, HEAD).link()
-    link.download(1, pattern_blob(np.ones((9, 9))))
+    link.download(1, pattern_blob(np.ones((9, 8))))
     key = Key(7, 1, 0, 1)
     assert link.ask(Routine.PASS, key) is Outcome.NEVER
     bench.raw(bench.routine(PASS, layer=1, option=b"\0"))
@@ -172,6 +172,22 @@ def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
         watch.take_status(0.2, STATUS, 2)
         watch.take_status(0.3, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), 3)
         assert watch.falls == 2
+
+
+def test_fault_frame_of_a_cause_that_is_gone_is_no_fall() -> None:
+    """A node sends one as well when it is cleared."""
+    watch = NodeWatch(Node.HEAD)
+    watch.take_status(0.0, replace(STATUS, state=State.SAFE, fault=Fault.LAMP_TIME), 0)
+    watch.take_status(0.1, STATUS, 1)
+    watch.take_fault(NodeFault(Node.HEAD, Fault.NONE, 0, 3, 1.0))
+    assert (watch.falls, watch.fault) == (0, Fault.NONE)
+
+
+def test_silence_after_which_a_node_is_lost_is_the_configured_one() -> None:
+    watch = NodeWatch(Node.HEAD, silence_s=2.0)
+    watch.take_status(0.0, STATUS, 0)
+    assert watch.trouble(2.0) is None
+    assert "silent for 2.1 s" in (watch.trouble(2.1) or "")
 
 
 @pytest.mark.parametrize(
