@@ -124,7 +124,7 @@ class LayerController:
         if self._state.pattern.ctypes.data == self._state.plan.ctypes.data:
             del state["pattern"]
         if not any(self._state.drop_level.strides):
-            state["drop_level"] = self._state.drop_level[0, 0]
+            state[DROP_LEVEL] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
         np.savez(buffer, **state, **self._state.estimate.arrays())
         return buffer.getvalue()
@@ -137,8 +137,8 @@ class LayerController:
             found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
             if "pattern" not in found:
                 found["pattern"] = found["plan"][0]
-            if np.ndim(found["drop_level"]) == 0:
-                found["drop_level"] = np.full(found["pattern"].shape, found["drop_level"], np.int32)
+            if np.ndim(found[DROP_LEVEL]) == 0:
+                found[DROP_LEVEL] = np.full(found["pattern"].shape, found[DROP_LEVEL], np.int32)
             own = {field.name for field in fields(_State)}
             estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
             whole = _State(**found, estimate=estimate)

@@ -164,7 +164,11 @@ def test_layer_is_printed_scanned_and_fetched_as_by_the_nodes_themselves(
 ) -> None:
     caplog.set_level(logging.INFO, "inkloop_hardware")
     blob = node_bench.pattern_blob(FULL)
-    with bench(program) as (_, channel), Rig(settings(channel)) as rig, node_bench.NodeBench(pass_ms=5) as same:
+    with (
+        bench(program) as (_, channel),
+        Rig(settings(channel)) as rig,
+        node_bench.NodeBench(nx=9, ny=9, pass_ms=5) as same,
+    ):
         cleared(rig)
         print_layer(rig, 1, blob)
         found = scan(rig, 1)
