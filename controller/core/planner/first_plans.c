@@ -87,7 +87,17 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
     return CORE_DONE;
 }
 
-/* What is left of the last plan, or of the plan for one layer more. */
+/* Whether droplets of several sizes may fall on a cell. */
+static bool has_sizes(const HorizonProblem *problem) {
+    const size_t places = problem->layers * problem->nx * problem->ny;
+    for (size_t place = 0; place < places; place++)
+        if (problem->choices[place] & (problem->choices[place] - 1))
+            return true;
+    return false;
+}
+
+/* What is left of the last plan, or of the plan for one layer more. A plan of several sizes of droplets is not put off:
+ * its repairs would not come away from it (by trial: mean absolute error of four sizes 0.22 um instead of 0.14). */
 static void take_rest(FirstPlans *first, PlanSurface *surface) {
     const HorizonProblem *problem = first->problem;
     const PlanWork *work = first->work;
@@ -97,7 +107,7 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
         return;
     shift_plan(problem, of, layers, first->plan[START_LAST_PLAN]);
     take(first, surface, START_LAST_PLAN);
-    if (layers == 1 || layers > problem->layers + 1 || !has_time(first))
+    if (layers == 1 || layers > problem->layers + 1 || has_sizes(problem) || !has_time(first))
         return;
     if (work->longer)
         squeeze_plan(problem, of, first->trial);
