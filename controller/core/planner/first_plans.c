@@ -107,7 +107,7 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
         return;
     shift_plan(problem, of, layers, first->plan[START_LAST_PLAN]);
     take(first, surface, START_LAST_PLAN);
-    if (layers == 1 || layers > problem->layers + 1 || has_sizes(problem) || !has_time(first))
+    if (layers == 1 || layers > problem->layers + 1 || (!work->longer && has_sizes(problem)) || !has_time(first))
         return;
     if (work->longer)
         squeeze_plan(problem, of, first->trial);
