@@ -139,7 +139,11 @@ COUNTING = "static void count_droplets(const LayerHandshake *h) {"
     ("flags", "fault", "message"),
     [
         (ADDRESS, ("storage.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
-        (ADDRESS, ("storage.c", "calloc(end, 1)", "calloc(end - RED_ZONE - 8, 1)"), "AddressSanitizer"),
+        (
+            ADDRESS,
+            ("storage.c", "calloc(sized.saved_size, 1)", "calloc(sized.saved_size - 2 * RED_ZONE - 8, 1)"),
+            "AddressSanitizer",
+        ),
         (
             ADDRESS,
             ("layer_handshake.c", COUNTING, f"{COUNTING}\n    (void)(*h->nx << (62 + *h->nx));"),

@@ -120,7 +120,8 @@ def test_altered_pictures_are_read_or_refused(name: str, count: int, tmp_path: P
     path = tmp_path / name
     table = StackTable(shape="stack", files=name, layer_um=8.0, pixel_um=100.0)
     write, content = path.write_bytes, PICTURES[name]
-    refusals = refusals_of(write, content, lambda: table.solid(GRID, tmp_path).shape, PartError, count)
+    changes = 1 if name == "packed.tif" else CHANGES  # of a stream of bits, most changes leave nothing
+    refusals = refusals_of(write, content, lambda: table.solid(GRID, tmp_path).shape, PartError, count, changes)
     assert all("files" in refusal or "inks" in refusal for refusal in refusals)
 
 

@@ -156,7 +156,8 @@ static size_t mark_usual(const ObservedLayer *layer, const double *added, double
             const size_t cell = first + k;
             const double expected = usual * added[cell], far = STRANGE * fabs(expected);
             const double noise = STRANGE_NOISE * sqrt(variance[k]), limit = far > noise ? far : noise;
-            strange[cell] = is_hit(layer, cell) & (fabs(growth_at(layer, cell) - expected) > limit);
+            const uint8_t is_far = fabs(growth_at(layer, cell) - expected) > limit;
+            strange[cell] = is_hit(layer, cell) & is_far;
         }
     }
     for (size_t i = 0; i < nx; i++) {

@@ -116,9 +116,10 @@ def packed(libraries: Sequence[Library], folder: Path) -> None:
     for built in libraries:
         fixed = ("fmi3-fixed",) if built.model == JOB else ("fmi3", "fmi3-fixed")
         for form in fixed if built.form == "fmi3" else ("fmi2",):
-            members = archive.unpack(find_fmu(built.model, form))
+            place = archive_of(built.model, form)
+            members = archive.unpack(place)
             (binary,) = (name for name in members if name.startswith("binaries/"))
-            path = folder / form / f"{built.model}.fmu"
+            path = folder / form / place.name
             path.parent.mkdir(parents=True, exist_ok=True)
             archive.pack(path, {**members, binary: built.library.read_bytes()})
 
