@@ -40,7 +40,7 @@ def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None
         bus.client(0) as head,
         bus.client(2) as lamp,
         bus.client(3) as profiler,
-        node_bench.NodeBench(pass_ms=5) as same,
+        node_bench.NodeBench(nx=9, ny=9, pass_ms=5) as same,
     ):
         print_and_scan(head, lamp, profiler)
         assert start(head, node_bench.PASS, b"\0") == node_bench.DONE_BEFORE
