@@ -193,8 +193,8 @@ class HeightEstimator:
     ) -> Estimate:
         """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid.
 
-        factor: (nx, ny) volume of each droplet [1]; in_place: the new response is written over the one before, which
-        nobody needs any longer. If memory runs out, the estimate before is as it was.
+        factor: (nx, ny) volume of each droplet [1]; in_place: the new response overwrites the one before. If memory
+        runs out, the estimate before stays as it was.
         """
         called = library().inkloop_estimate_next
         return self._after(called, before, pattern, layer, measured, valid, factor, in_place)

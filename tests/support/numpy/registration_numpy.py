@@ -47,7 +47,7 @@ def spot(spread: float) -> Any:
 
 
 def read(height: Any, x: float, y: float, spread: float) -> Any:
-    """A displaced scan of a surface that goes on beyond the border as it is there, but not in the mean of the spot."""
+    """A displaced scan; beyond the border each cell reads as the nearest one, and a spot averages what lies inside."""
     weights = spot(spread)
     for axis in (0, 1) if len(weights) > 1 else ():
         inside = convolve1d(np.ones_like(height), weights, axis, mode="constant")

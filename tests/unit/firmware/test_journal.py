@@ -188,14 +188,19 @@ def test_unknown_cure_is_repeated_by_a_person_s_leave(bench: NodeBench) -> None:
     assert bench.cure(1, attempt=3) == DONE_BEFORE
 
 
+def leave_a_pass_unknown(bench: NodeBench) -> None:
+    """Power fails while it is jetted, and a person has looked at it."""
+    bench.ready()
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.tick(20)
+    reboot(bench)
+    assert bench.clear(option=1) == DONE
+
+
 def test_unknown_pass_is_cured_and_scanned_before_anything_is_jetted() -> None:
     with NodeBench(one_node=1) as bench:
-        bench.ready()
-        assert bench.download(pattern_blob(FULL), 1) == 0
-        bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
-        bench.tick(20)
-        reboot(bench)
-        assert bench.clear(option=1) == DONE
+        leave_a_pass_unknown(bench)
         assert bench.scan(1) == -NRC_SEQUENCE, "wet"
         assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
         assert bench.cure(1) == DONE
@@ -276,12 +281,7 @@ def test_record_says_what_was_done_of_which_layer_and_when(bench: NodeBench) -> 
 
 def test_unknown_cure_asks_for_a_person_although_one_has_seen_the_unknown_pass() -> None:
     with NodeBench(one_node=1) as bench:
-        bench.ready()
-        assert bench.download(pattern_blob(FULL), 1) == 0
-        bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
-        bench.tick(20)
-        reboot(bench)
-        assert bench.clear(option=1) == DONE
+        leave_a_pass_unknown(bench)
         bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=b"\x01\x00"))
         bench.tick(20)
         reboot(bench)

@@ -112,8 +112,8 @@ class Candidate:
 def test_every_cell_is_predicted_by_a_fit_that_has_not_seen_its_stripe_along_x() -> None:
     pattern = np.ones((2, 13, 5))
     measured = np.ones((3, 13, 5)) * np.arange(3.0)[:, None, None]
-    candidate, bad, told = Candidate(), Candidate("bad"), list[Any]()
-    found, refused = compare([candidate, bad], [record(measured, pattern)], 0.0, lambda *said: told.append(said))  # type: ignore[list-item]
+    candidate, bad, progress = Candidate(), Candidate("bad"), list[Any]()
+    found, refused = compare([candidate, bad], [record(measured, pattern)], 0.0, lambda *step: progress.append(step))  # type: ignore[list-item]
     assert len(candidate.fits) == 5
     assert candidate.fits[-1].all()
     np.testing.assert_array_equal(sum(~fit for fit in candidate.fits[:4]), np.ones((13, 5)))  # each left out once
@@ -122,7 +122,7 @@ def test_every_cell_is_predicted_by_a_fit_that_has_not_seen_its_stripe_along_x()
     assert found.score is not None
     assert found.score.rms == pytest.approx(2.0, rel=1e-12, abs=0.0)
     assert (refused.name, refused.model, refused.score, refused.refusal) == ("bad", None, None, "too few drops")
-    assert told == [("double", n, 10) for n in range(5)] + [("bad", 5, 10)]
+    assert progress == [("double", n, 10) for n in range(5)] + [("bad", 5, 10)]
 
 
 def test_twelve_cells_along_x_are_enough_to_compare_models() -> None:

@@ -139,14 +139,14 @@ def test_report_of_a_search_has_its_best_trial_and_what_failed(tmp_path: Path) -
 
     own = study(tmp_path, SEARCH)
     found, plan, _ = swept(own, tmp_path / "out", Shuffled(worth))
-    told: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     console = Terminal(io.StringIO())
-    console.result = lambda **values: told.update(values)
+    console.result = lambda **values: figures.update(values)
     assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 6
-    assert told["interrupted"] is True
-    assert (told["prints"], told["failed"], told["indices"]) == (15, 6, None)
+    assert figures["interrupted"] is True
+    assert (figures["prints"], figures["failed"], figures["indices"]) == (15, 6, None)
     assert isinstance(plan, OptimisePlan)
-    assert told["best"] == {"trial": 1, "value": 2.0, "keys": plan.settings[1]}
+    assert figures["best"] == {"trial": 1, "value": 2.0, "keys": plan.settings[1]}
 
 
 def test_sensitivities_stand_beside_the_value_of_the_other_key_that_they_are_of(
@@ -217,12 +217,12 @@ def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
 
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[seeds]\ncount = 3\n')
     found, plan, _ = swept(own, tmp_path / "out", Shuffled(plant, slots=1, interrupted_after=4))
-    told: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     shown = io.StringIO()
     console = Terminal(shown)
-    console.result = lambda **values: told.update(values)
+    console.result = lambda **values: figures.update(values)
     assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 1
-    assert (told["prints"], told["failed"], told["best"]) == (4, 1, None)
+    assert (figures["prints"], figures["failed"], figures["best"]) == (4, 1, None)
     assert "1 print failed: gave up" in shown.getvalue()
     assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 

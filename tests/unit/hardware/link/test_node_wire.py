@@ -12,19 +12,12 @@ from inkloop_hardware.link import node_wire
 from inkloop_hardware.link.node_watch import NodeWatch
 from inkloop_hardware.link.node_wire import ANSWER_GRACE_S, NodeWire
 from inkloop_hardware.link.rig import Rig
-from inkloop_hardware.protocol.records import NodeFault, NodeStatus
+from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import CODEC
+from support.benches.node_status import IDLE_HEAD
 
-STATUS = NodeStatus(
-    *(Node.CURE, True, False, True, True, State.CURING),
-    pass_mask=0,
-    fault=Fault.NONE,
-    layer=3,
-    boot_count=1,
-    unknown_mask=0,
-    protocol_version=1,
-)
+STATUS = replace(IDLE_HEAD, node=Node.CURE, lamp_on=True, state=State.CURING)
 
 
 class Bench:

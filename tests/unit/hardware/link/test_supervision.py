@@ -13,9 +13,10 @@ from inkloop_hardware.errors import AnotherMaster, BusDisconnected, BusError, No
 from inkloop_hardware.link import supervision
 from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
-from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
+from inkloop_hardware.protocol.vocabulary import Node, Source
 from support.benches.faulty_wire import CODEC
+from support.benches.node_status import IDLE_HEAD
 
 SILENCE_S, CYCLE_S = 2.0, 0.1
 OWN, OTHER = 4, MasterAlive(lamp_enable=False, gate_enable=True, motion_enable=True, session=5, job=7)
@@ -82,17 +83,6 @@ def test_bus_that_fails_meanwhile_is_closed(monkeypatch: pytest.MonkeyPatch) -> 
     assert not bus.began
 
 
-STATUS = NodeStatus(
-    *(Node.HEAD, False, False, True, True, State.IDLE),
-    pass_mask=0,
-    fault=Fault.NONE,
-    layer=3,
-    boot_count=1,
-    unknown_mask=0,
-    protocol_version=1,
-)
-
-
 class Watched(Bus):
     """A bus that needs no listening; keeps the enables that were sent, with their times."""
 
@@ -146,7 +136,7 @@ def test_heartbeat_is_kept_alive_no_more_often_than_it_needs(bus: Watched, watch
 
 
 def test_only_the_nodes_of_a_request_are_missed(bus: Watched, watching: Supervision) -> None:
-    bus.bring(pack(CODEC, STATUS, 0))
+    bus.bring(pack(CODEC, IDLE_HEAD, 0))
     watching.check((Node.HEAD,))
     with pytest.raises(NodeLost, match=r"^the bus of the test: the stage has sent no status$"):
         watching.check((Node.HEAD, Node.STAGE))
@@ -155,7 +145,7 @@ def test_only_the_nodes_of_a_request_are_missed(bus: Watched, watching: Supervis
 def test_damaged_frames_count_against_their_node_and_unknown_content_is_logged(
     bus: Watched, watching: Supervision, caplog: pytest.LogCaptureFixture
 ) -> None:
-    whole = [pack(CODEC, STATUS, counter) for counter in range(3)]
+    whole = [pack(CODEC, IDLE_HEAD, counter) for counter in range(3)]
     short = Frame(whole[0].arbitration_id, whole[0].data[:5])
     bus.bring(whole[0], short, whole[1])
     watching.check((Node.HEAD,))
@@ -179,11 +169,11 @@ def test_stop_request_comes_before_another_master(bus: Watched, watching: Superv
 def test_bus_that_is_opened_again_is_known_by_nothing_of_before(
     bus: Watched, watching: Supervision, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus.bring(pack(CODEC, STATUS, 0), pack(CODEC, StopRequest(True, Source.OPERATOR), 0))
+    bus.bring(pack(CODEC, IDLE_HEAD, 0), pack(CODEC, StopRequest(True, Source.OPERATOR), 0))
     watching.enable(Enables.LAMP)
     watching.close()
     assert (watching.is_open, watching.enables, bus.closed) == (False, Enables.NONE, True)
-    assert watching.watch(Node.HEAD).status == STATUS, "what came before its end is taken"
+    assert watching.watch(Node.HEAD).status == IDLE_HEAD, "what came before its end is taken"
     bus.clock += KEEP_ALIVE_PERIOD_S
     watching.open(bus)  # type: ignore[arg-type]
     assert bus.enabled[-1] == (bus.clock, Enables.NONE)

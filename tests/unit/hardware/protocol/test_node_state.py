@@ -21,21 +21,12 @@ from inkloop_hardware.protocol.node_state import (
     Step,
     TransferState,
 )
-from inkloop_hardware.protocol.records import NodeFault, NodeStatus
+from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
-
-STATUS = NodeStatus(
-    *(Node.HEAD, False, False, True, True, State.IDLE),
-    pass_mask=0,
-    fault=Fault.NONE,
-    layer=3,
-    boot_count=1,
-    unknown_mask=0,
-    protocol_version=1,
-)
+from support.benches.node_status import IDLE_HEAD
 
 
 @pytest.fixture
@@ -120,7 +111,7 @@ def logged(
 ) -> list[str]:
     caplog.set_level(level, "inkloop_hardware")
     for number, change in enumerate(changes):
-        watch.take_status(number / 10, replace(STATUS, **change), number % 15)
+        watch.take_status(number / 10, replace(IDLE_HEAD, **change), number % 15)
     return caplog.messages
 
 
@@ -153,39 +144,39 @@ def test_restart_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 def test_status_with_a_wrong_counter_says_nothing_of_the_node(counter: int) -> None:
     watch = NodeWatch(Node.HEAD)
     for number in range(2):
-        watch.take_status(number / 10, STATUS, number)
-    watch.take_status(0.2, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), counter)
-    assert (watch.status, watch.at, watch.falls, watch.fault) == (STATUS, 0.1, 0, Fault.NONE)
+        watch.take_status(number / 10, IDLE_HEAD, number)
+    watch.take_status(0.2, replace(IDLE_HEAD, state=State.FAULT, fault=Fault.LAMP_TIME), counter)
+    assert (watch.status, watch.at, watch.falls, watch.fault) == (IDLE_HEAD, 0.1, 0, Fault.NONE)
 
 
 def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
     fault = NodeFault(Node.HEAD, Fault.LAMP_TIME, 0, 3, 1.0)
     for by_frame in (True, False):
         watch = NodeWatch(Node.HEAD)
-        watch.take_status(0.0, STATUS, 0)
+        watch.take_status(0.0, IDLE_HEAD, 0)
         assert watch.falls == 0
         if by_frame:
             watch.take_fault(fault)
-        watch.take_status(0.1, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), 1)
+        watch.take_status(0.1, replace(IDLE_HEAD, state=State.FAULT, fault=Fault.LAMP_TIME), 1)
         watch.take_fault(fault)
         assert (watch.falls, watch.fault) == (1, Fault.LAMP_TIME)
-        watch.take_status(0.2, STATUS, 2)
-        watch.take_status(0.3, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), 3)
+        watch.take_status(0.2, IDLE_HEAD, 2)
+        watch.take_status(0.3, replace(IDLE_HEAD, state=State.FAULT, fault=Fault.LAMP_TIME), 3)
         assert watch.falls == 2
 
 
 def test_fault_frame_of_a_cause_that_is_gone_is_no_fall() -> None:
     """A node sends one as well when it is cleared."""
     watch = NodeWatch(Node.HEAD)
-    watch.take_status(0.0, replace(STATUS, state=State.SAFE, fault=Fault.LAMP_TIME), 0)
-    watch.take_status(0.1, STATUS, 1)
+    watch.take_status(0.0, replace(IDLE_HEAD, state=State.SAFE, fault=Fault.LAMP_TIME), 0)
+    watch.take_status(0.1, IDLE_HEAD, 1)
     watch.take_fault(NodeFault(Node.HEAD, Fault.NONE, 0, 3, 1.0))
     assert (watch.falls, watch.fault) == (0, Fault.NONE)
 
 
 def test_silence_after_which_a_node_is_lost_is_the_configured_one() -> None:
     watch = NodeWatch(Node.HEAD, silence_s=2.0)
-    watch.take_status(0.0, STATUS, 0)
+    watch.take_status(0.0, IDLE_HEAD, 0)
     assert watch.trouble(2.0) is None
     assert "silent for 2.1 s" in (watch.trouble(2.1) or "")
 
@@ -205,6 +196,6 @@ def test_node_counts_as_lost_when_silent_stuck_or_damaged(
 ) -> None:
     watch = NodeWatch(Node.HEAD)
     for number, counter in enumerate(counters):
-        watch.take_status(number / 10, None if counter is None else STATUS, counter or 0)
+        watch.take_status(number / 10, None if counter is None else IDLE_HEAD, counter or 0)
     trouble = watch.trouble(now)
     assert trouble is None if message is None else message in (trouble or "")
