@@ -18,6 +18,11 @@ static bool may_fall(uint16_t choices, int32_t value) {
     return value == 0 || (choices >> (value - 1) & 1);
 }
 
+/* The droplet, or the first one that may fall in its place. */
+static int32_t allowed(uint16_t choices, int32_t value) {
+    return may_fall(choices, value) ? value : first_value(choices);
+}
+
 void full_layers(const HorizonProblem *problem, int32_t *plan) {
     for (size_t place = 0; place < problem->layers * cells_of(problem); place++)
         plan[place] = first_value(problem->choices[place]);
@@ -55,13 +60,14 @@ void postpone_plan(const HorizonProblem *problem, const int32_t *last, size_t la
 
 void squeeze_plan(const HorizonProblem *problem, const int32_t *longer, int32_t *plan) {
     const size_t cells = cells_of(problem), places = problem->layers * cells;
-    memcpy(plan, longer + cells, places * sizeof(int32_t));
+    for (size_t place = 0; place < places; place++)
+        plan[place] = allowed(problem->choices[place], longer[cells + place]);
     for (size_t cell = 0; cell < cells; cell++) {
         size_t place = cell;
-        while (place < places && (plan[place] != 0 || !may_fall(problem->choices[place], longer[cell])))
+        while (place < places && (plan[place] != 0 || problem->choices[place] == 0))
             place += cells;
         if (place < places)
-            plan[place] = longer[cell];
+            plan[place] = allowed(problem->choices[place], longer[cell]);
     }
 }
 
@@ -82,8 +88,8 @@ bool leave_idle_start(const HorizonProblem *problem, int32_t *plan, int32_t *mov
     for (size_t layer = 0; layer < layers; layer++) {
         const int32_t *from = plan + (layer + idle) % layers * cells;
         for (size_t cell = 0; cell < cells; cell++) {
-            const uint16_t choices = problem->choices[layer * cells + cell];
-            moved[layer * cells + cell] = may_fall(choices, from[cell]) ? from[cell] : first_value(choices);
+            const size_t place = layer * cells + cell;
+            moved[place] = allowed(problem->choices[place], from[cell]);
         }
     }
     memcpy(plan, moved, layers * cells * sizeof(int32_t));

@@ -20,7 +20,7 @@ void shift_plan(const HorizonProblem *problem, const int32_t *last, size_t last_
 void postpone_plan(const HorizonProblem *problem, const int32_t *last, size_t last_layers, int32_t *plan);
 
 /* A plan for one layer more without its first layer, whose droplets fall in the first later layer that has none on
- * their cell. */
+ * their cell. What may not fall in its new place becomes the kind that may. */
 void squeeze_plan(const HorizonProblem *problem, const int32_t *longer, int32_t *plan);
 
 /* Moves the empty first layers to the end; what may not fall so early becomes the kind that may. `moved` holds a plan.

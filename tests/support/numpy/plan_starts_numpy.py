@@ -29,12 +29,15 @@ def postponed(last: IntPlan, problem: HorizonProblem) -> IntPlan:
 
 
 def squeezed(longer: IntPlan, problem: HorizonProblem) -> IntPlan:
-    """A plan for one layer more without its first layer, whose droplets fall in the first later layer that is free."""
-    plan = np.array(longer[1:], np.int32)
+    """A plan for one layer more without its first layer, whose droplets fall in the first later layer that is free.
+
+    What may not fall in its new place becomes the kind that may.
+    """
+    plan = _allowed(longer[1:], problem)
     for i, j in np.argwhere(longer[0] > 0):
-        kind = longer[0, i, j]
-        free = np.flatnonzero((plan[:, i, j] == 0) & (problem.choices[:, i, j] >> (kind - 1) & 1 > 0))
-        plan[free[:1], i, j] = kind
+        free = np.flatnonzero((plan[:, i, j] == 0) & (problem.choices[:, i, j] > 0))[:1]
+        fallen = np.full_like(plan, longer[0, i, j])
+        plan[free, i, j] = _allowed(fallen, problem)[free, i, j]
     return plan
 
 
@@ -43,8 +46,7 @@ def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
     filled = np.flatnonzero(plan.reshape(len(plan), -1).max(axis=1))
     if not filled.size or filled[0] == 0:
         return plan
-    moved = np.roll(plan, -int(filled[0]), axis=0)
-    return np.where(_may_fall(moved, problem), moved, full_layers(problem))
+    return _allowed(np.roll(plan, -int(filled[0]), axis=0), problem)
 
 
 def best_of(plans: Sequence[IntPlan], problem: HorizonProblem) -> IntPlan:
@@ -54,6 +56,10 @@ def best_of(plans: Sequence[IntPlan], problem: HorizonProblem) -> IntPlan:
     """
     moved = [(without_idle_start(plan, problem), plan) for plan in plans]
     return min(moved, key=lambda pair: max(bindings.objective(problem, plan).value for plan in pair))[0]
+
+
+def _allowed(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
+    return np.where(_may_fall(plan, problem), plan, full_layers(problem))
 
 
 def _may_fall(plan: IntPlan, problem: HorizonProblem) -> NDArray[np.bool_]:

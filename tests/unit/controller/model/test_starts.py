@@ -47,9 +47,14 @@ def test_postponed_plan_is_the_rest_of_the_last_one_after_an_empty_layer() -> No
 
 def test_squeezed_plan_keeps_the_droplets_of_the_layer_left_out_where_there_is_room() -> None:
     assert squeezed(layers(2, 1, 0), problem([3, 3]))[:, 0, 0].tolist() == [1, 2]
-    assert squeezed(layers(2, 0, 0), problem([1, 3]))[:, 0, 0].tolist() == [0, 2]
+    assert squeezed(layers(2, 0, 0), problem([0, 3]))[:, 0, 0].tolist() == [0, 2]
     assert squeezed(layers(2, 1, 1), problem([3, 3]))[:, 0, 0].tolist() == [1, 1]
     assert squeezed(layers(0, 1, 0), problem([3, 3]))[:, 0, 0].tolist() == [1, 0]
+
+
+def test_droplet_squeezed_into_another_layer_becomes_the_kind_that_may_fall_there() -> None:
+    assert squeezed(layers(2, 0, 0), problem([1, 3]))[:, 0, 0].tolist() == [1, 0]
+    assert squeezed(layers(0, 2, 2), problem([1, 0]))[:, 0, 0].tolist() == [1, 0]
 
 
 def test_empty_first_layers_move_to_the_end() -> None:

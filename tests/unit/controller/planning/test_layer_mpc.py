@@ -148,6 +148,24 @@ def test_no_layer_is_left_that_its_own_droplets_can_do_without() -> None:
     assert max(layers) > 1
 
 
+def test_every_droplet_is_of_an_ink_that_belongs_where_it_falls() -> None:
+    """Two inks, of which the upper one begins within the horizon, in as few layers as pay."""
+    layers = []
+    for seed in range(4):
+        job, height = rough_job(seed, 9, layers=2.0)
+        job = replace(job, inks=INKS, region=Above(float(np.median(height)) + 7.6e-6))
+        mpc, last = LayerMpc(job, criterion=Criterion(layer_worth=0.05), horizon=4), none(job)
+        for layer in range(3):
+            estimate = Estimate.exact(height, job.inks)
+            plan, choices = mpc.plan(estimate, layer, last), mpc.problem(estimate, layer).choices
+            falls = plan.plan > 0
+            assert (choices[falls] >> (plan.plan[falls] - 1) & 1).all()
+            height, last = plan.predicted_height, plan.plan
+            layers.append(int(np.count_nonzero(falls.any((1, 2)))))
+    assert max(layers) > 1
+    assert min(layers) < 4
+
+
 def test_objective_is_that_of_the_predicted_surface() -> None:
     job, height = rough_job(3)
     plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))
