@@ -134,7 +134,7 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "70 layers instead of 53": (layers(), layers(OPEN)),
         "After 49 full layers": (full_layers,),
     },
-    "two-materials": {"is 4 times as large": (ratio(mismatch(OPEN), mismatch()),)},
+    "two-materials": {"is 6 times as large": (ratio(mismatch(OPEN), mismatch()),)},
     "uneven-start": {"For 48 layers": (full_layers,)},
     "wide-droplets": {
         "adds 7.6 µm": (reach_sum,),
