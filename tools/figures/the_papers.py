@@ -73,9 +73,9 @@ The ink that a controller assumes differs from what the plant does. "Lu nominal"
 proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers
 printed on the plant beforehand. "Single droplet" is what one droplet leaves on flat ground: all that a model without
 flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
-`h1`, `h2` and `h3` during the print (`adapt_ink = "full"`). That can make things worse if no ink of this model
-describes the plant, as on `volume-area` and `young-laplace`; by how much is then chance (with an ink that differs by
-1e-4 of a droplet it ended at 5.75 instead of 7.68 µm on `young-laplace`).
+`h1`, `h2` and `h3` during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly
+better than the volume alone does. Where no ink of this model describes the plant, as on `volume-area` and
+`young-laplace`, they do not: then the volume is used.
 
 With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
 version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe

@@ -2,7 +2,7 @@
  *
  * Three heights that patterns distinguish (INK_FULL) fit a printer of another kind too, and plans by them may be worse
  * than by its volumes alone (INK_SCALE). So both are learnt, each predicts every scan before it is read, and what the
- * planner gets is the one with the smaller errors. */
+ * planner gets are the three heights if their errors are clearly smaller. */
 #ifndef INKLOOP_INK_LEARNING_H
 #define INKLOOP_INK_LEARNING_H
 
@@ -11,7 +11,8 @@
 typedef struct {
     InkEvidence evidence; /* for the model of the prior */
     InkEvidence volumes;  /* for the volumes, while the model is INK_FULL */
-    double errors[2];     /* sums of the squares that each of the two predicted wrong, recent layers more [m^2] */
+    double errors[2];     /* what each predicted wrong: sums of squares beyond the scatter of the scans, recent layers
+                             more [m^2] */
 } InkKnowledge;
 
 /* A layer that was jetted and scanned, and maps for what it shows. */

@@ -64,8 +64,10 @@ def test_volume_is_known_after_a_full_layer(volume: float, passes: int) -> None:
     assert bench.estimate.ink_scale == pytest.approx(volume, rel=1e-3, abs=0.0)
 
 
-def test_one_random_layer_separates_the_three_heights() -> None:
+def test_three_heights_that_a_random_layer_separates_are_used_once_they_have_predicted_the_next() -> None:
     bench = Bench(block(44, 44), (OTHER,), "full", noise_std=0.3e-6)
+    first, nominal = bench.print(bench.random_pattern()).inks[0], Ink()
+    assert first.h2 / first.h1 == pytest.approx(nominal.h2 / nominal.h1, rel=1e-9, abs=0.0)
     found = shares(bench.print(bench.random_pattern()).inks[0], OTHER)
     assert found[0] == pytest.approx(1.0, abs=0.02)
     assert found[1] == pytest.approx(1.0, abs=0.03)
