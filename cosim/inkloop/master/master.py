@@ -31,10 +31,6 @@ StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
 Turns: TypeAlias = Generator[tuple[str, Values], None, StopReason]
 """Pauses before each step of a component: its name and its inputs; ends with the stop reason."""
 
-
-_UNCHANGEABLE: type = bytes
-"""Memory of outputs that nothing can change, as those of FMUs."""
-
 _FAULT, _DONE = int(Status.FAULT), int(Status.DONE)
 
 
@@ -248,7 +244,7 @@ class Master:
         before = self._outputs[name]
         for port, key, shape, dtype, must_be_finite in self._checked_ports[name]:
             value = outputs.get(key)
-            if value is before[key] and isinstance(value.base, _UNCHANGEABLE):  # since it was checked
+            if value is before[key] and isinstance(value.base, bytes):  # unchanged since it was checked
                 checked[key] = value
                 continue
             is_ready = type(value) is np.ndarray and value.dtype == dtype and value.shape == shape
