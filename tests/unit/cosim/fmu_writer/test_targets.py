@@ -109,7 +109,13 @@ def test_commands_of_a_file_are_run_one_after_the_other(tmp_path: Path) -> None:
     """Each has what it would have alone; a word may contain spaces."""
     models = ("layer_deposition", "profile_sensor")
     commands = [
-        ["variables", "--definition", str(ROOT / "fmus" / name / "variables.toml"), "--out", str(tmp_path / f"a {name}")]
+        [
+            "variables",
+            "--definition",
+            str(ROOT / "fmus" / name / "variables.toml"),
+            "--out",
+            str(tmp_path / f"a {name}"),
+        ]
         for name in models
     ]
     (tmp_path / "commands.txt").write_text("\n\n".join(map("\n".join, commands)) + "\n\n", encoding="utf-8")
