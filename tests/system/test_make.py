@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is no
 
 def python_of_make(folder: Path, *words: str, path: str = "", **environment: str) -> Path:
     """The Python that runs pip, for a Makefile in the folder; `path` comes first on the PATH."""
+    outside = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS", "PYTHON"))}
     run = subprocess.run(
         [
             "make",
@@ -28,7 +29,7 @@ def python_of_make(folder: Path, *words: str, path: str = "", **environment: str
             *words,
         ],
         cwd=folder,
-        env={**os.environ, "PATH": os.pathsep.join([path, os.environ["PATH"]]), **environment},
+        env={**outside, "PATH": os.pathsep.join([path, os.environ["PATH"]]), **environment},
         capture_output=True,
         text=True,
         check=True,
