@@ -24,6 +24,9 @@ ifndef PYTHON
 PYTHON := $(shell for each in python3 python3.13 python3.12 python3.11; do \
                     $$each -c '$(IS_NEW_ENOUGH)' 2>/dev/null && echo $$each && break; done)
 endif
+# .venv has no pip of its own: where .venv is activated, the Python that it was made from.
+MADE_FROM := import os, sys; print(sys._base_executable if os.path.realpath(sys.prefix) == os.path.realpath(".venv") else "")
+override PYTHON := $(or $(shell "$(PYTHON)" -c '$(MADE_FROM)' 2>/dev/null),$(PYTHON))
 PIP := $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-compile --constraint constraints.txt
 
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from inkloop.cli import COMMANDS, main
 from inkloop.results.recorder import LayerRow
@@ -201,6 +202,7 @@ def test_ctrl_c_keeps_the_layers_that_are_printed(
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", press)
+    monkeypatch.setattr("inkloop.report.pictures.pictures", lambda runs: {"surface": Figure()})  # of the layers kept
     folder = tmp_path / "run"
     assert main(["run", CUBOID, "--out", str(folder), "--set", "run.layers_max=4"]) == 130
     kept = Result.load(folder).dataset

@@ -17,57 +17,57 @@ HEAVY = ("matplotlib", "scipy", "xarray", "pandas", "casadi", "plotly", "starlet
 CODE = """
 import json, sys
 from inkloop.cli import main
-try:
-    code = main(sys.argv[2:])
-except SystemExit as end:
-    code = end.code
-open(sys.argv[1], "w").write(json.dumps([code, sorted({name.partition(".")[0] for name in sys.modules})]))
+report, commands = sys.argv[1], json.loads(sys.argv[2])
+found = []
+for words in commands:
+    try:
+        code = main(words)
+    except SystemExit as end:
+        code = end.code
+    found.append([code, sorted({name.partition(".")[0] for name in sys.modules})])
+open(report, "w").write(json.dumps(found))
 """
 
 
-def loaded(folder: Path, *words: str) -> tuple[int, set[str]]:
-    """Exit code of a command, and the packages that it has loaded."""
+def loaded(folder: Path, *commands: tuple[str, ...]) -> list[tuple[int, set[str]]]:
+    """Exit code of each command in one process, and the packages that are loaded after it."""
     report = folder / "modules.json"
-    subprocess.run([sys.executable, "-c", CODE, str(report), *words], cwd=folder, check=True, capture_output=True)
-    code, packages = json.loads(report.read_text())
-    return int(code), set(packages)
+    run = [sys.executable, "-c", CODE, str(report), json.dumps(commands)]
+    subprocess.run(run, cwd=folder, check=True, capture_output=True)
+    return [(int(code), set(packages)) for code, packages in json.loads(report.read_text())]
 
 
-COMMANDS = {
-    "--version": (),
-    "--help": (),
-    "run": ("--help",),
-    "validate": (str(SCENARIOS / "cylinder.toml"),),
-    "new": ("mine",),
-    "schema": (),
-    "info": (str(find_fmu("LayerDeposition")),),
-    "export": ("LayerDeposition",),
-}
+LIGHTEST = (("--version",), ("--help",))
+LIGHT = (
+    ("run", "--help"),
+    ("new", "mine"),
+    ("schema",),
+    ("validate", str(SCENARIOS / "cylinder.toml")),
+    ("info", str(find_fmu("LayerDeposition"))),
+    ("export", "LayerDeposition"),
+)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_light_commands_load_no_heavy_library(command: str, tmp_path: Path) -> None:
-    code, packages = loaded(tmp_path, command, *COMMANDS[command])
-    assert code == 0
-    assert not packages & {*HEAVY}
+def test_light_commands_load_no_heavy_library_and_version_and_help_none_at_all(tmp_path: Path) -> None:
+    found = loaded(tmp_path, *LIGHTEST, *LIGHT)
+    for words, (code, packages) in zip((*LIGHTEST, *LIGHT), found, strict=True):
+        assert (words, code, packages & {*HEAVY}) == (words, 0, set())
+    for _, packages in found[: len(LIGHTEST)]:
+        assert not packages & {"numpy", "pydantic", "tomlkit", "fmpy", "rich", "shtab"}
 
 
-@pytest.mark.parametrize("word", ["--version", "--help"])
-def test_version_and_help_load_no_library_at_all(word: str, tmp_path: Path) -> None:
-    _, packages = loaded(tmp_path, word)
-    assert not packages & {"numpy", "pydantic", "tomlkit", "fmpy", "rich", "shtab"}
-
-
+@pytest.mark.long
 def test_heavy_libraries_are_seen_where_a_command_loads_them(tmp_path: Path) -> None:
-    """So that the tests above can fail."""
-    code, packages = loaded(tmp_path, "score", "absent:Controller")
+    """So that the test above can fail."""
+    ((code, packages),) = loaded(tmp_path, ("score", "absent:Controller"))
     assert code == 1
     assert packages >= {"matplotlib", "xarray"}
 
 
 def test_run_without_pictures_draws_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    code, packages = loaded(tmp_path, "run", str(quick_cuboid()), "--out", str(folder), "--no-compare", "--no-pictures")
+    words = ("run", str(quick_cuboid()), "--out", str(folder), "--no-compare", "--no-pictures")
+    ((code, packages),) = loaded(tmp_path, words)
     assert code == 0
     assert "xarray" in packages
     assert "matplotlib" not in packages

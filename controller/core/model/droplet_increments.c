@@ -160,16 +160,22 @@ static INLINED void add_from_here(const IncrementPass *pass, const Surroundings 
         add_heights_from_here(pass, row, count, own, pass->after + cell);
 }
 
+/* From above, here and below, in this order; the loop needs the code for a next row only once. */
+static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings *row, size_t count, size_t cell) {
+    for (const NextRow *next = &row->above; next; next = next == &row->above ? &row->below : NULL) {
+        add_from_next(pass, next, count, cell);
+        if (next == &row->above)
+            add_from_here(pass, row, count, cell);
+    }
+}
+
 static INLINED void add_pass(const IncrementPass *pass) {
     Band band;
     for (size_t first = 0; first < pass->droplets.ny; first += BAND) {
         begin_band(&pass->droplets, first, &band);
         for (size_t i = 0; i < pass->droplets.nx; i++) { /* in the order of the cells that a share comes from */
             const Surroundings row = surround_row(&pass->droplets, i, &band);
-            const size_t cell = i * pass->droplets.ny + first;
-            add_from_next(pass, &row.above, band.count, cell);
-            add_from_here(pass, &row, band.count, cell);
-            add_from_next(pass, &row.below, band.count, cell);
+            add_from_rows(pass, &row, band.count, i * pass->droplets.ny + first);
         }
     }
 }

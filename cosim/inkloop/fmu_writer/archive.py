@@ -3,6 +3,7 @@
 python -m inkloop.fmu_writer.archive variables --definition variables.toml --out FOLDER
 python -m inkloop.fmu_writer.archive emulated --definition variables.toml ... --out emulated_parameters.h
 python -m inkloop.fmu_writer.archive pack --form fmi3 --definition variables.toml ... --out MODEL.fmu
+python -m inkloop.fmu_writer.archive each COMMANDS.txt
 """
 
 from __future__ import annotations
@@ -139,6 +140,12 @@ def _pack(options: argparse.Namespace) -> None:
     pack(options.out, members)
 
 
+def _each(options: argparse.Namespace) -> None:
+    for words in options.commands.read_text("utf-8").rstrip("\n").split("\n\n"):
+        each = _parser().parse_args(words.split("\n"))
+        each.command(each)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m inkloop.fmu_writer.archive")
     commands = parser.add_subparsers(required=True)
@@ -156,6 +163,9 @@ def _parser() -> argparse.ArgumentParser:
     packing.add_argument("--sources", type=Path, nargs="+", required=True)
     for name in ("readme", "icon", "license"):
         packing.add_argument(f"--{name}", type=Path, required=True)
+    several = commands.add_parser("each", help="run the commands of a file in one process")
+    several.set_defaults(command=_each)
+    several.add_argument("commands", type=Path, help="a word a line, and an empty line after each command")
     for command in (variables, packing):
         command.add_argument("--definition", type=Path, required=True, help="variables.toml of the model")
     for command in (variables, emulated, packing):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -13,15 +15,29 @@ from numpy.typing import NDArray
 
 UNREADABLE = (OSError, ValueError, KeyError, zipfile.BadZipFile)
 """What reading such a file raises."""
+_SMALL = 1 << 18
+"""Bytes of an array that is copied to be written: a checkpoint has some sixty, whose headers recur."""
 
 
 def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
     """Write arrays, each taken when it is its turn. Raises OSError, and what taking them raises."""
     with zipfile.ZipFile(file, "w", allowZip64=True) as archive:
         for name, array in arrays:
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            if array.nbytes < _SMALL and array.flags.c_contiguous and not array.dtype.hasobject:
+                archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _header(array.dtype, array.shape) + array.tobytes())
+            else:
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
             del array  # it may be large, and the next one is made now
+
+
+@lru_cache(256)
+def _header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
+    """What stands before the elements of an array in C order."""
+    header = io.BytesIO()
+    described = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, described)
+    return header.getvalue()
 
 
 def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:

@@ -80,6 +80,7 @@ def test_shadow_of_the_run_is_its_model(run: Result) -> None:
 
 
 @pytest.mark.system
+@pytest.mark.usefixtures("without_pictures")
 def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
     run: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from inkloop.component import Component
 from inkloop.components.shadow.shadow import Shadow
@@ -89,7 +90,9 @@ def test_rows_on_disk_give_the_same_record(tmp_path: Path) -> None:
 
 @pytest.mark.system
 @pytest.mark.filterwarnings("ignore:Data has no positive values")  # toy layers are all even
-def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path) -> None:
+def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for other in ("surfaces", "cross_section", "error_map", "layers"):
+        monkeypatch.setattr(f"inkloop.report.pictures.{other}", lambda *_: Figure())
     recorder, _, master = printed(parts("device"))
     result = Result.of(
         recorder.dataset(),
