@@ -179,11 +179,12 @@ def test_libcosim_prints_the_part(file) -> None:
     assert (layers, mean) == (run.sizes["layer"] - 1, run["height_mean"].values[-1])
 
 
-def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle() -> None:
+@pytest.mark.parametrize("converts", ["gain = 1.01", "offset_um = 2.0"])
+def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle(converts: str) -> None:
     text = (SCENARIOS / "cuboid.toml").read_text()
     text = text.replace('kind = "LayerMpc"\nalpha = 0.8', 'kind = "OpenLoop"')
     text += '\n[[events]]\nport = "printer.volume_factor"\naction = "override"\nvalue = 0.9\nat_layer = 2\n'
-    text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\ngain = 1.01\n'
+    text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n' + converts
     with pytest.raises(ScenarioError) as raised:
         bake(Scenario.of_text(text, str(SCENARIOS / "it.toml")))
     errors = "\n".join(raised.value.errors)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -473,6 +474,17 @@ def test_pass_needs_motion_where_head_and_stage_are_one_node() -> None:
         bench.master = MasterAlive(GATE, 1, 7)
         assert off_after(bench, HEAD) == ("SAFE", ENABLE_DROPPED)
         assert bench.state().unknown == 1
+
+
+@pytest.mark.parametrize(("one_node", "expected"), [(0, ("SCANNING", 0)), (1, ("SAFE", ENABLE_DROPPED))])
+def test_scan_needs_motion_all_the_time_where_profiler_and_stage_are_one_node(one_node: int, expected: Any) -> None:
+    node = HEAD if one_node else PROFILER
+    with NodeBench(one_node=one_node, scan_ms=LONG) as bench:
+        assert bench.ready().raw(bench.routine(SCAN), node)[2] == NRC_PENDING
+        bench.tick(200)
+        bench.master = MasterAlive(LAMP | GATE, 1, 7)
+        bench.tick(500)
+        assert (bench.state(node).state, bench.state(node).cause) == expected
 
 
 @pytest.mark.parametrize("one_node", [0, 1])

@@ -92,8 +92,9 @@ def test_open_mesh_is_described_before_it_is_refused(tmp_path: Path, capsys: pyt
 
 
 def test_assumed_unit_is_named_and_a_part_too_wide_for_memory_is_refused_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     mesh = tmp_path / "part.stl"
     mesh.write_bytes(parts.stl(parts.box((0.0, 2000.0), (0.0, 1000.0), 0.0, 300.0)))
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "1"]) == 1
@@ -103,6 +104,7 @@ def test_assumed_unit_is_named_and_a_part_too_wide_for_memory_is_refused_at_once
         assert words in " ".join(shown.err.split())
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "100", "--unit", "um"]) == 0
     assert "if the unit" not in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == [mesh], "no picture was asked for"
 
 
 @pytest.mark.parametrize(

@@ -142,6 +142,16 @@ def test_only_the_nodes_of_a_request_are_missed(bus: Watched, watching: Supervis
         watching.check((Node.HEAD, Node.STAGE))
 
 
+def test_node_is_lost_after_the_silence_that_was_set(bus: Watched, watching: Supervision) -> None:
+    bus.bring(pack(CODEC, IDLE_HEAD, 0))
+    watching.check((Node.HEAD,))
+    bus.clock += 0.9 * SILENCE_S
+    watching.check((Node.HEAD,))
+    bus.clock += 0.2 * SILENCE_S
+    with pytest.raises(NodeLost, match="the head"):
+        watching.check((Node.HEAD,))
+
+
 def test_damaged_frames_count_against_their_node_and_unknown_content_is_logged(
     bus: Watched, watching: Supervision, caplog: pytest.LogCaptureFixture
 ) -> None:
