@@ -331,6 +331,14 @@ def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
         assert (bench.state().state, bench.state().done) == ("PRINTED", 1)
 
 
+def test_scan_may_take_its_limit_and_no_longer() -> None:
+    for scan_ms, expected in ((59_900, ("MAP_READY", 0)), (60_100, ("FAULT", STEP_EXPIRED))):
+        with NodeBench(scan_ms=scan_ms) as bench:
+            assert bench.ready().raw(bench.routine(SCAN), PROFILER)[2] == NRC_PENDING
+            bench.tick(60_200, step=25)
+            assert (bench.state(PROFILER).state, bench.state(PROFILER).cause) == expected
+
+
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
     bench.broken(NOT_READY)
     assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS

@@ -153,11 +153,13 @@ def test_new_scenario_for_a_file_is_valid_and_holds_the_part(
     assert main(["new", "mine", "--part", "absent.stl"]) == 1
 
 
-def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(tmp_path: Path) -> None:
-    table = np.concatenate([parts.box((0.0, 1.0), (0.0, 1.0), 0.0, 7.0), parts.box((-1.0, 2.0), (-1.0, 2.0), 7.0, 8.0)])
+@pytest.mark.parametrize("height", [4.0, 8.0])
+def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(height: float, tmp_path: Path) -> None:
+    leg = parts.box((0.0, 1.0), (0.0, 1.0), 0.0, height - 1.0)
+    table = np.concatenate([leg, parts.box((-1.0, 2.0), (-1.0, 2.0), height - 1.0, height)])
     (tmp_path / "table.stl").write_bytes(parts.stl(table))
     assert main(["new", str(tmp_path / "mine"), "--part", str(tmp_path / "table.stl"), "--pitch-um", "250"]) == 0
     tables = Scenario.load(tmp_path / "mine.toml").tables
     assert tables.support is not None
     assert tables.support.kind == "below-overhangs"
-    assert tables.run.layers_max == 2 * int(np.ceil(8000 / 7.6))
+    assert tables.run.layers_max == 2 * int(np.ceil(1000 * height / 7.6))

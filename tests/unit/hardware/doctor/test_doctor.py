@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,6 +121,26 @@ def test_status_that_comes_too_often_or_too_seldom_is_worth_a_note(cycle: float)
     found = [finding for finding in judge(heard(cycle=cycle), CODEC) if finding.check == "heartbeat"]
     assert [finding.grade for finding in found] == [Grade.WARNING] * len(Node)
     assert f"a status every {cycle * 1e3:.0f} ms, the cycle is 100 ms" in found[0].found
+
+
+def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = [
+        SimpleNamespace(device="/dev/ttyACM7", description="CANable 2.0", hwid="USB VID:PID=16D0:117E"),
+        SimpleNamespace(device="/dev/ttyS0", description="n/a", hwid="n/a"),
+    ]
+    known = SimpleNamespace(comports=lambda: ports)
+    monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
+    settings = BusSettings("slcan", "/dev/ttyACM8", 500_000)
+    (found,) = (finding for finding in before_opening(settings) if finding.grade is Grade.ERROR)
+    assert found.advice.endswith("the serial ports of this machine: /dev/ttyACM7 (CANable 2.0)")
+
+
+def test_single_late_status_is_worth_no_note() -> None:
+    found = Heard(lasted=1.0)
+    for number, second in enumerate((0.0, 0.2, 0.3, 0.4, 0.5, 0.6)):
+        found.take(second, pack(CODEC, status(Node.HEAD), number), CODEC)
+    (regular,) = (finding for finding in judge(found, CODEC) if finding.check == "heartbeat")
+    assert (regular.grade, regular.found) == (Grade.OK, "one node, a status every 100 to 100 ms")
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
