@@ -559,6 +559,16 @@ def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench) -> N
     assert bench.times(CURE).off == first
 
 
+def test_time_of_a_fault_is_its_own_also_where_the_node_was_safe(bench: NodeBench) -> None:
+    bench.stop(True)
+    bench.stop(False)
+    bench.tick(100)
+    bench.tear(5)
+    assert bench.clear(HEAD, 1) == -NRC_FAILED
+    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+    assert bench.times().off == bench.clock
+
+
 def test_map_of_a_node_that_went_safe_is_scanned_again(bench: NodeBench) -> None:
     assert bench.scan(0) == DONE
     bench.stop(True)

@@ -313,6 +313,14 @@ def test_late_answer_to_a_request_that_was_broken_off_is_not_that_of_the_next_on
     assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
 
 
+def test_clear_that_a_stop_forbids_is_asked_for_once(bench: NodeBench) -> None:
+    bench.stop(True)
+    link = FaultyWire(bench).link()
+    with pytest.raises(NodeRefused, match=r"clear of .* it is SAFE \(stop request\)"):
+        link.routine(Routine.CLEAR, Key(JOB, 0), b"\1", limit_s=30)
+    assert link.counts.repeated == 0
+
+
 def test_routine_may_last_as_long_as_its_limit() -> None:
     with NodeBench(scan_ms=3_000) as bench:
         link = FaultyWire(bench.ready(), PROFILER).link()

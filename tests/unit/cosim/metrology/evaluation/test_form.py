@@ -166,6 +166,8 @@ def test_form_that_is_not_there_is_refused() -> None:
     assert "has 2 pieces" in reason(pair, "wall_angle_ls")
     block = form(Subject(map_of(z + np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
     assert "no wall is free" in reason(block, "roundness_mz")
+    pit = form(Subject(map_of(z - np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
+    assert "stand -50 µm above the substrate: no wall is free" in reason(pit, "radius_ls")
     assert set(flat) == set(symbols("form"))
     few = form(Subject(map_of(z[:5, :5])))
     assert "25 cells have a height" in reason(few, "flatness_ls")
