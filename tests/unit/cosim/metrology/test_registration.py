@@ -230,8 +230,9 @@ def test_fit_to_a_map_without_the_part_is_refused() -> None:
         fit_to_surface(noise, block(), PITCH, Registration(), reach=2 * PITCH)
 
 
-def test_fit_beyond_its_reach_is_refused() -> None:
-    truth = Registration(4.6 * PITCH, 0.0)
+@pytest.mark.parametrize(("u", "v"), [(4.6, 0.0), (0.0, -4.6)])
+def test_fit_beyond_its_reach_is_refused(u: float, v: float) -> None:
+    truth = Registration(u * PITCH, v * PITCH)
     with pytest.raises(HeightMapError, match="correct offset and rotation, or search wider"):
         fit_to_surface(measured(truth, np.random.default_rng(3)), block(), PITCH, Registration(), reach=2 * PITCH)
 

@@ -100,7 +100,10 @@ def test_assumed_unit_is_named_and_a_part_too_wide_for_memory_is_refused_at_once
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "1"]) == 1
     shown = capsys.readouterr()
     assert "2000 x 1000 x 300 mm, if the unit of the file is mm: --unit" in " ".join(shown.out.split())
-    for words in ("2000004 x 1000004 cells of 1 µm needs", "mm, which is assumed; correct --unit, or take a larger"):
+    for words in (
+        "2000004 x 1000004 cells of 1 µm needs",
+        "2000 x 1000 mm wide if its unit is mm, which is assumed; correct --unit, or take a larger",
+    ):
         assert words in " ".join(shown.err.split())
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "100", "--unit", "um"]) == 0
     assert "if the unit" not in capsys.readouterr().out

@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -156,6 +157,21 @@ def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
         found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
     assert found.silence_s == 1.0
     assert found.lasted >= 2.0
+
+
+def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
+    frame, seconds = pack(CODEC, status(Node.HEAD), 0), count(0.0, 0.5)
+    kinds = [{"is_extended_id": True}, {"is_remote_frame": True}, {"is_fd": True}, {"is_error_frame": True}, {}]
+    names = ("is_extended_id", "is_remote_frame", "is_fd", "is_error_frame")
+    heard_frames = [
+        SimpleNamespace(arbitration_id=frame.arbitration_id, data=frame.data, **(dict.fromkeys(names, False) | kind))
+        for kind in kinds
+    ]
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "mixed"), receive=lambda wait_s: heard_frames, complaints=dict[str, int]
+    )
+    found = listen(adapter, CODEC, seconds=0.6, monotonic=lambda: next(seconds))
+    assert (found.frames, found.errors, len(found.times[Node.HEAD])) == (1, 1, 1)
 
 
 def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
