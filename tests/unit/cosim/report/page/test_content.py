@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +14,8 @@ from inkloop.cli import main
 from inkloop.metrology.evaluation.table import parameters
 from inkloop.report.page.content import content
 from inkloop.report.page.maps import LayerMaps, final_errors, packed
-from inkloop.report.page.page import SCRIPTS, own_file
 from inkloop.results.result import Result
+from support.page_scripts import drawn, needs_node
 from support.pages import content_of, unpacked
 
 MASK = np.zeros((12, 9), np.bool_)
@@ -135,49 +133,12 @@ def test_further_layers_count_from_the_last_one_that_the_page_has() -> None:
     np.testing.assert_allclose(steps[0] * maps.step_um, grown * 1e6, rtol=0.0, atol=1.01 * maps.step_um)
 
 
-def drawn(description: dict[str, Any], code: str) -> Any:
-    """What `code` returns, of the scripts of the page, `run` and an empty document, in a JavaScript without a browser.
-
-    Numbers that are none come as None.
-    """
-    words = ["node", "--eval", DRAWING]
-    given = json.dumps({"scripts": list(map(own_file, SCRIPTS)), "run": description, "code": code})
-    done = subprocess.run(words, input=given, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
-DRAWING = """
-const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const element = () => ({ addEventListener() {}, removeAllListeners() {}, on() {}, clientWidth: 800 });
-const elements = {};
-globalThis.document = { getElementById: (id) => (id === "content" ? null : (elements[id] ??= element())) };
-globalThis.window = { addEventListener() {} };
-globalThis.EventSource = class {};
-globalThis.Plotly = { react: async (place, data) => { place.data = data; } };
-const vm = require("vm");
-given.scripts.forEach((text) => vm.runInThisContext(text));
-const begun = vm.runInThisContext(`(async (description) => {
-  const run = new Run(description);
-  await run.add(description);
-  ${given.code}
-})`);
-begun(given.run).then((found) => {
-  const plain = (_, value) => (ArrayBuffer.isView(value) ? Array.from(value) : value);
-  process.stdout.write(JSON.stringify(found, plain));
-});
-"""
-
-
 def means(values: Any, block: int = 2) -> Any:
     """Over blocks of cells, which are smaller at the far edges."""
     nx, ny = (-(-cells // block) for cells in values.shape)
     places = [[np.s_[block * i : block * (i + 1), block * j : block * (j + 1)] for j in range(ny)] for i in range(nx)]
     return np.array([[np.nanmean(values[place]) if np.isfinite(values[place]).any() else np.nan for place in row]
                      for row in places])  # fmt: skip
-
-
-needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="needs Node.js, which `make tools` installs")
 
 
 @needs_node
@@ -244,6 +205,23 @@ def test_page_draws_the_heights_and_errors_of_the_run() -> None:
 
 @needs_node
 @pytest.mark.system
+def test_open_page_takes_the_layers_that_it_lacks() -> None:
+    """Layer 1 was scanned since the page got it, and layer 2 was printed."""
+    known, whole = printed().dataset.isel(layer=slice(2)), printed()
+    maps, scanned = LayerMaps(known, 1), known.height[1] + 1e-6
+    whole.dataset["height"][1] = scanned
+    begun = {"name": "run", **maps.described(known), "layers": maps.packed(), "final": final_errors(known, 1e6)}
+    (later,) = shown(whole, known=[2])["runs"]
+    assert later["layers"]["first"] == 1
+    code = "return [run.layers, run.jetted.length, [0, 1, 2].map((layer) => run.heights(layer))];"
+    layers, jetted, heights = drawn(begun | {"later": later}, f"await run.add(given.later); {code}")
+    assert (layers, jetted) == (3, 3)
+    for found, expected in zip(heights, (0.0 * HEIGHT, scanned.values, HEIGHT), strict=True):
+        np.testing.assert_allclose(np.reshape(found, MASK.shape), expected * 1e6, rtol=0.0, atol=0.0051)
+
+
+@needs_node
+@pytest.mark.system
 def test_page_draws_a_layer_of_more_cells_than_a_call_takes_arguments() -> None:
     cells = np.zeros((401, 390))
     dataset = xr.Dataset(
@@ -259,4 +237,13 @@ def test_page_draws_a_layer_of_more_cells_than_a_call_takes_arguments() -> None:
     maps, final = LayerMaps(dataset, 1), final_errors(dataset, 1e6)
     run = {"name": "large", **maps.described(dataset), "layers": maps.packed(), "final": final, "inks": 1}
     layer = "page.runs = [run]; page.scale = new ErrorScale([run]); page.layer = 1; await showLayer();"
-    assert drawn(run, layer + 'return find("surface").data[0].zmax;') == pytest.approx(20.0, rel=1e-6, abs=0.0)
+    click = 'find("error").click({ points: [{ pointIndex: [7, 300] }] });'  # row and column of Plotly
+    top, cell, text = drawn(
+        run, f'{layer} {click} return [find("surface").data[0].zmax, page.cell, find("readout").textContent];'
+    )
+    assert top == pytest.approx(20.0, rel=1e-6, abs=0.0)
+    assert cell == {"i": 300, "j": 7}
+    assert text == (
+        "Cell (300, 7) at x 30.000 mm, y 0.700 mm, layer 1: height 9.00 µm, target 20.00 µm: 11.00 µm too low; "
+        "no droplet."
+    )
