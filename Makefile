@@ -119,9 +119,10 @@ firmware-cortex-m: .venv/developer
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
 # what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for other platforms, masters of others,
-# a kernel with SocketCAN as a process, a browser
+# a kernel with SocketCAN as a process, a browser, JavaScript without one
 TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang libclang-rt-dev \
-         qemu-user-static libc6-arm64-cross wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium
+         qemu-user-static libc6-arm64-cross wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium \
+         nodejs
 tools: .venv/developer
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi

@@ -16,8 +16,10 @@ from fmpy.build import build_platform_binary
 from lxml import etree
 
 from inkloop.cli import main
+from inkloop.component import Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.job.baking import bake
+from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario
 from support.fmus.fmu_checkers import by_fmpy, by_fmutool
@@ -179,17 +181,27 @@ def test_libcosim_prints_the_part(file) -> None:
     assert (layers, mean) == (run.sizes["layer"] - 1, run["height_mean"].values[-1])
 
 
-def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle() -> None:
+@pytest.mark.parametrize("converts", ["gain = 1.01", "offset_um = 2.0"])
+def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle(converts: str) -> None:
     text = (SCENARIOS / "cuboid.toml").read_text()
     text = text.replace('kind = "LayerMpc"\nalpha = 0.8', 'kind = "OpenLoop"')
     text += '\n[[events]]\nport = "printer.volume_factor"\naction = "override"\nvalue = 0.9\nat_layer = 2\n'
-    text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\ngain = 1.01\n'
+    text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n' + converts
     with pytest.raises(ScenarioError) as raised:
         bake(Scenario.of_text(text, str(SCENARIOS / "it.toml")))
     errors = "\n".join(raised.value.errors)
     assert "components.controller: kind OpenLoop is no FMU; a block is made of LayerMpc, LayerDeposition" in errors
     assert "connections: printer.height to profiler.height has a gain or an offset" in errors
     assert "[[events]]" in errors
+
+
+def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    mask, lines = np.zeros((20, 18), np.bool_), list[float]()
+    mask[1:17, 5:8] = True
+    monkeypatch.setattr("matplotlib.axes.Axes.axhline", lambda axes, y, **look: lines.append(y))
+    picture = target_picture(Job(20, 18, 1e-4, np.where(mask, 3e-5, 0.0), mask), "Wall")
+    assert picture.startswith(b"\x89PNG")
+    assert lines == [pytest.approx(0.6, rel=1e-9, abs=0.0)]
 
 
 def test_devices_have_no_place_in_a_block() -> None:

@@ -258,3 +258,11 @@ def test_parameters_that_do_not_fit_are_an_error_before_the_first_step(form) -> 
         assert fmu.set("volume_factor", np.nan) != OK
         assert "volume_factor is nan; expected a finite number not below 0" in fmu.messages[-1]
         finish(fmu.start(), 1.0)
+
+
+@pytest.mark.system
+@SECOND_FORM_IS_LONG
+def test_step_may_last_far_beyond_the_end_of_the_print(form) -> None:
+    with block(form, "cuboid", *CUBOID) as fmu:
+        assert fmu.start({"layers_max": 2, "layer_period": 1.0}).step(0.0, 1e6) == OK, fmu.messages
+        assert (fmu.get("status"), *counts(fmu)) == (DONE, 2, 2)

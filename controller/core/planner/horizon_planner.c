@@ -194,9 +194,12 @@ static int32_t find_best(Planning *planning) {
         return CORE_DONE;
     if (repair_starts(planning) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    for (int k = START_NOTHING + 1; k < STARTS; k++) {
+    int rank[STARTS]; /* the best one first, as there may be no time for more than one that begins with no layer */
+    const int starts = rank_first_plans(first, rank);
+    for (int place = 0; place < starts; place++) {
+        const int k = rank[place];
         const Origin unrepaired = {k, 0, UNREPAIRED};
-        if (first->is_there[k] && consider(planning, first->plan[k], first->value[k], unrepaired) == CORE_NO_MEMORY)
+        if (k != START_NOTHING && consider(planning, first->plan[k], first->value[k], unrepaired) == CORE_NO_MEMORY)
             return CORE_NO_MEMORY;
     }
     return CORE_DONE;

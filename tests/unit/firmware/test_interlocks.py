@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -330,6 +331,14 @@ def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
         assert (bench.state().state, bench.state().done) == ("PRINTED", 1)
 
 
+def test_scan_may_take_its_limit_and_no_longer() -> None:
+    for scan_ms, expected in ((59_900, ("MAP_READY", 0)), (60_100, ("FAULT", STEP_EXPIRED))):
+        with NodeBench(scan_ms=scan_ms) as bench:
+            assert bench.ready().raw(bench.routine(SCAN), PROFILER)[2] == NRC_PENDING
+            bench.tick(60_200, step=25)
+            assert (bench.state(PROFILER).state, bench.state(PROFILER).cause) == expected
+
+
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
     bench.broken(NOT_READY)
     assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
@@ -475,6 +484,17 @@ def test_pass_needs_motion_where_head_and_stage_are_one_node() -> None:
         assert bench.state().unknown == 1
 
 
+@pytest.mark.parametrize(("one_node", "expected"), [(0, ("SCANNING", 0)), (1, ("SAFE", ENABLE_DROPPED))])
+def test_scan_needs_motion_all_the_time_where_profiler_and_stage_are_one_node(one_node: int, expected: Any) -> None:
+    node = HEAD if one_node else PROFILER
+    with NodeBench(one_node=one_node, scan_ms=LONG) as bench:
+        assert bench.ready().raw(bench.routine(SCAN), node)[2] == NRC_PENDING
+        bench.tick(200)
+        bench.master = MasterAlive(LAMP | GATE, 1, 7)
+        bench.tick(500)
+        assert (bench.state(node).state, bench.state(node).cause) == expected
+
+
 @pytest.mark.parametrize("one_node", [0, 1])
 def test_dry_run_needs_motion_alone(one_node: int) -> None:
     """Neither lamp nor gate is switched; a stage moves."""
@@ -537,6 +557,16 @@ def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench) -> N
     bench.master = None
     bench.tick(500)
     assert bench.times(CURE).off == first
+
+
+def test_time_of_a_fault_is_its_own_also_where_the_node_was_safe(bench: NodeBench) -> None:
+    bench.stop(True)
+    bench.stop(False)
+    bench.tick(100)
+    bench.tear(5)
+    assert bench.clear(HEAD, 1) == -NRC_FAILED
+    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+    assert bench.times().off == bench.clock
 
 
 def test_map_of_a_node_that_went_safe_is_scanned_again(bench: NodeBench) -> None:

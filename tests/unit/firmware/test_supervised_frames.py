@@ -9,7 +9,16 @@ import pytest
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
 from inkloop_hardware.protocol.vocabulary import Source
-from support.benches.node_bench import CURE, DONE, NRC_CONDITIONS, STOP_REQUEST, TWO_MASTERS, NodeBench
+from support.benches.node_bench import (
+    CURE,
+    CURE_ROUTINE,
+    DONE,
+    ENABLE_DROPPED,
+    NRC_CONDITIONS,
+    STOP_REQUEST,
+    TWO_MASTERS,
+    NodeBench,
+)
 
 CODEC = Codec()
 
@@ -106,6 +115,17 @@ def test_release_of_another_sender_counts_its_own_frames(bench: NodeBench) -> No
 
 def alive_frame(session: int, counter: int) -> Frame:
     return pack(CODEC, MasterAlive(True, True, True, session, 7), counter % COUNTERS)
+
+
+def test_frame_after_a_lost_one_drops_what_it_does_not_enable(bench: NodeBench) -> None:
+    bench.master = None
+    for counter in (0, 1):
+        bench.give(alive_frame(1, counter))
+    assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x13\x88"), CURE) == b"\x7f\x31\x78"
+    bench.tick(50)
+    assert bench.state(CURE).state == "CURING"
+    bench.give(pack(CODEC, MasterAlive(False, True, True, 1, 7), 3))
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
 
 
 def silence(bench: NodeBench) -> None:

@@ -68,6 +68,17 @@ def test_fmu_prints_what_its_kernels_print() -> None:
         assert fmu.get("fallbacks") == kernels.fallbacks
 
 
+def test_droplets_smaller_than_the_spacing_lie_on_their_cells_and_are_counted_in_every_pass() -> None:
+    """Their radius is 3.5 um, the points are 10.6 um apart; one of them in each of the four lines of a layer."""
+    pattern = np.zeros((7, 9), dtype=np.int32)
+    pattern[(0, 2, 4, 6), (1, 4, 7, 2)] = 1
+    with Driver(MODEL, nx=7, ny=9).start({**COARSE, "droplet_volume": 1e-3 * VOLUME}) as fmu:
+        for layer in (1, 2):
+            height = fmu.print_layer(pattern)
+            assert height == pytest.approx(layer * 1e-3 * VOLUME / PITCH**2 * pattern, rel=1e-9, abs=1e-20)
+            assert fmu.get("fallbacks") == 4 * layer
+
+
 def test_diagonal_order_prints_the_last_line_second() -> None:
     kernels = Print(9, 9, 4)
     kernels.layer(np.ones((9, 9)), [(0, 4), (3, 4), (1, 4), (2, 4)])

@@ -102,7 +102,7 @@ async function showLayer() {
   text("layer-number", `${layer} of ${run.layers - 1}`);
   text("readout", readout(run, layer, cell));
   text("blocks", run.block > 1 ? `Each value is the mean of a block of ${run.block} x ${run.block} cells: all cells would not fit into the page.` : "");
-  const top = Math.max(...run.target, quantile(run.heights(run.layers - 1), 1));
+  const top = Math.max(extremes(run.target)[1], quantile(run.heights(run.layers - 1), 1));
   await Promise.all([
     draw("surface", surfaceChart(run, layer, cell, top)),
     draw("droplets", dropletChart(run, layer, cell)),

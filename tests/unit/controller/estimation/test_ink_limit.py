@@ -70,6 +70,9 @@ def test_neighbours_of_a_cell_higher_than_droplets_explain_are_capped(drops: int
         surface = np.zeros(SEEN.shape)
         surface[2, 6] = 30e-6 + drops * rise  # at the edge of the part: six of the nine cells belong to it
         assert np.count_nonzero(estimator.first(surface, SEEN).capped) == expected
+        controller = LayerMpcController(JOB, drop_levels=drops, horizon=1, annealing_sweeps=0, register_scans=False)
+        controller.initialize(0, inputs_of(JOB, surface, 0))
+        assert controller.do_step(0, SECOND, inputs_of(JOB, surface, 0))["capped_cells"] == expected
 
 
 def test_cell_higher_than_its_target_is_a_reason_before_any_is_capped() -> None:

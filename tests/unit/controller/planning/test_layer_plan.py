@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.component import Ink
+from inkloop_controller.planning.horizon_planner import best_plan
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
-from inkloop_controller.problem.horizon_problem import Objective
+from inkloop_controller.problem.horizon_problem import HorizonProblem, Objective
+from inkloop_controller.problem.work import Work
 
 PATTERN = np.array([[0, 1, 2], [2, 0, 2]], np.int32)
 SURFACE: Any = PATTERN * 1e-5
@@ -81,3 +84,15 @@ def test_objective_of_a_surface_weighs_mean_error_and_deviation_over_the_part() 
     deviation = np.sqrt(5.0) * 1e-6
     assert found.deviation == pytest.approx(deviation, rel=1e-9, abs=0.0)
     assert found.value == pytest.approx(0.3 * 2e-6 + 0.7 * deviation, rel=1e-9, abs=0.0)
+
+
+def test_plan_that_is_made_of_a_longer_one_is_not_said_to_be_made_of_the_last() -> None:
+    """There is no last plan; two layers do as well as the three of the horizon."""
+    height = np.random.default_rng(0).uniform(0.0, 8e-6, (14, 13))
+    target, everywhere = np.full(height.shape, height.mean() + 12e-6), np.ones(height.shape, np.bool_)
+    problem = HorizonProblem(height, target, everywhere, np.ones((3, *height.shape), np.uint16), (Ink(),), 0.8)
+    none = np.zeros((0, *height.shape), np.int32)
+    work = Work(sweeps=4, annealing_sweeps=0, iterations=3)
+    found = best_plan(problem, work, last=none, layer_worth=0.001, seed=1, seconds_max=inf)
+    assert not found.plan[2].any()
+    assert found.start == "longer plan"

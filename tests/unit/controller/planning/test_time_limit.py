@@ -123,3 +123,14 @@ def test_every_limit_gives_a_plan_better_than_nothing_and_more_time_leaves_out_l
 def test_time_beyond_the_limit_is_that_of_the_first_sound_plan_at_most() -> None:
     _, taken = found_and_taken()
     assert taken[0] == max(taken) == FIRST_PLAN
+
+
+@pytest.mark.usefixtures("counting")
+def test_more_time_gives_no_worse_plan_than_none() -> None:
+    """The best of the first plans begins with an empty layer, which takes an evaluation more than full layers."""
+    last = np.zeros((0, 14, 13), np.int32)
+    values = [
+        best_plan(problem(), WORK, last=last, layer_worth=0.001, seed=1, seconds_max=limit).objective.value
+        for limit in np.arange(0.0, 40.0, 2.0)
+    ]
+    assert max(values) == values[0]

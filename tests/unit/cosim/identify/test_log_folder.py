@@ -43,6 +43,10 @@ def test_covered_area_is_the_share_of_pixels_above_the_threshold(tmp_path: Path)
     assert area is not None
     assert not area[0].any()
     assert np.array_equal(area[1] > 0.5, record.measured[1] > 0.5e-6)
+    record.measured[:] += 40e-6  # a profiler that counts from elsewhere
+    moved = read_log(log(tmp_path / "offset", record, CELL + "inked_um = 0.5\n")).area
+    assert moved is not None
+    assert np.array_equal(moved, area)
 
 
 def test_peak_heights_are_those_of_the_middle_of_a_cell(tmp_path: Path) -> None:

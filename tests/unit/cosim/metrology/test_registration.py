@@ -224,14 +224,28 @@ def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:
     assert fit.registration.offset_y == pytest.approx(truth.offset_y, abs=0.01 * PITCH)
 
 
+def test_place_is_as_uncertain_as_it_is_where_fewest_edges_tell_it() -> None:
+    """A bar has as few edges across y as a square of its width, and many more across x."""
+    deviations = []
+    for cells in (10, 4):
+        surface = np.zeros((20, 18))
+        surface[7:11, 4 : 4 + cells] = 8 * M_PER_UM
+        fine = fine_map(surface, PITCH, Registration(), (160, 150), 36e-6)
+        noise = M_PER_UM * np.random.default_rng(3).standard_normal(fine.shape)
+        scan = HeightMap(fine.z + noise, fine.dx, fine.dy)
+        deviations.append(fit_to_surface(scan, surface, PITCH, Registration(), reach=PITCH).offset_std)
+    assert deviations[0] == pytest.approx(deviations[1], rel=0.15, abs=0.0)
+
+
 def test_fit_to_a_map_without_the_part_is_refused() -> None:
     noise = HeightMap(M_PER_UM * np.random.default_rng(1).standard_normal((300, 300)), 18e-6, 18e-6, source="scan.tif")
     with pytest.raises(HeightMapError, match=r"scan.tif: the part explains \d+% of its relief"):
         fit_to_surface(noise, block(), PITCH, Registration(), reach=2 * PITCH)
 
 
-def test_fit_beyond_its_reach_is_refused() -> None:
-    truth = Registration(4.6 * PITCH, 0.0)
+@pytest.mark.parametrize(("u", "v"), [(4.6, 0.0), (0.0, -4.6)])
+def test_fit_beyond_its_reach_is_refused(u: float, v: float) -> None:
+    truth = Registration(u * PITCH, v * PITCH)
     with pytest.raises(HeightMapError, match="correct offset and rotation, or search wider"):
         fit_to_surface(measured(truth, np.random.default_rng(3)), block(), PITCH, Registration(), reach=2 * PITCH)
 

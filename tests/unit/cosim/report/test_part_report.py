@@ -92,17 +92,22 @@ def test_open_mesh_is_described_before_it_is_refused(tmp_path: Path, capsys: pyt
 
 
 def test_assumed_unit_is_named_and_a_part_too_wide_for_memory_is_refused_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     mesh = tmp_path / "part.stl"
     mesh.write_bytes(parts.stl(parts.box((0.0, 2000.0), (0.0, 1000.0), 0.0, 300.0)))
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "1"]) == 1
     shown = capsys.readouterr()
     assert "2000 x 1000 x 300 mm, if the unit of the file is mm: --unit" in " ".join(shown.out.split())
-    for words in ("2000004 x 1000004 cells of 1 µm needs", "mm, which is assumed; correct --unit, or take a larger"):
+    for words in (
+        "2000004 x 1000004 cells of 1 µm needs",
+        "2000 x 1000 mm wide if its unit is mm, which is assumed; correct --unit, or take a larger",
+    ):
         assert words in " ".join(shown.err.split())
     assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "100", "--unit", "um"]) == 0
     assert "if the unit" not in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == [mesh], "no picture was asked for"
 
 
 @pytest.mark.parametrize(
@@ -151,11 +156,13 @@ def test_new_scenario_for_a_file_is_valid_and_holds_the_part(
     assert main(["new", "mine", "--part", "absent.stl"]) == 1
 
 
-def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(tmp_path: Path) -> None:
-    table = np.concatenate([parts.box((0.0, 1.0), (0.0, 1.0), 0.0, 7.0), parts.box((-1.0, 2.0), (-1.0, 2.0), 7.0, 8.0)])
+@pytest.mark.parametrize("height", [4.0, 8.0])
+def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(height: float, tmp_path: Path) -> None:
+    leg = parts.box((0.0, 1.0), (0.0, 1.0), 0.0, height - 1.0)
+    table = np.concatenate([leg, parts.box((-1.0, 2.0), (-1.0, 2.0), height - 1.0, height)])
     (tmp_path / "table.stl").write_bytes(parts.stl(table))
     assert main(["new", str(tmp_path / "mine"), "--part", str(tmp_path / "table.stl"), "--pitch-um", "250"]) == 0
     tables = Scenario.load(tmp_path / "mine.toml").tables
     assert tables.support is not None
     assert tables.support.kind == "below-overhangs"
-    assert tables.run.layers_max == 2 * int(np.ceil(8000 / 7.6))
+    assert tables.run.layers_max == 2 * int(np.ceil(1000 * height / 7.6))

@@ -155,6 +155,11 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
     expected = "cell (1, 2) stood 9.0 µm above its target and what its droplets explain in the scan of layer 1;"
     assert high.startswith(expected)
     assert untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 1, 1, 0]))) == []
+    (blind,) = untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 2, 2, 2])))
+    assert blind.startswith("75% of the part's cells were not measured in the scan of layer 0 (3 layers in all, from ")
+    (residuals,) = untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 0, 8, 8])))
+    assert "by 2.0 times" in residuals
+    assert "most in the scan of layer 1 (2 layers in all, from layer 1 on);" in residuals
 
 
 def test_what_a_time_limit_left_out_is_counted_by_stage() -> None:

@@ -16,6 +16,7 @@ from support.evaluated import areal, map_of, number, rough
 def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     z, mask = rough(), np.zeros((24, 17), np.uint8)
     mask[4:15, 3:12] = 1
+    z[0, :2] = np.nan  # outside the mask
     np.save(tmp_path / "map.npy", z * 1e6)
     np.save(tmp_path / "mask.npy", mask)
     command = ["metrology", str(tmp_path / "map.npy"), "--unit", "um", "--pixel-um", "10"]
@@ -25,6 +26,7 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     assert found["Sa_um"] == pytest.approx(number(expected, "Sa") * 1e6, rel=1e-9, abs=0.0)
     assert found["Sdr"] == pytest.approx(number(expected, "Sdr"), rel=1e-9, abs=0.0)
     assert (found["cells"], found["f_operation"], found["s_filter_um"]) == (99, "plane", 50.0)
+    assert found["cells_without_height"] == 0
     assert found["volume_target_nl"] is None
     assert "knows no target" in found["refused"]["volume_target"]
     for words in ("root mean square gradient", "S-filter 50 µm", "regression order 1", "least-squares plane"):

@@ -136,21 +136,22 @@ def test_print_without_a_known_surface_is_judged_by_its_shadow() -> None:
             {"printer": printed(1), "shadow": followed(1, 0, 11.0)},
             {"printer": printed(1), "shadow": followed(1, 1, 12.0, 4)},  # as above, of layer 1
             {"printer": printed(2), "shadow": followed(2, 1, 21.0)},
+            {"printer": printed(3), "shadow": followed(3, 2, 31.0)},  # layer 2 was compared on top of layer 3
         ],
         1,
     ):
         recorder.stepped(point * SECOND, step)
     run = recorder.dataset()
-    np.testing.assert_allclose(run.shadow_height[:, 1, 1] * 1e6, [2.0, 12.0, 21.0], rtol=1e-12)
+    np.testing.assert_allclose(run.shadow_height[:, 1, 1] * 1e6, [2.0, 12.0, 21.0, 31.0], rtol=1e-12)
     np.testing.assert_array_equal(run.height, run.shadow_height)
     assert run.height.attrs["source"] == "shadow_height"
-    np.testing.assert_array_equal(run.shadow_status, [0, 4, 0])
-    np.testing.assert_allclose(run.growth_divergence * 1e6, [2.0, 12.0, np.nan], rtol=1e-12)
-    assert [row.layer for row in rows] == [0, 1, 2]
+    np.testing.assert_array_equal(run.shadow_status, [0, 4, 0, 0])
+    np.testing.assert_allclose(run.growth_divergence * 1e6, [2.0, 12.0, 31.0, np.nan], rtol=1e-12)
+    assert [row.layer for row in rows] == [0, 1, 2, 3]
     assert [row.mean_error * 1e6 for row in rows] == pytest.approx(
-        [mean_um(1), mean_um(11), mean_um(21)], rel=1e-9, abs=0.0
+        [mean_um(1), mean_um(11), mean_um(21), mean_um(31)], rel=1e-9, abs=0.0
     )
-    assert [row.time for row in rows] == [0.0, 2.0, 4.0]
+    assert [row.time for row in rows] == [0.0, 2.0, 4.0, 5.0]
 
 
 @pytest.mark.parametrize(

@@ -97,8 +97,8 @@ def test_new_scenario_for_layers_in_two_inks_with_gaps_prints_what_rests_on_the_
         assert "which print ink B there" not in str(found.value)
 
 
-def without_layer_2(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    return {"files": [one for one in manifest["files"] if one["layer"] != 2]}
+def without_layer(number: int) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+    return lambda manifest: {"files": [one for one in manifest["files"] if one["layer"] != number]}
 
 
 def with_twice_the_first(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,7 +117,8 @@ def with_twice_the_first(manifest: Mapping[str, Any]) -> dict[str, Any]:
         (lambda manifest: {"pitch_x_um": 0.0}, "pitch_x_um is 0.0; expected greater than 0"),
         (lambda manifest: {"width_pixels": 5}, "L0001_P1_A.png has 4 x 6 pixels with values up to 1; expected 5 x 6"),
         (lambda manifest: {"inks": {"A": manifest["inks"]["A"]}}, "files are of ink B, which inks lacks"),
-        (without_layer_2, "has layer 3, but not layer 2; a part needs all of them from layer 1"),
+        (without_layer(2), "has layer 3, but not layer 2; a part needs all of them from layer 1"),
+        (without_layer(1), "has layer 3, but not layer 1; a part needs all of them from layer 1"),
         (with_twice_the_first, "L0001_P1_A.png has a droplet in column 0, row 0, as another file of layer 1"),
         (lambda manifest: {"files": [{**manifest["files"][0], "file": "../x.png"}]}, "files.[0].file is '../x.png'"),
         (lambda manifest: {"files": [{**manifest["files"][0], "file": "x.png"}]}, "x.png cannot be read: No such file"),

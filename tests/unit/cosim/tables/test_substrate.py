@@ -29,6 +29,12 @@ def test_step_parts_the_grid_in_the_middle() -> None:
     np.testing.assert_array_equal(height[:, 0], [0.0] * 3 + [30e-6] * 3)
 
 
+def test_wave_has_a_crest_in_the_middle_of_the_grid() -> None:
+    height = Substrate(wave=5e-6, wavelength=7.3 * PITCH).height(9, 5, PITCH, 1)
+    along_x, along_y = (np.cos(2.0 * np.pi * np.arange(-cells, cells + 1) / 7.3) for cells in (4, 2))
+    np.testing.assert_allclose(height - height[4, 2], 5e-6 * (np.outer(along_x, along_y) - 1.0), rtol=0.0, atol=1e-18)
+
+
 def test_roughness_has_its_standard_deviation_and_follows_the_seed() -> None:
     first, again, other = (Substrate(roughness=2e-6).height(60, 60, PITCH, seed) for seed in (1, 1, 2))
     assert first.std() == pytest.approx(2e-6, rel=0.05, abs=0.0)

@@ -106,6 +106,11 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
         assert (found["layers_printed"], found["layer_unknown"]) == (1, True)
         assert found["droplets_a"] == np.count_nonzero(ONES[0::2])
         assert nodes.counted(node_bench.GATE_OPENINGS) == openings
+        resumed = Printer(FOUR, rig, cure_ms=20)
+        resumed.initialize(0, {"layer_command": np.int32(1)})
+        resumed.restore(printer.save())
+        for name, value in print_layer(resumed, 1).items():
+            assert value == found[name], f"{name} of a run that is resumed now"
         found = print_layer(printer, 2)
         assert (found["layers_printed"], found["layer_unknown"]) == (2, False)
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,6 +124,26 @@ def test_status_that_comes_too_often_or_too_seldom_is_worth_a_note(cycle: float)
     assert f"a status every {cycle * 1e3:.0f} ms, the cycle is 100 ms" in found[0].found
 
 
+def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = [
+        SimpleNamespace(device="/dev/ttyACM7", description="CANable 2.0", hwid="USB VID:PID=16D0:117E"),
+        SimpleNamespace(device="/dev/ttyS0", description="n/a", hwid="n/a"),
+    ]
+    known = SimpleNamespace(comports=lambda: ports)
+    monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
+    settings = BusSettings("slcan", "/dev/ttyACM8", 500_000)
+    (found,) = (finding for finding in before_opening(settings) if finding.grade is Grade.ERROR)
+    assert found.advice.endswith("the serial ports of this machine: /dev/ttyACM7 (CANable 2.0)")
+
+
+def test_single_late_status_is_worth_no_note() -> None:
+    found = Heard(lasted=1.0)
+    for number, second in enumerate((0.0, 0.2, 0.3, 0.4, 0.5, 0.6)):
+        found.take(second, pack(CODEC, status(Node.HEAD), number), CODEC)
+    (regular,) = (finding for finding in judge(found, CODEC) if finding.check == "heartbeat")
+    assert (regular.grade, regular.found) == (Grade.OK, "one node, a status every 100 to 100 ms")
+
+
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
     patient = heard(cycle=0.4)
     patient.silence_s = 1.0
@@ -134,6 +157,21 @@ def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
         found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
     assert found.silence_s == 1.0
     assert found.lasted >= 2.0
+
+
+def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
+    frame, seconds = pack(CODEC, status(Node.HEAD), 0), count(0.0, 0.5)
+    kinds = [{"is_extended_id": True}, {"is_remote_frame": True}, {"is_fd": True}, {"is_error_frame": True}, {}]
+    names = ("is_extended_id", "is_remote_frame", "is_fd", "is_error_frame")
+    heard_frames = [
+        SimpleNamespace(arbitration_id=frame.arbitration_id, data=frame.data, **(dict.fromkeys(names, False) | kind))
+        for kind in kinds
+    ]
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "mixed"), receive=lambda wait_s: heard_frames, complaints=dict[str, int]
+    )
+    found = listen(adapter, CODEC, seconds=0.6, monotonic=lambda: next(seconds))
+    assert (found.frames, found.errors, len(found.times[Node.HEAD])) == (1, 1, 1)
 
 
 def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:

@@ -11,6 +11,7 @@ import pytest
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.errors import AnotherMaster, BusDisconnected, BusError, NodeLost, StopRequested
 from inkloop_hardware.link import supervision
+from inkloop_hardware.link.bus_watch import OVER_AFTER
 from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
@@ -140,6 +141,37 @@ def test_only_the_nodes_of_a_request_are_missed(bus: Watched, watching: Supervis
     watching.check((Node.HEAD,))
     with pytest.raises(NodeLost, match=r"^the bus of the test: the stage has sent no status$"):
         watching.check((Node.HEAD, Node.STAGE))
+
+
+def test_node_is_lost_after_the_silence_that_was_set(bus: Watched, watching: Supervision) -> None:
+    bus.bring(pack(CODEC, IDLE_HEAD, 0))
+    watching.check((Node.HEAD,))
+    bus.clock += 0.9 * SILENCE_S
+    watching.check((Node.HEAD,))
+    bus.clock += 0.2 * SILENCE_S
+    with pytest.raises(NodeLost, match="the head"):
+        watching.check((Node.HEAD,))
+
+
+def test_repeated_status_does_not_show_that_a_node_is_alive(bus: Watched, watching: Supervision) -> None:
+    for counter, seconds in ((0, 0.0), (1, 0.0), (1, 0.9 * SILENCE_S)):
+        bus.clock += seconds
+        bus.bring(pack(CODEC, IDLE_HEAD, counter))
+        watching.check((Node.HEAD,))
+    bus.clock += 0.2 * SILENCE_S
+    with pytest.raises(NodeLost, match=r"the head has been silent for 2\.2 s"):
+        watching.check((Node.HEAD,))
+
+
+def test_stop_request_whose_sender_went_away_is_forgotten(bus: Watched, watching: Supervision) -> None:
+    bus.bring(pack(CODEC, StopRequest(True, Source.OPERATOR), 0))
+    with pytest.raises(StopRequested):
+        watching.check_alone()
+    bus.clock += OVER_AFTER
+    with pytest.raises(StopRequested):
+        watching.check_alone()
+    bus.clock += 0.01
+    watching.check_alone()
 
 
 def test_damaged_frames_count_against_their_node_and_unknown_content_is_logged(

@@ -280,6 +280,56 @@ def test_late_answers_of_a_profiler_belong_to_nothing_any_more(service: int, cou
         assert wire.left < count
 
 
+class BrokenOff(FaultyWire):
+    """The wait for the first short answer ends with Ctrl-C; that answer comes after the next request."""
+
+    def __init__(self, bench: NodeBench) -> None:
+        self.held: list[Frame] = []
+        self.is_first = True
+        super().__init__(bench, alter=self.hold)
+
+    def hold(self, frame: Frame) -> Frame | None:
+        if frame.arbitration_id % 2 == 0 or kind(frame) != 0 or not self.is_first:
+            return frame
+        self.held.append(frame)
+        return None
+
+    def receive(self, wait_s: float) -> bytes | None:
+        if self.is_first and self.held:
+            self.is_first = False
+            raise KeyboardInterrupt
+        if wait_s > 0.0:
+            self.waiting.extendleft(frame.data for frame in reversed(self.held))
+            self.held.clear()
+        return super().receive(wait_s)
+
+
+def test_late_answer_to_a_request_that_was_broken_off_is_not_that_of_the_next_one(bench: NodeBench) -> None:
+    wire = BrokenOff(bench)
+    link = wire.link()
+    with pytest.raises(KeyboardInterrupt):
+        link.routine(Routine.HOME, Key(JOB, 0), limit_s=30)  # which a head refuses
+    assert [frame.data[1:3] for frame in wire.held] == [b"\x7f\x31"]
+    assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
+
+
+def test_clear_that_a_stop_forbids_is_asked_for_once(bench: NodeBench) -> None:
+    bench.stop(True)
+    link = FaultyWire(bench).link()
+    with pytest.raises(NodeRefused, match=r"clear of .* it is SAFE \(stop request\)"):
+        link.routine(Routine.CLEAR, Key(JOB, 0), b"\1", limit_s=30)
+    assert link.counts.repeated == 0
+
+
+def test_routine_may_last_as_long_as_its_limit() -> None:
+    with NodeBench(scan_ms=3_000) as bench:
+        link = FaultyWire(bench.ready(), PROFILER).link()
+        with pytest.raises(LinkTimeout, match=r"has not ended in time: scan of .*; ask for its outcome"):
+            link.routine(Routine.SCAN, Key(JOB, 0), limit_s=1.5)
+        bench.tick(3_000)
+        assert link.ask(Routine.SCAN, Key(JOB, 0)) is Outcome.DONE_BEFORE
+
+
 def test_node_that_restarts_in_the_middle_takes_the_pattern_after_a_clear(bench: NodeBench) -> None:
     blob = pattern_blob(np.ones((9, 8)))
 

@@ -109,6 +109,11 @@ def test_an_oval_outline_has_its_roundness_and_a_square_is_no_circle() -> None:
     for method in ("ls", "mz"):
         assert number(oval, f"roundness_{method}") == pytest.approx(1.5 * STEP, rel=0.03, abs=0.0)
         assert number(oval, f"radius_{method}") == pytest.approx(30.75 * STEP, rel=5e-3, abs=0.0)
+    oblong = form(Subject(map_of(z[::4], 4 * STEP), z[::4] > H / 2))
+    angle = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
+    lengths = np.hypot(31.5 * np.sin(angle), 30.0 * np.cos(angle))
+    radius = np.average(np.hypot(31.5 * np.cos(angle), 30.0 * np.sin(angle)), weights=lengths)  # along the outline
+    assert number(oblong, "radius_ls") == pytest.approx(radius * STEP, rel=1.5e-3, abs=0.0)
     square = np.clip(20 * STEP - np.maximum(abs(x), abs(y)) + H / 2, 0.0, H)
     assert "is no circle" in reason(form(Subject(map_of(square), square > H / 2)), "radius_mz")
 
@@ -161,6 +166,8 @@ def test_form_that_is_not_there_is_refused() -> None:
     assert "has 2 pieces" in reason(pair, "wall_angle_ls")
     block = form(Subject(map_of(z + np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
     assert "no wall is free" in reason(block, "roundness_mz")
+    pit = form(Subject(map_of(z - np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
+    assert "stand -50 µm above the substrate: no wall is free" in reason(pit, "radius_ls")
     assert set(flat) == set(symbols("form"))
     few = form(Subject(map_of(z[:5, :5])))
     assert "25 cells have a height" in reason(few, "flatness_ls")

@@ -15,6 +15,7 @@ from inkloop.metrology.evaluation.table import parameters
 from inkloop.report.page.content import content
 from inkloop.report.page.maps import LayerMaps, final_errors, packed
 from inkloop.results.result import Result
+from support.page_scripts import drawn, needs_node
 from support.pages import content_of, unpacked
 
 MASK = np.zeros((12, 9), np.bool_)
@@ -130,3 +131,119 @@ def test_further_layers_count_from_the_last_one_that_the_page_has() -> None:
     steps = unpacked(maps.packed(2)["heights"]).astype(np.int64)
     grown = (run.height[2] - run.height[1]).values
     np.testing.assert_allclose(steps[0] * maps.step_um, grown * 1e6, rtol=0.0, atol=1.01 * maps.step_um)
+
+
+def means(values: Any, block: int = 2) -> Any:
+    """Over blocks of cells, which are smaller at the far edges."""
+    nx, ny = (-(-cells // block) for cells in values.shape)
+    places = [[np.s_[block * i : block * (i + 1), block * j : block * (j + 1)] for j in range(ny)] for i in range(nx)]
+    return np.array([[np.nanmean(values[place]) if np.isfinite(values[place]).any() else np.nan for place in row]
+                     for row in places])  # fmt: skip
+
+
+@needs_node
+@pytest.mark.system
+def test_page_draws_the_heights_and_errors_of_the_run() -> None:
+    """On a grid that is not square; row and column of a cell, and its read-out in two layers."""
+    pattern = np.zeros((3, 12, 9), np.int32)
+    pattern[1:, 2:10, 1:8] = 1
+    (run,) = shown(printed(pattern=(("layer", "x", "y"), pattern)))["runs"]
+    i, j = np.argwhere(HEIGHT > TARGET)[1]
+    found = drawn(run, f"""
+        const cell = {{ i: {i}, j: {j} }}, scale = new ErrorScale([run]);
+        const cuts = ["x", "y"].map((along) => sectionChart(run, 2, cell, along));
+        const [body, tops] = solidChart(run, 2, scale, false).data;
+        const surface = surfaceChart(run, 2, cell, 25), error = layerErrorChart(run, 2, cell, scale);
+        return {{
+          surface: surface.data[0], ring: surface.layout.shapes[0], errors: error.data[0].customdata,
+          droplets: dropletChart(run, 1, cell).data[0].z, final: finalChart(run, scale).data[0].customdata,
+          cuts: cuts.map(({{ data, layout }}) => ({{ title: layout.title.text, lines: data.slice(1) }})),
+          body, tops, coarser: coarser(run, 2, 2), readouts: [1, 2].map((layer) => readout(run, layer, cell)),
+          scale: [scale.width, scale.limit], wide: run.grid.map((cells) => [edges(cells, 5, 1), middles(cells, 5, 1)]),
+        }};
+    """)  # fmt: skip
+    um, error = HEIGHT * 1e6, np.where(MASK, (TARGET - HEIGHT) * 1e6, np.nan)
+    half: dict[str, Any] = {"rtol": 0.0, "atol": 0.0051}
+    edges = [(np.arange(cells + 1) - 0.5) * 0.1 for cells in (12, 9)]
+    np.testing.assert_allclose(found["surface"]["z"], um.T, **half)
+    for axis, expected in zip("xy", edges, strict=True):
+        np.testing.assert_allclose(found["surface"][axis], expected, rtol=0.0, atol=1e-12)
+    ring = [found["ring"][name] for name in ("x0", "x1", "y0", "y1")]
+    assert ring == pytest.approx([0.1 * i - 0.05, 0.1 * i + 0.05, 0.1 * j - 0.05, 0.1 * j + 0.05], rel=1e-9, abs=0.0)
+    for name in ("errors", "final"):
+        np.testing.assert_allclose(np.array(found[name], float), error.T, **half)
+    np.testing.assert_array_equal(found["droplets"], pattern[1].T)
+    for cut, title, place, line in zip(
+        found["cuts"],
+        (f"Cut at y = {0.1 * j:.2f} mm", f"Cut at x = {0.1 * i:.2f} mm"),
+        (np.arange(12) * 0.1, np.arange(9) * 0.1),
+        (np.s_[:, j], np.s_[i, :]),
+        strict=True,
+    ):
+        assert cut["title"] == title
+        for shown_line, values in zip(cut["lines"], (TARGET * 1e6, um, error), strict=True):
+            np.testing.assert_allclose(shown_line["x"], place, rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(np.array(shown_line["y"], float), values[line], **half)
+    corners = np.array([found["body"][axis] for axis in "xyz"]).reshape(3, 12, 9, 4)
+    np.testing.assert_allclose(corners[0].mean(axis=-1), np.indices((12, 9))[0] * 0.1, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(corners[1].mean(axis=-1), np.indices((12, 9))[1] * 0.1, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(np.ptp(corners, axis=-1)[:, 0, 0], [0.1, 0.1, 0.0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(corners[2, ..., 0], um, **half)
+    assert len(found["tops"]["intensity"]) == len(found["tops"]["i"]) == 2 * MASK.sum()
+    for name, values in (("heights", um), ("errors", error)):
+        np.testing.assert_allclose(np.array(found["coarser"][name], float).reshape(6, 5), means(values), **half)
+    assert found["wide"] == [[[-0.5, 4.5, 9.5, 11.5], [2.0, 7.0, 10.5]], [[-0.5, 4.5, 8.5], [2.0, 6.5]]]
+    deviations = np.sort(np.abs(error[MASK]))
+    limit = deviations[int(0.99 * len(deviations))]
+    np.testing.assert_allclose(found["scale"], [limit / 2, limit], **half)
+    begin = f"Cell ({i}, {j}) at x {0.1 * i:.3f} mm, y {0.1 * j:.3f} mm, layer "
+    for layer, height, side in ((1, um[i, j] / 2, "low"), (2, um[i, j], "high")):
+        seen = round(height, 2)
+        end = f"target 20.00 µm: {abs(20.0 - seen):.2f} µm too {side}; a droplet."
+        assert found["readouts"][layer - 1] == f"{begin}{layer}: height {seen:.2f} µm, {end}"
+
+
+@needs_node
+@pytest.mark.system
+def test_open_page_takes_the_layers_that_it_lacks() -> None:
+    """Layer 1 was scanned since the page got it, and layer 2 was printed."""
+    known, whole = printed().dataset.isel(layer=slice(2)), printed()
+    maps, scanned = LayerMaps(known, 1), known.height[1] + 1e-6
+    whole.dataset["height"][1] = scanned
+    begun = {"name": "run", **maps.described(known), "layers": maps.packed(), "final": final_errors(known, 1e6)}
+    (later,) = shown(whole, known=[2])["runs"]
+    assert later["layers"]["first"] == 1
+    code = "return [run.layers, run.jetted.length, [0, 1, 2].map((layer) => run.heights(layer))];"
+    layers, jetted, heights = drawn(begun | {"later": later}, f"await run.add(given.later); {code}")
+    assert (layers, jetted) == (3, 3)
+    for found, expected in zip(heights, (0.0 * HEIGHT, scanned.values, HEIGHT), strict=True):
+        np.testing.assert_allclose(np.reshape(found, MASK.shape), expected * 1e6, rtol=0.0, atol=0.0051)
+
+
+@needs_node
+@pytest.mark.system
+def test_page_draws_a_layer_of_more_cells_than_a_call_takes_arguments() -> None:
+    cells = np.zeros((401, 390))
+    dataset = xr.Dataset(
+        {
+            "height": (("layer", "x", "y"), np.stack([cells, cells + 9e-6])),
+            "target_height": (("x", "y"), cells + 20e-6),
+            "mask": (("x", "y"), np.ones_like(cells, np.bool_)),
+        },
+        {"layer": np.arange(2), "x": np.arange(401) * 1e-4, "y": np.arange(390) * 1e-4},
+        {"pitch": 1e-4},
+    )
+
+    maps, final = LayerMaps(dataset, 1), final_errors(dataset, 1e6)
+    run = {"name": "large", **maps.described(dataset), "layers": maps.packed(), "final": final, "inks": 1}
+    layer = "page.runs = [run]; page.scale = new ErrorScale([run]); page.layer = 1; await showLayer();"
+    click = 'find("error").click({ points: [{ pointIndex: [7, 300] }] });'  # row and column of Plotly
+    top, cell, text = drawn(
+        run, f'{layer} {click} return [find("surface").data[0].zmax, page.cell, find("readout").textContent];'
+    )
+    assert top == pytest.approx(20.0, rel=1e-6, abs=0.0)
+    assert cell == {"i": 300, "j": 7}
+    assert text == (
+        "Cell (300, 7) at x 30.000 mm, y 0.700 mm, layer 1: height 9.00 µm, target 20.00 µm: 11.00 µm too low; "
+        "no droplet."
+    )

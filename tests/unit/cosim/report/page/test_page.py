@@ -210,6 +210,17 @@ def test_result_of_a_run_that_has_not_ended_is_that_of_its_layers(tmp_path: Path
         assert np.array_equal(known.values, expected.values[rows]), name
 
 
+def test_layer_that_a_resumed_run_prints_again_is_not_shown(tmp_path: Path) -> None:
+    unfinished(quick_cuboid(), tmp_path, 2)
+    reader = RunFolder(tmp_path)
+    (before,) = reader.runs().values()
+    for path in (tmp_path / LAYERS_FOLDER).glob("0002*.npz"):
+        path.unlink()
+    (after,) = reader.runs().values()
+    assert (before.dataset.sizes["layer"], after.dataset.sizes["layer"]) == (3, 2)
+    np.testing.assert_array_equal(after.dataset.height, before.dataset.height[:2])
+
+
 def test_layers_of_a_run_that_has_not_ended_stay_on_disk_until_they_are_used(tmp_path: Path) -> None:
     """Also where the run ends meanwhile, and removes them."""
     unfinished(quick_cuboid(), tmp_path, 2)
