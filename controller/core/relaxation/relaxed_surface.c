@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "drop_levels.h"
+#include "stopwatch.h"
 
 /* Cells that a step jets on: those of one `cell_colour` in four passes, all in one. */
 typedef struct {
@@ -36,7 +37,8 @@ bool relaxed_open(RelaxedSurface *surface, const HorizonProblem *problem) {
     const size_t cells = problem->nx * problem->ny;
     *surface = (RelaxedSurface){.problem = problem,
                                 .steps = problem->layers * (size_t)problem->passes,
-                                .framed = (problem->nx + 2) * (problem->ny + 2)};
+                                .framed = (problem->nx + 2) * (problem->ny + 2),
+                                .ends_at = INFINITY};
     const size_t maps = surface->steps + 3;
     surface->memory = malloc(maps * surface->framed * sizeof(double) + problem->layers * cells);
     if (!surface->memory)
@@ -99,14 +101,22 @@ static double trace_droplet(const Footprint *ink, const ptrdiff_t *offset, doubl
     return gain;
 }
 
-static void jet_all(RelaxedSurface *surface, const double *droplets) {
+/* Rows of a step between looks at the stopwatch. */
+static size_t band_rows(const HorizonProblem *problem) {
+    return 2 + 2 * (BAND_CELLS / 2 / problem->ny); /* even: each colour begins one */
+}
+
+static bool jet_all(RelaxedSurface *surface, const double *droplets) {
     const HorizonProblem *problem = surface->problem;
+    const size_t band = band_rows(problem);
     for (size_t number = 0; number < surface->steps; number++) {
         const Step step = step_of(problem, number);
         const double *before = surface->height + number * surface->framed;
         double *after = surface->height + (number + 1) * surface->framed;
         memcpy(after, before, surface->framed * sizeof(double));
         for (size_t i = step.first_i; i < problem->nx; i += step.stride) {
+            if (i % band == step.first_i && is_past(surface->ends_at))
+                return false;
             for (size_t j = step.first_j; j < problem->ny; j += step.stride) {
                 const size_t place = (step.layer * problem->nx + i) * problem->ny + j;
                 if (surface->first[place] == NO_KIND || droplets[place] == 0.0)
@@ -117,6 +127,7 @@ static void jet_all(RelaxedSurface *surface, const double *droplets) {
             }
         }
     }
+    return true;
 }
 
 static double positive_part(double x, double smoothing) {
@@ -148,13 +159,16 @@ static void spread_of(const RelaxedSurface *surface, const double *height, doubl
     *deviation = sqrt(squares / surface->count + smoothing * smoothing);
 }
 
-double relaxed_value(RelaxedSurface *surface, const double *droplets, double smoothing) {
+bool relaxed_value(RelaxedSurface *surface, const double *droplets, double smoothing, double *value) {
     const HorizonProblem *problem = surface->problem;
     const double *height = surface->height + surface->steps * surface->framed;
     double mean, deviation, error = 0.0;
-    jet_all(surface, droplets);
+    if (!jet_all(surface, droplets))
+        return false;
     spread_of(surface, height, smoothing, &mean, &deviation);
     for (size_t i = 0; i < problem->nx; i++) {
+        if (i % band_rows(problem) == 0 && is_past(surface->ends_at))
+            return false;
         for (size_t j = 0; j < problem->ny; j++) {
             const size_t cell = i * problem->ny + j;
             const double reached = height[framed_cell(problem, i, j)];
@@ -165,17 +179,20 @@ double relaxed_value(RelaxedSurface *surface, const double *droplets, double smo
             error += cell_weight(problem, cell) * cost;
         }
     }
-    return problem->alpha * error / surface->count + (1.0 - problem->alpha) * deviation;
+    *value = problem->alpha * error / surface->count + (1.0 - problem->alpha) * deviation;
+    return true;
 }
 
-/* Sensitivity of the objective to the last surface. */
-static void seed_sensitivity(const RelaxedSurface *surface, double smoothing, double *sensitivity) {
+/* Sensitivity of the objective to the last surface. False if the time ends first. */
+static bool seed_sensitivity(const RelaxedSurface *surface, double smoothing, double *sensitivity) {
     const HorizonProblem *problem = surface->problem;
     const double *height = surface->height + surface->steps * surface->framed;
     double mean, deviation;
     spread_of(surface, height, smoothing, &mean, &deviation);
     memset(sensitivity, 0, surface->framed * sizeof(double));
     for (size_t i = 0; i < problem->nx; i++) {
+        if (i % band_rows(problem) == 0 && is_past(surface->ends_at))
+            return false;
         for (size_t j = 0; j < problem->ny; j++) {
             const size_t cell = i * problem->ny + j, framed = framed_cell(problem, i, j);
             const double above = height[framed] - problem->target[cell];
@@ -189,17 +206,22 @@ static void seed_sensitivity(const RelaxedSurface *surface, double smoothing, do
                 sensitivity[framed] += (1.0 - problem->alpha) * (height[framed] - mean) / (surface->count * deviation);
         }
     }
+    return true;
 }
 
-void relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient) {
+bool relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient) {
     const HorizonProblem *problem = surface->problem;
+    const size_t band = band_rows(problem);
     double *later = surface->sensitivity, *earlier = surface->sensitivity + surface->framed;
-    seed_sensitivity(surface, smoothing, later);
+    if (!seed_sensitivity(surface, smoothing, later))
+        return false;
     for (size_t number = surface->steps; number-- > 0;) {
         const Step step = step_of(problem, number);
         const double *before = surface->height + number * surface->framed;
         memcpy(earlier, later, surface->framed * sizeof(double));
         for (size_t i = step.first_i; i < problem->nx; i += step.stride) {
+            if (i % band == step.first_i && is_past(surface->ends_at))
+                return false;
             for (size_t j = step.first_j; j < problem->ny; j += step.stride) {
                 const size_t place = (step.layer * problem->nx + i) * problem->ny + j;
                 gradient[place] = 0.0;
@@ -214,4 +236,5 @@ void relaxed_gradient(RelaxedSurface *surface, const double *droplets, double sm
         later = earlier;
         earlier = next;
     }
+    return true;
 }

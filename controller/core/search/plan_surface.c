@@ -4,6 +4,7 @@
 
 #include "instruction_sets.h"
 #include "map_memory.h"
+#include "stopwatch.h"
 
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
 static const double LEAST_SHARE_OF_DROPLET = 1e-9;
@@ -69,6 +70,12 @@ static double copy_maps(PlanSurface *surface) {
 }
 
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan) {
+    bool is_evaluated;
+    return surface_open_until(surface, problem, plan, INFINITY, &is_evaluated);
+}
+
+bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
+                        bool *is_evaluated) {
     const size_t stride = problem->ny + 2;
     *surface = (PlanSurface){.problem = problem,
                              .nx = problem->nx,
@@ -92,7 +99,7 @@ bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int
     surface->droplet_worth = tallest / surface->weighting.count;
     surface->least_gain = LEAST_SHARE_OF_DROPLET * surface->droplet_worth;
     surface_set_plan(surface, plan);
-    surface_evaluate(surface);
+    *is_evaluated = surface_evaluate_until(surface, ends_at);
     return true;
 }
 
@@ -136,7 +143,7 @@ double surface_add_droplet(const PlanSurface *surface, const double *before, siz
     return kept;
 }
 
-enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns that are printed together; cell k of a band is at 1 + k */
+enum { BAND = 128, FRAMED_BAND = BAND + 2, BAND_ROWS = BAND_CELLS / BAND }; /* columns that are printed together; cell k of a band is at 1 + k */
 
 /* Droplets of a row of a band, jetted in one step. */
 typedef struct {
@@ -183,8 +190,8 @@ static INLINED void exchange(const DropletRow *here, const DropletRow *there, in
     }
 }
 
-/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. */
-static INLINED void print_band(const PlanSurface *surface, size_t step, size_t left, size_t count) {
+/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. False if `ends_at` came. */
+static INLINED bool print_band(const PlanSurface *surface, size_t step, size_t left, size_t count, double ends_at) {
     const size_t stride = surface->stride;
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1), kept[BAND];
@@ -199,6 +206,8 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
         DropletRow *below = &rows[(row + 1) % 3];
         const size_t cell = row * stride + left;
         const double *own = before + cell, *over = own - stride, *under = own + stride;
+        if (row % BAND_ROWS == 1 && is_past(ends_at))
+            return false;
         load_row(surface, step, row + 1, left, count, below);
         if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
             memcpy(after + cell, own, count * sizeof *own);
@@ -221,20 +230,23 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
         for (size_t k = 0; is_last && k < count; k++)
             surface->left_to_chance[cell + k] = surface_chance(surface, kept[k]);
     }
+    return true;
 }
 
-static INLINED void print_bands(const PlanSurface *surface, size_t step) {
+static INLINED bool print_bands(const PlanSurface *surface, size_t step, double ends_at) {
     for (size_t first = 0; first < surface->ny; first += BAND)
-        print_band(surface, step, first + 1, surface->ny - first < BAND ? surface->ny - first : BAND);
+        if (!print_band(surface, step, first + 1, surface->ny - first < BAND ? surface->ny - first : BAND, ends_at))
+            return false;
     set_frame(surface, surface_height(surface, step + 1));
+    return true;
 }
 
-static void print_step_plain(const PlanSurface *surface, size_t step) {
-    print_bands(surface, step);
+static bool print_step_plain(const PlanSurface *surface, size_t step, double ends_at) {
+    return print_bands(surface, step, ends_at);
 }
 
-static WITH_AVX2 void print_step_avx2(const PlanSurface *surface, size_t step) {
-    print_bands(surface, step);
+static WITH_AVX2 bool print_step_avx2(const PlanSurface *surface, size_t step, double ends_at) {
+    return print_bands(surface, step, ends_at);
 }
 
 /* What the heights after the last step cost, cell by cell. */
@@ -260,11 +272,17 @@ void surface_add_up(PlanSurface *surface) {
     }
 }
 
-void surface_evaluate(PlanSurface *surface) {
+bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
     for (size_t step = 0; step < surface->steps; step++)
-        (HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step);
+        if (!(HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step, ends_at))
+            return false;
     take_costs(surface);
     surface_add_up(surface);
+    return true;
+}
+
+void surface_evaluate(PlanSurface *surface) {
+    surface_evaluate_until(surface, INFINITY);
 }
 
 Objective surface_objective(const PlanSurface *surface) {

@@ -51,10 +51,18 @@ typedef struct {
 
 /* Takes memory and evaluates the plan (layers * nx * ny). False if there is no memory. */
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan);
+
+/* The same, but for the evaluation where that does not end before `ends_at` by the stopwatch; *is_evaluated reports
+ * which. */
+bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
+                        bool *is_evaluated);
 void surface_close(PlanSurface *surface);
 
 /* All surfaces and sums of the present plan from scratch. */
 void surface_evaluate(PlanSurface *surface);
+
+/* The same; false if `ends_at` came before the end: the surfaces are of no use then. */
+bool surface_evaluate_until(PlanSurface *surface, double ends_at);
 
 /* The sums alone, where the surfaces are those of the plan. */
 void surface_add_up(PlanSurface *surface);
