@@ -148,7 +148,8 @@ static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
     const double began = stopwatch_seconds();
     int32_t rounded = CORE_DONE;
     if (is_rounded)
-        rounded = diffuse_droplets(first->problem, first->droplets, first->first_ends_at, first->plan[START_RELAXATION]);
+        rounded =
+            diffuse_droplets(first->problem, first->droplets, first->first_ends_at, first->plan[START_RELAXATION]);
     else
         full_layers(first->problem, first->plan[START_FULL_LAYERS]);
     if (rounded != CORE_DONE)

@@ -12,8 +12,8 @@
 typedef struct {
     const HorizonProblem *problem;
     const PlanWork *work;
-    size_t places;     /* values of a plan */
-    double ends_at;    /* by the stopwatch [s]; infinite: no limit */
+    size_t places;        /* values of a plan */
+    double ends_at;       /* by the stopwatch [s]; infinite: no limit */
     double first_ends_at; /* the same for the first plan: infinite where there must be one */
     double evaluation;    /* of a plan, the longest yet [s] */
     bool is_there[STARTS];

@@ -129,7 +129,8 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
     const Origin origin = {start, annealing > 0, found};
-    const int32_t status = consider(planning, planning->repaired, report.objective, origin, ending_at(&planning->first));
+    const int32_t status =
+        consider(planning, planning->repaired, report.objective, origin, ending_at(&planning->first));
     return status == CORE_DONE && found == CORE_STOPPED ? CORE_STOPPED : status;
 }
 

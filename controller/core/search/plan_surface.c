@@ -143,7 +143,11 @@ double surface_add_droplet(const PlanSurface *surface, const double *before, siz
     return kept;
 }
 
-enum { BAND = 128, FRAMED_BAND = BAND + 2, BAND_ROWS = BAND_CELLS / BAND }; /* columns that are printed together; cell k of a band is at 1 + k */
+enum {
+    BAND = 128,
+    FRAMED_BAND = BAND + 2,
+    BAND_ROWS = BAND_CELLS / BAND
+}; /* columns that are printed together; cell k of a band is at 1 + k */
 
 /* Droplets of a row of a band, jetted in one step. */
 typedef struct {
