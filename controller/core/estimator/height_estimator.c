@@ -233,11 +233,11 @@ static void correct_cells(const EstimatorOptions *options, const SurfaceEstimate
         if (registers(options))
             carry_response(cells, first, count, scan, &wall, before->response, gain, after->response,
                            is_displaced(&after->registration) ? after->variance + first : NULL);
+        for (size_t cell = first; cell < first + count; cell++)
+            after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
     }
     if (!registers(options))
         memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
-    for (size_t cell = 0; cell < cells; cell++)
-        after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
 }
 
 /* Which cells' droplets do not come, by the increments in the proportions of `ink`; leaves the variances of the
