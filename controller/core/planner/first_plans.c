@@ -71,7 +71,7 @@ static int32_t relax(FirstPlans *first) {
     const double began = stopwatch_seconds(), seconds = RELAXATION_SHARE * fmax(0.0, seconds_left(first));
     int32_t status = CORE_TIME;
     if (seconds >= LEAST_RELAXATION * first->evaluation) {
-        const RelaxationOptions options = {first->work->iterations, seconds};
+        const RelaxationOptions options = {first->work->iterations, seconds, first->work->threads};
         RelaxationReport report;
         status = relax_droplets(first->problem, &options, first->droplets, &report);
     }

@@ -45,6 +45,7 @@ int32_t relax_droplets(const HorizonProblem *problem, const RelaxationOptions *o
     if (!relaxed_open(&surface, problem))
         return CORE_NO_MEMORY;
     rest.seconds_max -= stopwatch_seconds() - began;
+    surface.threads = (size_t)options->threads;
     const int32_t status = projected_gradient(&surface, &rest, droplets, report);
     relaxed_close(&surface);
     return status;

@@ -28,6 +28,7 @@ typedef struct {
     double *sensitivity; /* 2 framed maps: of the objective to the height after a step, and before it [1] */
     double count;        /* cells of the part */
     double ends_at;      /* by the stopwatch; infinite until the caller sets it */
+    size_t threads;      /* 1 until the caller sets it; the bits do not depend on it */
     void *memory;
 } RelaxedSurface;
 
