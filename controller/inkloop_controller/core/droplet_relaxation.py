@@ -40,7 +40,8 @@ def relax(
     """Droplets near an optimum of the relaxed problem, by accelerated projected gradients.
 
     start: droplets (layers, nx, ny) to begin at, which the answer is not worse than (None: half a droplet each);
-    iterations_max: work budget; seconds_max: guard by the clock; threads: does not change the answer. Raises ValueError for invalid values.
+    iterations_max: work budget; seconds_max: guard by the clock; threads: does not change the answer. Raises ValueError
+    for invalid values.
     """
     if iterations_max < 0 or not seconds_max >= 0.0:
         raise ValueError(f"iterations_max is {iterations_max} and seconds_max {seconds_max}; needs neither below 0")

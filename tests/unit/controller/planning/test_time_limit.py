@@ -35,7 +35,7 @@ FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", *PLACES)
 ALL = LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR | LeftOut.FEWER_LAYERS
 FIRST_PLAN = 32.0  # looks at the stopwatch, with two evaluations and a rounding
 ENDING = 12.0  # looks after the time has ended: of stages that find none left
-EVALUATION = 72.0  # looks of a plan of 384 x 16 cells and three layers; a repair ends with one, or with one of a plan that prints
+EVALUATION = 72.0  # looks, of a plan of 384 x 16 cells and three layers: a repair ends with one
 WORK = Work(sweeps=4, annealing_sweeps=0, iterations=3)
 
 pytestmark = [
