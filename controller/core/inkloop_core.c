@@ -20,7 +20,7 @@ double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *
 }
 
 int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
-    return plan_objective(problem, plan, INFINITY, value);
+    return plan_objective(problem, plan, INFINITY, 1, value);
 }
 
 int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
@@ -28,7 +28,7 @@ int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *optio
     const int32_t status = improve_plan(problem, options, plan, report);
     if (status != CORE_TIME || !isinf(report->objective.value))
         return status;
-    const int32_t evaluated = plan_objective(problem, plan, INFINITY, &report->objective);
+    const int32_t evaluated = plan_objective(problem, plan, INFINITY, options->threads, &report->objective);
     report->incremental = report->objective.value;
     return evaluated == CORE_DONE ? CORE_TIME : evaluated;
 }

@@ -175,7 +175,8 @@ int32_t make_first_plans(FirstPlans *first) {
     set_droplets(first);
     if (!is_limited(first) && can_relax(first) && relax(first) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    if (!surface_open_until(&surface, first->problem, first->plan[START_NOTHING], first->first_ends_at, &is_evaluated))
+    if (!surface_open_until(&surface, first->problem, first->plan[START_NOTHING], first->first_ends_at,
+                            first->work->threads, &is_evaluated))
         return CORE_NO_MEMORY;
     if (is_evaluated)
         first->value[START_NOTHING] = surface_objective(&surface);

@@ -81,7 +81,7 @@ static int32_t consider(Planning *planning, const int32_t *plan, Objective value
             memcpy(planning->trial, plan, bytes);
             plan = planning->trial;
             if (leave_idle_start(planning->problem, planning->trial, planning->moved))
-                status = plan_objective(planning->problem, planning->trial, ends_at, &value);
+                status = plan_objective(planning->problem, planning->trial, ends_at, planning->work->threads, &value);
         }
         planning->first.left_out |= status == CORE_TIME ? LEFT_STARTS : 0;
         if (status != CORE_DONE)
@@ -161,7 +161,8 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
     *is_best = planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->best);
     if (!*is_best)
         return CORE_DONE;
-    if (!surface_open_until(&surface, planning->problem, planning->best, ends_at, &is_evaluated))
+    if (!surface_open_until(&surface, planning->problem, planning->best, ends_at, planning->work->threads,
+                            &is_evaluated))
         return CORE_NO_MEMORY;
     *is_best = is_evaluated && is_fullest_best(&surface) && !is_empty(planning->best, planning->places);
     if (*is_best) {

@@ -6,10 +6,11 @@
 #include "projected_gradient.h"
 #include "stopwatch.h"
 
-int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, Objective *value) {
+int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, int32_t threads,
+                       Objective *value) {
     PlanSurface surface;
     bool is_evaluated;
-    if (!surface_open_until(&surface, problem, plan, ends_at, &is_evaluated))
+    if (!surface_open_until(&surface, problem, plan, ends_at, threads, &is_evaluated))
         return CORE_NO_MEMORY;
     if (is_evaluated)
         *value = surface_objective(&surface);
@@ -22,7 +23,7 @@ int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options
     bool is_evaluated;
     *report = (SearchReport){.objective = {.value = INFINITY}};
     const double began = stopwatch_seconds();
-    if (!surface_open_until(&surface, problem, plan, began + options->seconds_max, &is_evaluated))
+    if (!surface_open_until(&surface, problem, plan, began + options->seconds_max, options->threads, &is_evaluated))
         return CORE_NO_MEMORY;
     if (!is_evaluated) {
         surface_close(&surface);

@@ -5,7 +5,8 @@
 #include "horizon_problem.h"
 
 /* Objective of a plan. CORE_DONE, CORE_NO_MEMORY, or CORE_TIME where `ends_at` by the stopwatch came first. */
-int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, Objective *value);
+int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, int32_t threads,
+                       Objective *value);
 
 /* Improves a plan by annealing, if requested, and moves; see inkloop_search. Where the time ends before the plan given
  * is evaluated, it stays, CORE_TIME is returned, and the value of the objective is infinite. */

@@ -42,11 +42,12 @@ static size_t layers_used(const HorizonProblem *problem, const int32_t *plan) {
 
 /* Ends the horizon with the last layer of the plan: an empty one would hide what the last droplets leave to chance.
  * Without the time to evaluate that (CORE_TIME) the objective stays the one with the empty layers. */
-static int32_t end_with_plan(HorizonProblem *problem, const int32_t *plan, double ends_at, Objective *value) {
+static int32_t end_with_plan(HorizonProblem *problem, const PlanWork *work, const int32_t *plan, double ends_at,
+                             Objective *value) {
     const size_t used = layers_used(problem, plan);
     const bool is_shorter = used < problem->layers;
     problem->layers = used;
-    return is_shorter ? plan_objective(problem, plan, ends_at, value) : CORE_DONE;
+    return is_shorter ? plan_objective(problem, plan, ends_at, work->threads, value) : CORE_DONE;
 }
 
 static double tallest_layer(const HorizonProblem *problem) {
@@ -69,7 +70,7 @@ static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, double
                        PlanReport *report, int32_t *status) {
     Objective rest;
     squeeze_plan(fewer, work->longer, shorter);
-    *status = plan_objective(fewer, shorter, ends_at, &rest);
+    *status = plan_objective(fewer, shorter, ends_at, work->threads, &rest);
     if (*status != CORE_DONE || rest.value - work->longer_value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
         return false;
     PlanWork left = *work;
@@ -88,7 +89,7 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
     rest.longer = plan;
     rest.layer_price = price;
     rest.relaxation = work->relaxation == RELAX_GIVEN ? RELAX_HERE : work->relaxation;
-    int32_t status = end_with_plan(&fewer, plan, ends_at, &report->objective);
+    int32_t status = end_with_plan(&fewer, work, plan, ends_at, &report->objective);
     while (status == CORE_DONE && --fewer.layers > 0 && !stop->is_stopped) {
         PlanReport found;
         rest.longer_value = report->objective.value;
@@ -106,7 +107,7 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
         *report = found;
         memset(plan, 0, problem->layers * cells * sizeof(int32_t));
         memcpy(plan, shorter, fewer.layers * cells * sizeof(int32_t));
-        status = end_with_plan(&fewer, plan, ends_at, &report->objective);
+        status = end_with_plan(&fewer, work, plan, ends_at, &report->objective);
     }
     report->left_out |= status == CORE_TIME ? LEFT_FEWER_LAYERS : 0;
     return status == CORE_TIME ? CORE_DONE : status;

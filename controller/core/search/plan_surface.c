@@ -4,6 +4,7 @@
 
 #include "instruction_sets.h"
 #include "map_memory.h"
+#include "parallel.h"
 #include "stopwatch.h"
 
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
@@ -71,11 +72,11 @@ static double copy_maps(PlanSurface *surface) {
 
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan) {
     bool is_evaluated;
-    return surface_open_until(surface, problem, plan, INFINITY, &is_evaluated);
+    return surface_open_until(surface, problem, plan, INFINITY, 1, &is_evaluated);
 }
 
 bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
-                        bool *is_evaluated) {
+                        int32_t threads, bool *is_evaluated) {
     const size_t stride = problem->ny + 2;
     *surface = (PlanSurface){.problem = problem,
                              .nx = problem->nx,
@@ -83,6 +84,7 @@ bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, con
                              .stride = stride,
                              .framed = (problem->nx + 2) * stride,
                              .steps = problem->layers * (size_t)problem->passes,
+                             .threads = (size_t)threads,
                              .upward = 0.5 * (problem->overshoot + 1.0),
                              .skew = 0.5 * (problem->overshoot - 1.0)};
     if (!take_memory(surface))
@@ -194,8 +196,40 @@ static INLINED void exchange(const DropletRow *here, const DropletRow *there, in
     }
 }
 
-/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. False if `ends_at` came. */
-static INLINED bool print_band(const PlanSurface *surface, size_t step, size_t left, size_t count, double ends_at) {
+/* Rows `top` to `bottom` excluded of a step, of all rows from 1 to nx, for one thread. */
+typedef struct {
+    PlanSurface *surface;
+    size_t step, top, bottom;
+    double ends_at;
+    bool is_done;
+} RowShare;
+
+enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
+
+/* Calls `work` for all rows; false if one of the threads has run out of time. */
+static bool run_rows(void *(*work)(void *share), PlanSurface *surface, size_t step, double ends_at) {
+    const size_t most = 1 + surface->framed / SHARE_CELLS;
+    size_t threads = surface->threads < most ? surface->threads : most;
+    RowShare shares[MAX_PARALLEL];
+    bool is_done = true;
+    threads = threads < MAX_PARALLEL ? threads : MAX_PARALLEL;
+    threads = threads < surface->nx ? threads : surface->nx;
+    for (size_t k = 0; k < threads; k++)
+        shares[k] = (RowShare){.surface = surface,
+                               .step = step,
+                               .top = 1 + surface->nx * k / threads,
+                               .bottom = 1 + surface->nx * (k + 1) / threads,
+                               .ends_at = ends_at};
+    run_parallel(work, shares, sizeof *shares, threads);
+    for (size_t k = 0; k < threads; k++)
+        is_done = is_done && shares[k].is_done;
+    return is_done;
+}
+
+/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. False if the time has ended. */
+static INLINED bool print_band(const RowShare *share, size_t left, size_t count) {
+    const PlanSurface *surface = share->surface;
+    const size_t step = share->step;
     const size_t stride = surface->stride;
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1), kept[BAND];
@@ -203,14 +237,14 @@ static INLINED bool print_band(const PlanSurface *surface, size_t step, size_t l
     DropletRow rows[3];
     for (size_t k = 0; k < 3; k++)
         rows[k].is_jetted = true; /* nothing is known */
-    load_row(surface, step, 0, left, count, &rows[0]);
-    load_row(surface, step, 1, left, count, &rows[1]);
-    for (size_t row = 1; row <= surface->nx; row++) {
+    load_row(surface, step, share->top - 1, left, count, &rows[(share->top - 1) % 3]);
+    load_row(surface, step, share->top, left, count, &rows[share->top % 3]);
+    for (size_t row = share->top; row < share->bottom; row++) {
         const DropletRow *above = &rows[(row - 1) % 3], *here = &rows[row % 3];
         DropletRow *below = &rows[(row + 1) % 3];
         const size_t cell = row * stride + left;
         const double *own = before + cell, *over = own - stride, *under = own + stride;
-        if (row % BAND_ROWS == 1 && is_past(ends_at))
+        if (row % BAND_ROWS == 1 && is_past(share->ends_at))
             return false;
         load_row(surface, step, row + 1, left, count, below);
         if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
@@ -237,27 +271,35 @@ static INLINED bool print_band(const PlanSurface *surface, size_t step, size_t l
     return true;
 }
 
-static INLINED bool print_bands(const PlanSurface *surface, size_t step, double ends_at) {
-    for (size_t first = 0; first < surface->ny; first += BAND)
-        if (!print_band(surface, step, first + 1, surface->ny - first < BAND ? surface->ny - first : BAND, ends_at))
-            return false;
-    set_frame(surface, surface_height(surface, step + 1));
-    return true;
+static INLINED void print_rows(RowShare *share) {
+    const size_t ny = share->surface->ny;
+    share->is_done = true;
+    for (size_t first = 0; first < ny && share->is_done; first += BAND)
+        share->is_done = print_band(share, first + 1, ny - first < BAND ? ny - first : BAND);
 }
 
-static bool print_step_plain(const PlanSurface *surface, size_t step, double ends_at) {
-    return print_bands(surface, step, ends_at);
+static void print_plain(RowShare *share) {
+    print_rows(share);
 }
 
-static WITH_AVX2 bool print_step_avx2(const PlanSurface *surface, size_t step, double ends_at) {
-    return print_bands(surface, step, ends_at);
+static WITH_AVX2 void print_avx2(RowShare *share) {
+    print_rows(share);
 }
 
-/* What the heights after the last step cost, cell by cell. */
-static void take_costs(PlanSurface *surface) {
+static void *print_share(void *handed) {
+    (HAS_AVX2 ? print_avx2 : print_plain)(handed);
+    return NULL;
+}
+
+/* What the heights after the last step cost, cell by cell; nothing on the frame. */
+static void *take_costs(void *handed) {
+    RowShare *share = handed;
+    const PlanSurface *surface = share->surface;
     const double *last = surface_height(surface, surface->steps);
-    for (size_t cell = 0; cell < surface->framed; cell++)
+    for (size_t cell = share->top * surface->stride; cell < share->bottom * surface->stride; cell++)
         surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
+    share->is_done = true;
+    return NULL;
 }
 
 /* The reference of the heights is the mean that they have after the last step. */
@@ -277,10 +319,12 @@ void surface_add_up(PlanSurface *surface) {
 }
 
 bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
-    for (size_t step = 0; step < surface->steps; step++)
-        if (!(HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step, ends_at))
+    for (size_t step = 0; step < surface->steps; step++) {
+        if (!run_rows(print_share, surface, step, ends_at))
             return false;
-    take_costs(surface);
+        set_frame(surface, surface_height(surface, step + 1));
+    }
+    run_rows(take_costs, surface, surface->steps, ends_at);
     surface_add_up(surface);
     return true;
 }
