@@ -19,6 +19,7 @@ NAMES = (
     "master",
     "scaling",
     "time_limit",
+    "estimator",
     "columns",
     "controller_step",
     "controller_time",

@@ -26,6 +26,8 @@ from inkloop_controller.problem.work import Work
 SCANS = 50
 LIMITS_S = {100: 0.02, 300: 0.1, 1000: 0.8, 2048: 4.0}
 SIDES = (100, 300, 1000)
+HEADINGS = ("grid", "the least", "limit", "wall, median", "wall, worst", "processor, worst", "plans", "left out")
+LEAST_SCANS, NO_TIME_S = 3, 1e-9
 HORIZON = 3
 PITCH = 263.256e-6  # [m]
 NOISE_M, VARIATION = 0.3e-6, 0.1  # of the scans; of the droplets
@@ -45,7 +47,7 @@ def measure(*, sides: tuple[int, ...] = SIDES, scans: int = SCANS) -> Table:
     """The worst of many scans of each grid."""
     title = f"time limit, from the scan to the pattern: worst of {scans} scans, N = {HORIZON}, one thread"
     table = Table(title=title)
-    for heading in ("grid", "limit", "wall, median", "wall, worst", "processor, worst", "plans", "left out"):
+    for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for side in sides:
         limit = LIMITS_S.get(side, LIMITS_S[SIDES[-1]] * (side / SIDES[-1]) ** 2)
@@ -56,6 +58,7 @@ def measure(*, sides: tuple[int, ...] = SIDES, scans: int = SCANS) -> Table:
         left_out = Counter(str(stage.name).lower() for answer in found for stage in answer.left_out)
         table.add_row(
             f"{side} x {side}",
+            scaled(least(side)),
             scaled(limit),
             scaled(float(np.median(walls))),
             scaled(float(walls.max())),
@@ -66,11 +69,16 @@ def measure(*, sides: tuple[int, ...] = SIDES, scans: int = SCANS) -> Table:
     return table
 
 
+def least(side: int) -> float:
+    """Wall time of an answer without any time: the estimate, nothing and one rounded plan [s]."""
+    return float(np.median([answer.wall_s for answer in answers(side, NO_TIME_S, LEAST_SCANS)]))
+
+
 def answers(side: int, limit: float, scans: int) -> Iterator[Answer]:
     """Layers of a print with that limit [s] for every plan; the scan of the start surface is not among them."""
     rng = np.random.default_rng(0)
     height = np.zeros((side, side))
-    job = _job(side, scans)
+    job = block(side, scans)
     planner = LayerMpc(job, horizon=HORIZON, work=Work(time_limit=limit))
     controller = LayerController(job, planner, HeightEstimator(job))
     controller.initialize(0, _scan(height, 0))
@@ -92,7 +100,7 @@ def _scan(surface: FloatMap, layer: int) -> dict[str, Any]:
     return {"measured_height": surface, "valid": np.ones(surface.shape, np.bool_), **counts}
 
 
-def _job(side: int, scans: int) -> Job:
+def block(side: int, scans: int) -> Job:
     """A block with a margin of two cells, too high to be done within these scans."""
     mask = np.zeros((side, side), np.bool_)
     mask[2:-2, 2:-2] = True

@@ -1,5 +1,6 @@
 #include "inkloop_core.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "error_diffusion.h"
@@ -19,12 +20,17 @@ double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *
 }
 
 int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
-    return plan_objective(problem, plan, value);
+    return plan_objective(problem, plan, INFINITY, 1, value);
 }
 
 int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
                        SearchReport *report) {
-    return improve_plan(problem, options, plan, report);
+    const int32_t status = improve_plan(problem, options, plan, report);
+    if (status != CORE_TIME || !isinf(report->objective.value))
+        return status;
+    const int32_t evaluated = plan_objective(problem, plan, INFINITY, options->threads, &report->objective);
+    report->incremental = report->objective.value;
+    return evaluated == CORE_DONE ? CORE_TIME : evaluated;
 }
 
 int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch, int64_t iterations_max,
@@ -59,14 +65,14 @@ int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *dr
     RelaxedSurface surface;
     if (!relaxed_open(&surface, problem))
         return CORE_NO_MEMORY;
-    *value = relaxed_value(&surface, droplets, smoothing);
-    relaxed_gradient(&surface, droplets, smoothing, gradient);
+    (void)relaxed_value(&surface, droplets, smoothing, value);
+    (void)relaxed_gradient(&surface, droplets, smoothing, gradient);
     relaxed_close(&surface);
     return CORE_DONE;
 }
 
 int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
-    return diffuse_droplets(problem, droplets, plan);
+    return diffuse_droplets(problem, droplets, INFINITY, plan);
 }
 
 void inkloop_ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers,

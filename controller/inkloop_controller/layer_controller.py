@@ -26,7 +26,7 @@ from inkloop.errors import ComponentError
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.estimation.scan_registration import ScanDisplacement
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
-from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, is_finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +257,8 @@ def _lean(drop_level: IntMap) -> IntMap:
 
 
 def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:
+    if is_finite(measured):
+        return
     wrong = valid & ~np.isfinite(measured)
     if wrong.any():
         i, j = (int(index) for index in np.argwhere(wrong)[0])

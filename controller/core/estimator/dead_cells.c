@@ -12,19 +12,21 @@ static double within(double value, double least, double most) {
     return value < least ? least : value > most ? most : value;
 }
 
-static double layer_evidence(double own, double grown, double variance) {
+/* Evidence of a layer, times the variance. */
+static double weighed_evidence(double own, double grown) {
     const double weak = WEAK * own;
-    return own > 0.0 ? weak * (0.5 * weak - grown) / variance : 0.0;
+    return weak * (0.5 * weak - grown);
 }
 
 void dead_evidence(size_t cells, const double *before, const double *own, const double *grown, const double *variance,
                    size_t part_cells, double *after) {
     size_t without = 0;
     for (size_t cell = 0; cell < cells; cell++)
-        without += layer_evidence(own[cell], grown[cell], variance[cell]) > 0.0;
+        without += own[cell] > 0.0 && weighed_evidence(own[cell], grown[cell]) > 0.0;
     const bool is_whole_head = (double)without > WHOLE_HEAD * (double)part_cells;
     for (size_t cell = 0; cell < cells; cell++) {
-        const double evidence = layer_evidence(own[cell], grown[cell], variance[cell]);
+        const double weighed = weighed_evidence(own[cell], grown[cell]);
+        const double evidence = own[cell] > 0.0 ? weighed / variance[cell] : 0.0;
         after[cell] = is_whole_head ? before[cell]
                                     : within(before[cell] + within(evidence, -LAYER_EVIDENCE, LAYER_EVIDENCE), 0.0,
                                              DEAD_EVIDENCE);

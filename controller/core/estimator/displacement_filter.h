@@ -77,6 +77,8 @@ static inline size_t column_place(const WallColumns *columns, size_t cell, size_
     return place;
 }
 
+enum { ROOM_MAPS = 3 }; /* weight, rest, curvature */
+
 /* Maps of one registration, of the caller but for the columns and the moved ones. */
 typedef struct {
     WallColumns columns;

@@ -47,12 +47,13 @@ void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, Surfac
     trust->blind_share = part_cells > 0 ? (double)blind / (double)part_cells : 0.0;
     trust->capped_cells = trust->high_cells = trust->rise_cell = 0;
     trust->rise = 0.0;
-    memset(estimate->capped, 0, options->nx * options->ny);
-    if (options->take_as_read)
+    if (options->take_as_read) {
+        memset(estimate->capped, 0, options->nx * options->ny);
         return;
+    }
     const InkLimit limit = ink_limit(options, estimate);
-    trust->capped_cells = (int64_t)mark_capped(&limit, estimate->height, estimate->reckoned, estimate->capped);
-    const HighCells high = find_high(&limit, estimate->height, estimate->reckoned);
+    HighCells high;
+    trust->capped_cells = (int64_t)mark_capped(&limit, estimate->height, estimate->reckoned, estimate->capped, &high);
     trust->high_cells = (int64_t)high.count;
     trust->rise = high.highest;
     trust->rise_cell = (int64_t)high.cell;

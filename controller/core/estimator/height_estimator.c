@@ -22,8 +22,9 @@ typedef struct {
     DropletIncrements increments; /* rates: of the registration first; squares, own: in the estimate */
     RegisteredScan registered;
     Room room;
-    double *scratch; /* two maps, NULL for layers of one pass */
-    uint8_t *marks;  /* two maps, and one of the registration behind them */
+    double *scratch;     /* two maps, NULL for layers of one pass */
+    uint8_t *marks;      /* two maps, and one of the registration behind them */
+    bool has_increments; /* those by what was known before stand in `increments` */
     void *memory;
 } Workspace;
 
@@ -34,19 +35,24 @@ static double *next_maps(double **next, size_t count, size_t cells) {
     return maps;
 }
 
-/* The registration comes before the ink: its maps stand where the increments will. */
-static Room room_in(const Workspace *work, double *strip, size_t cells) {
-    return (Room){.weight = work->increments.rates,
-                  .rest = work->increments.rates + cells,
-                  .curvature = work->increments.rates + 2 * cells,
+/* The increments that the registration takes stay for the ink: they have maps of their own. */
+static Room room_in(const Workspace *work, double *maps, double *strip, size_t cells) {
+    return (Room){.weight = maps,
+                  .rest = maps + cells,
+                  .curvature = maps + 2 * cells,
                   .is_wall = work->marks + 2 * cells,
                   .strip = strip};
+}
+
+static bool registers(const EstimatorOptions *options) {
+    return !options->take_as_read && options->register_scans;
 }
 
 static bool workspace_open(Workspace *work, const EstimatorOptions *options, int32_t passes,
                            const SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny, rates = options->ink.inks * ORDERS;
-    const size_t maps = rates + (passes > 1 ? 2 : 0), strip = (SCRATCH_MAPS + GROWTH) * STRIP * options->ny;
+    const size_t room = registers(options) ? ROOM_MAPS : 0;
+    const size_t maps = rates + room + (passes > 1 ? 2 : 0), strip = (SCRATCH_MAPS + GROWTH) * STRIP * options->ny;
     *work = (Workspace){.memory = take_maps(1, (maps * cells + strip) * sizeof(double) + 3 * cells)};
     double *next = work->memory;
     if (!next)
@@ -55,19 +61,16 @@ static bool workspace_open(Workspace *work, const EstimatorOptions *options, int
     work->predicted = after->reckoned;
     work->increments = (DropletIncrements){next_maps(&next, rates, cells), after->variance, after->dead_evidence};
     work->scratch = passes > 1 ? next_maps(&next, 2, cells) : NULL;
+    double *rooms = next_maps(&next, room, cells);
     double *strips = next_maps(&next, 1, strip);
     work->marks = (uint8_t *)next;
-    work->room = room_in(work, strips, cells);
+    work->room = room_in(work, rooms, strips, cells);
     return true;
 }
 
 static void workspace_close(Workspace *work) {
     close_room(&work->room);
     give_maps(work->memory);
-}
-
-static bool registers(const EstimatorOptions *options) {
-    return !options->take_as_read && options->register_scans;
 }
 
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
@@ -165,6 +168,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     droplet_increments(layer, before->height, inks, before->ink, work->scratch, &work->increments);
     const bool is_done = register_scan(&evidence, &work->room, &after->registration, &work->registered);
     work->variance.misread = work->registered.misread;
+    work->has_increments = work->registered.before == before->height;
     return is_done;
 }
 
@@ -173,6 +177,8 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
                      const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
     const RegisteredScan *scan = &work->registered;
     Ink held[INKS_MAX] = {{0.0, 0.0, 0.0}};
+    if (work->has_increments)
+        memcpy(held, before->ink, sizeof held);
     const LearntLayer learnt = {.layer = layer,
                                 .part = options->part,
                                 .clear = scan->clear,
@@ -227,11 +233,11 @@ static void correct_cells(const EstimatorOptions *options, const SurfaceEstimate
         if (registers(options))
             carry_response(cells, first, count, scan, &wall, before->response, gain, after->response,
                            is_displaced(&after->registration) ? after->variance + first : NULL);
+        for (size_t cell = first; cell < first + count; cell++)
+            after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
     }
     if (!registers(options))
         memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
-    for (size_t cell = 0; cell < cells; cell++)
-        after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
 }
 
 /* Which cells' droplets do not come, by the increments in the proportions of `ink`; leaves the variances of the

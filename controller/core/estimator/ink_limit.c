@@ -1,6 +1,7 @@
 #include "ink_limit.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 static const double CHANCE = 5.0;    /* standard deviations of the droplets given to a cell (assumed) */
@@ -14,9 +15,17 @@ double ink_limit_at(const InkLimit *limit, size_t cell) {
     return (layers + RESERVE) * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
 }
 
-/* How much higher a cell stands than it is to, and than the droplets given to it explain [layers]. */
+/* How much higher a cell stands than it is to, and than the droplets given to it explain [layers]; 0 or less where it
+ * does not: most cells are below their target, and none is divided. */
 static double rise(const InkLimit *limit, const double *height, const double *reckoned, size_t cell) {
-    return (height[cell] - fmax(limit->target[cell], reckoned[cell])) / limit->layer;
+    const double above = height[cell] - fmax(limit->target[cell], reckoned[cell]);
+    return above > 0.0 ? above / limit->layer : 0.0;
+}
+
+/* Whether the droplets given to a cell can be more than its limit: that is above its target by nearly RESERVE layers.
+ */
+static bool may_exceed(const InkLimit *limit, const double *reckoned, size_t cell) {
+    return reckoned[cell] + limit->own > limit->target[cell];
 }
 
 static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {
@@ -26,32 +35,35 @@ static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, ui
             marks[row * ny + column] = part[row * ny + column];
 }
 
-size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped) {
+size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped,
+                   HighCells *high) {
     const size_t cells = limit->nx * limit->ny;
     size_t count = 0;
+    bool is_any = false;
+    *high = (HighCells){0, 0.0, 0};
     memset(capped, 0, cells);
     for (size_t cell = 0; cell < cells; cell++) {
         if (!limit->part[cell])
             continue;
-        if (height[cell] < limit->target[cell] && reckoned[cell] + limit->own > ink_limit_at(limit, cell))
+        if (height[cell] < limit->target[cell]) {
+            if (!may_exceed(limit, reckoned, cell) || reckoned[cell] + limit->own <= ink_limit_at(limit, cell))
+                continue;
             capped[cell] = 1;
-        if (rise(limit, height, reckoned, cell) > RISEN)
+            is_any = true;
+            continue;
+        }
+        const double layers = rise(limit, height, reckoned, cell);
+        high->count += layers > HIGH;
+        if (layers * limit->layer > high->highest) {
+            high->highest = layers * limit->layer;
+            high->cell = cell;
+        }
+        if (layers > RISEN) {
             mark_near(limit->nx, limit->ny, cell, limit->part, capped);
-    }
-    for (size_t cell = 0; cell < cells; cell++)
-        count += capped[cell];
-    return count;
-}
-
-HighCells find_high(const InkLimit *limit, const double *height, const double *reckoned) {
-    HighCells found = {0, 0.0, 0};
-    for (size_t cell = 0; cell < limit->nx * limit->ny; cell++) {
-        const double layers = limit->part[cell] ? rise(limit, height, reckoned, cell) : 0.0;
-        found.count += layers > HIGH;
-        if (layers * limit->layer > found.highest) {
-            found.highest = layers * limit->layer;
-            found.cell = cell;
+            is_any = true;
         }
     }
-    return found;
+    for (size_t cell = 0; is_any && cell < cells; cell++)
+        count += capped[cell];
+    return count;
 }

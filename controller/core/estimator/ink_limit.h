@@ -22,9 +22,6 @@ typedef struct {
 /* Height that the droplets given to a cell may add up to [m]. */
 double ink_limit_at(const InkLimit *limit, size_t cell);
 
-/* Marks the `capped` cells of a surface `height` [m] that by dead reckoning is `reckoned` [m]; returns their number. */
-size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped);
-
 /* How far cells stand above their target and above what their droplets explain. */
 typedef struct {
     size_t count;   /* of the cells of the part that do so beyond chance */
@@ -32,6 +29,9 @@ typedef struct {
     size_t cell;    /* that one */
 } HighCells;
 
-HighCells find_high(const InkLimit *limit, const double *height, const double *reckoned);
+/* Marks the `capped` cells of a surface `height` [m] that by dead reckoning is `reckoned` [m], and finds the high ones;
+ * returns how many are capped. */
+size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped,
+                   HighCells *high);
 
 #endif

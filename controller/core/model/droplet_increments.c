@@ -9,6 +9,7 @@ typedef struct {
     DropletPass droplets;
     size_t inks;
     const DropletIncrements *increments;
+    bool is_first; /* nothing stands in the maps yet */
     double *after;
 } IncrementPass;
 
@@ -169,13 +170,25 @@ static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings 
     }
 }
 
+/* Clears the maps, from cell `cell` on. */
+static INLINED void clear_cells(const IncrementPass *pass, size_t count, size_t cell) {
+    const size_t cells = pass->droplets.nx * pass->droplets.ny;
+    for (size_t rate = 0; rate < pass->inks * ORDERS; rate++)
+        memset(pass->increments->rates + rate * cells + cell, 0, count * sizeof(double));
+    memset(pass->increments->squares + cell, 0, count * sizeof(double));
+    memset(pass->increments->own + cell, 0, count * sizeof(double));
+}
+
 static INLINED void add_pass(const IncrementPass *pass) {
     Band band;
     for (size_t first = 0; first < pass->droplets.ny; first += BAND) {
         begin_band(&pass->droplets, first, &band);
         for (size_t i = 0; i < pass->droplets.nx; i++) { /* in the order of the cells that a share comes from */
             const Surroundings row = surround_row(&pass->droplets, i, &band);
-            add_from_rows(pass, &row, band.count, i * pass->droplets.ny + first);
+            const size_t cell = i * pass->droplets.ny + first;
+            if (pass->is_first)
+                clear_cells(pass, band.count, cell);
+            add_from_rows(pass, &row, band.count, cell);
         }
     }
 }
@@ -195,10 +208,8 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
     IncrementPass pass = {{layer->nx, layer->ny, height, layer->pattern, {ink[0], ink[inks - 1]}, layer->factor, 0},
                           inks,
                           increments,
+                          true,
                           NULL};
-    memset(increments->rates, 0, inks * ORDERS * bytes);
-    memset(increments->squares, 0, bytes);
-    memset(increments->own, 0, bytes);
     if (layer->passes > 1)
         memcpy(after, height, bytes);
     for (int32_t number = 0; number < layer->passes; number++) {
@@ -209,6 +220,7 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
             pass.after = after;
         }
         (HAS_AVX2 ? add_pass_avx2 : add_pass_plain)(&pass);
+        pass.is_first = false;
     }
 }
 

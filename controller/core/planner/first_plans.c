@@ -13,26 +13,39 @@ static const double RELAXATION_SHARE = 0.3; /* of a time limit, at most (assumed
 static const double ENDING = 1.0;           /* copies of the plan and its first layer's surface, in evaluations */
 static const double LEAST_RELAXATION = 6.0; /* memory, one iteration and two values, in evaluations (by trial) */
 
+double ending_at(const FirstPlans *first) {
+    return first->ends_at - ENDING * first->evaluation;
+}
+
 double seconds_left(const FirstPlans *first) {
-    return first->ends_at - stopwatch_seconds() - ENDING * first->evaluation;
+    return ending_at(first) - stopwatch_seconds();
 }
 
 static bool is_limited(const FirstPlans *first) {
     return !isinf(first->ends_at);
 }
 
-static Objective evaluate(FirstPlans *first, PlanSurface *surface, const int32_t *plan) {
+/* False if `ends_at` came before. */
+static bool evaluate(FirstPlans *first, PlanSurface *surface, const int32_t *plan, double ends_at, Objective *value) {
     const double began = stopwatch_seconds();
     surface_set_plan(surface, plan);
-    surface_evaluate(surface);
-    const Objective value = surface_objective(surface);
+    const bool is_evaluated = surface_evaluate_until(surface, ends_at);
+    if (is_evaluated)
+        *value = surface_objective(surface);
     first->evaluation = fmax(first->evaluation, stopwatch_seconds() - began);
-    return value;
+    return is_evaluated;
 }
 
-static void take(FirstPlans *first, PlanSurface *surface, int start) {
-    first->value[start] = evaluate(first, surface, first->plan[start]);
-    first->is_there[start] = true;
+static bool take(FirstPlans *first, PlanSurface *surface, int start, double ends_at) {
+    first->is_there[start] = evaluate(first, surface, first->plan[start], ends_at, &first->value[start]);
+    return first->is_there[start];
+}
+
+/* Takes one of the plans that are easily made, unless the time ends first. */
+static bool take_start(FirstPlans *first, PlanSurface *surface, int start) {
+    const bool is_taken = take(first, surface, start, ending_at(first));
+    first->left_out |= is_taken ? 0 : LEFT_STARTS;
+    return is_taken;
 }
 
 /* Whether there is time for one more of the plans that are easily made. */
@@ -58,7 +71,7 @@ static int32_t relax(FirstPlans *first) {
     const double began = stopwatch_seconds(), seconds = RELAXATION_SHARE * fmax(0.0, seconds_left(first));
     int32_t status = CORE_TIME;
     if (seconds >= LEAST_RELAXATION * first->evaluation) {
-        const RelaxationOptions options = {first->work->iterations, seconds};
+        const RelaxationOptions options = {first->work->iterations, seconds, first->work->threads};
         RelaxationReport report;
         status = relax_droplets(first->problem, &options, first->droplets, &report);
     }
@@ -77,9 +90,14 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
         first->left_out |= LEFT_RELAXATION;
         return CORE_DONE;
     }
-    if (diffuse_droplets(first->problem, first->droplets, first->trial) == CORE_NO_MEMORY)
+    const int32_t rounded = diffuse_droplets(first->problem, first->droplets, ending_at(first), first->trial);
+    Objective value;
+    if (rounded == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    const Objective value = evaluate(first, surface, first->trial);
+    if (rounded == CORE_TIME || !evaluate(first, surface, first->trial, ending_at(first), &value)) {
+        first->left_out |= LEFT_RELAXATION;
+        return CORE_DONE;
+    }
     if (relaxed == CORE_DONE || value.value < first->value[START_RELAXATION].value) {
         memcpy(first->plan[START_RELAXATION], first->trial, first->places * sizeof(int32_t));
         first->value[START_RELAXATION] = value;
@@ -106,14 +124,19 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
     if (!of || !has_time(first))
         return;
     shift_plan(problem, of, layers, first->plan[START_LAST_PLAN]);
-    take(first, surface, START_LAST_PLAN);
+    if (!take_start(first, surface, START_LAST_PLAN))
+        return;
     if (layers == 1 || layers > problem->layers + 1 || (!work->longer && has_sizes(problem)) || !has_time(first))
         return;
     if (work->longer)
         squeeze_plan(problem, of, first->trial);
     else
         postpone_plan(problem, of, layers, first->trial);
-    const Objective value = evaluate(first, surface, first->trial);
+    Objective value;
+    if (!evaluate(first, surface, first->trial, ending_at(first), &value)) {
+        first->left_out |= LEFT_STARTS;
+        return;
+    }
     if (value.value >= first->value[START_LAST_PLAN].value)
         return;
     memcpy(first->plan[START_LAST_PLAN], first->trial, first->places * sizeof(int32_t));
@@ -123,19 +146,23 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
 static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
     const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
     const double began = stopwatch_seconds();
-    if (is_rounded &&
-        diffuse_droplets(first->problem, first->droplets, first->plan[START_RELAXATION]) == CORE_NO_MEMORY)
-        return CORE_NO_MEMORY;
-    const double rounding = stopwatch_seconds() - began;
-    if (!is_rounded)
+    int32_t rounded = CORE_DONE;
+    if (is_rounded)
+        rounded =
+            diffuse_droplets(first->problem, first->droplets, first->first_ends_at, first->plan[START_RELAXATION]);
+    else
         full_layers(first->problem, first->plan[START_FULL_LAYERS]);
-    take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS);
+    if (rounded != CORE_DONE)
+        return rounded;
+    const double rounding = stopwatch_seconds() - began;
+    if (!take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS, first->first_ends_at))
+        return CORE_TIME;
     take_rest(first, surface);
     if (is_limited(first) && can_relax(first) && take_relaxed(first, surface, rounding) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
     if (is_rounded && has_time(first)) {
         full_layers(first->problem, first->plan[START_FULL_LAYERS]);
-        take(first, surface, START_FULL_LAYERS);
+        (void)take_start(first, surface, START_FULL_LAYERS);
     }
     return CORE_DONE;
 }
@@ -144,14 +171,17 @@ static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
 int32_t make_first_plans(FirstPlans *first) {
     const double began = stopwatch_seconds();
     PlanSurface surface;
+    bool is_evaluated;
     set_droplets(first);
     if (!is_limited(first) && can_relax(first) && relax(first) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    if (!surface_open(&surface, first->problem, first->plan[START_NOTHING]))
+    if (!surface_open_until(&surface, first->problem, first->plan[START_NOTHING], first->first_ends_at,
+                            first->work->threads, &is_evaluated))
         return CORE_NO_MEMORY;
-    first->value[START_NOTHING] = surface_objective(&surface);
-    first->is_there[START_NOTHING] = true;
-    const int32_t status = take_all(first, &surface);
+    if (is_evaluated)
+        first->value[START_NOTHING] = surface_objective(&surface);
+    first->is_there[START_NOTHING] = is_evaluated;
+    const int32_t status = is_evaluated ? take_all(first, &surface) : CORE_TIME;
     surface_close(&surface);
     first->seconds[PHASE_ROUNDING] = stopwatch_seconds() - began - first->seconds[PHASE_RELAXATION];
     return status;

@@ -12,6 +12,7 @@
 
 static const double LEAST_REPAIR = 3.0;   /* a surface, its evaluation at the end, and some time between (assumed) */
 static const double LEFT_BY_REPAIR = 0.4; /* of how much a start is worse than the longer plan, at least (by trial) */
+static const double FULL_SHARE = 0.3;     /* of a time limit, for the proof that full layers are best (assumed) */
 enum { ONE_LAYER_ANNEALING = 50 };        /* sweeps: these reach the proven optima of small grids (by trial) */
 enum { SMALL_LAYER = 20000 };     /* cells of a single layer up to which annealing is worth its time (assumed) */
 enum { SMALL_PLAN = 1000 };       /* values of a plan of several layers up to which it is (by trial) */
@@ -40,8 +41,12 @@ typedef struct {
 static bool planning_open(Planning *planning, const HorizonProblem *problem, const PlanWork *work) {
     const size_t places = problem->layers * problem->nx * problem->ny;
     *planning = (Planning){.problem = problem, .work = work, .places = places};
-    planning->first = (FirstPlans){
-        .problem = problem, .work = work, .places = places, .ends_at = stopwatch_seconds() + work->seconds_max};
+    const double ends_at = stopwatch_seconds() + work->seconds_max;
+    planning->first = (FirstPlans){.problem = problem,
+                                   .work = work,
+                                   .places = places,
+                                   .ends_at = ends_at,
+                                   .first_ends_at = work->longer ? ends_at : INFINITY};
     double *droplets = take_maps(places, sizeof(double) + (STARTS + 2) * sizeof(int32_t));
     planning->memory = droplets;
     if (!droplets)
@@ -65,26 +70,26 @@ static bool is_empty(const int32_t *values, size_t count) {
 }
 
 /* Takes a plan, that begins with a layer then, if it is better than the best. One that does not begin with a layer
- * needs an evaluation more; without the time for it the best remains, if that prints anything. Empty layers at the end
+ * needs an evaluation more, which ends at `ends_at` by the stopwatch: the best remains then. Empty layers at the end
  * hide what the last droplets leave to chance, so they win nothing by moving there. */
-static int32_t consider(Planning *planning, const int32_t *plan, Objective value, Origin origin) {
+static int32_t consider(Planning *planning, const int32_t *plan, Objective value, Origin origin, double ends_at) {
     const size_t bytes = planning->places * sizeof(int32_t);
     double rank = value.value;
-    if (!is_empty(plan, planning->problem->nx * planning->problem->ny)) {
-        memcpy(planning->trial, plan, bytes);
-    } else {
-        if (planning->best_origin.start != START_NOTHING && seconds_left(&planning->first) < 0.0) {
-            planning->first.left_out |= LEFT_STARTS;
-            return CORE_DONE;
+    if (is_empty(plan, planning->problem->nx * planning->problem->ny)) {
+        int32_t status = stopwatch_seconds() > ends_at ? CORE_TIME : CORE_DONE;
+        if (status == CORE_DONE) {
+            memcpy(planning->trial, plan, bytes);
+            plan = planning->trial;
+            if (leave_idle_start(planning->problem, planning->trial, planning->moved))
+                status = plan_objective(planning->problem, planning->trial, ends_at, planning->work->threads, &value);
         }
-        memcpy(planning->trial, plan, bytes);
-        if (leave_idle_start(planning->problem, planning->trial, planning->moved) &&
-            plan_objective(planning->problem, planning->trial, &value) == CORE_NO_MEMORY)
-            return CORE_NO_MEMORY;
+        planning->first.left_out |= status == CORE_TIME ? LEFT_STARTS : 0;
+        if (status != CORE_DONE)
+            return status == CORE_TIME ? CORE_DONE : status;
         rank = fmax(rank, value.value);
     }
     if (rank < planning->best_rank) {
-        memcpy(planning->best, planning->trial, bytes);
+        memcpy(planning->best, plan, bytes);
         planning->best_value = value;
         planning->best_rank = rank;
         planning->best_origin = origin;
@@ -124,7 +129,8 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
     const Origin origin = {start, annealing > 0, found};
-    const int32_t status = consider(planning, planning->repaired, report.objective, origin);
+    const int32_t status =
+        consider(planning, planning->repaired, report.objective, origin, ending_at(&planning->first));
     return status == CORE_DONE && found == CORE_STOPPED ? CORE_STOPPED : status;
 }
 
@@ -150,12 +156,15 @@ static int32_t repair_starts(Planning *planning) {
 static int32_t take_full_layers(Planning *planning, bool *is_best) {
     FirstPlans *first = &planning->first;
     PlanSurface surface;
+    bool is_evaluated;
+    const double ends_at = stopwatch_seconds() + FULL_SHARE * planning->work->seconds_max;
     *is_best = planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->best);
     if (!*is_best)
         return CORE_DONE;
-    if (!surface_open(&surface, planning->problem, planning->best))
+    if (!surface_open_until(&surface, planning->problem, planning->best, ends_at, planning->work->threads,
+                            &is_evaluated))
         return CORE_NO_MEMORY;
-    *is_best = is_fullest_best(&surface) && !is_empty(planning->best, planning->places);
+    *is_best = is_evaluated && is_fullest_best(&surface) && !is_empty(planning->best, planning->places);
     if (*is_best) {
         planning->best_value = surface_objective(&surface);
         planning->best_origin = (Origin){START_FULL_LAYERS, 0, CORE_DONE};
@@ -178,14 +187,33 @@ static bool is_useless(const Planning *planning) {
     return LEFT_BY_REPAIR * (planning->first.value[rank[0]].value - work->longer_value) > work->layer_price;
 }
 
+/* Compares the starts as they are, the best one first, with time until `first_ends_at` for that and as long as none
+ * prints. */
+static int32_t consider_starts(Planning *planning, double first_ends_at) {
+    const FirstPlans *first = &planning->first;
+    int rank[STARTS];
+    const int starts = rank_first_plans(first, rank);
+    int32_t status = CORE_DONE;
+    for (int place = 0; place < starts && status == CORE_DONE; place++) {
+        const int k = rank[place];
+        const bool is_needed = place == 0 || planning->best_origin.start == START_NOTHING;
+        const Origin unrepaired = {k, 0, UNREPAIRED};
+        if (k != START_NOTHING)
+            status = consider(planning, first->plan[k], first->value[k], unrepaired,
+                              is_needed ? first_ends_at : ending_at(first));
+    }
+    return status;
+}
+
 static int32_t find_best(Planning *planning) {
     FirstPlans *first = &planning->first;
     bool is_full;
     const int32_t tried = take_full_layers(planning, &is_full);
     if (tried != CORE_DONE || is_full)
         return tried;
-    if (make_first_plans(first) == CORE_NO_MEMORY)
-        return CORE_NO_MEMORY;
+    const int32_t made = make_first_plans(first);
+    if (made != CORE_DONE)
+        return made;
     memcpy(planning->best, first->plan[START_NOTHING], planning->places * sizeof(int32_t));
     planning->best_value = first->value[START_NOTHING];
     planning->best_rank = planning->best_value.value;
@@ -194,15 +222,10 @@ static int32_t find_best(Planning *planning) {
         return CORE_DONE;
     if (repair_starts(planning) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    int rank[STARTS]; /* the best one first, as there may be no time for more than one that begins with no layer */
-    const int starts = rank_first_plans(first, rank);
-    for (int place = 0; place < starts; place++) {
-        const int k = rank[place];
-        const Origin unrepaired = {k, 0, UNREPAIRED};
-        if (k != START_NOTHING && consider(planning, first->plan[k], first->value[k], unrepaired) == CORE_NO_MEMORY)
-            return CORE_NO_MEMORY;
-    }
-    return CORE_DONE;
+    const int32_t compared = consider_starts(planning, ending_at(first));
+    if (compared != CORE_DONE || planning->best_origin.found != UNREPAIRED || !(first->left_out & LEFT_STARTS))
+        return compared;
+    return consider_starts(planning, first->first_ends_at); /* the best one prints, whatever time that takes */
 }
 
 static int32_t plan_status(const Planning *planning) {

@@ -6,7 +6,8 @@
  * otherwise a small alpha would trade height for evenness forever. Where full layers are proven best (full_plan.h)
  * there is no search.
  *
- * A time limit leaves out stages; nothing, and the missing height rounded in equal shares, are always compared. */
+ * A time limit leaves out stages, and cuts them off; nothing, and the missing height rounded in equal shares, are
+ * always compared: that is the least that a plan takes. */
 #ifndef INKLOOP_HORIZON_PLANNER_H
 #define INKLOOP_HORIZON_PLANNER_H
 
@@ -26,7 +27,8 @@ typedef struct {
     double seconds[PHASES];
 } PlanReport;
 
-/* The best plan found (layers * nx * ny); PLAN_DONE if that is to print nothing. CORE_DONE or CORE_NO_MEMORY. */
+/* The best plan found (layers * nx * ny); PLAN_DONE if that is to print nothing. CORE_DONE or CORE_NO_MEMORY; with a
+ * longer plan also CORE_TIME, without a plan where there was no time for a first one. */
 int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report);
 
 #endif

@@ -1,24 +1,34 @@
 #include "horizon_solver.h"
 
+#include <math.h>
+
 #include "plan_search.h"
 #include "projected_gradient.h"
 #include "stopwatch.h"
 
-int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
+int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, int32_t threads,
+                       Objective *value) {
     PlanSurface surface;
-    if (!surface_open(&surface, problem, plan))
+    bool is_evaluated;
+    if (!surface_open_until(&surface, problem, plan, ends_at, threads, &is_evaluated))
         return CORE_NO_MEMORY;
-    *value = surface_objective(&surface);
+    if (is_evaluated)
+        *value = surface_objective(&surface);
     surface_close(&surface);
-    return CORE_DONE;
+    return is_evaluated ? CORE_DONE : CORE_TIME;
 }
 
 int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan, SearchReport *report) {
     PlanSurface surface;
-    *report = (SearchReport){0};
+    bool is_evaluated;
+    *report = (SearchReport){.objective = {.value = INFINITY}};
     const double began = stopwatch_seconds();
-    if (!surface_open(&surface, problem, plan))
+    if (!surface_open_until(&surface, problem, plan, began + options->seconds_max, options->threads, &is_evaluated))
         return CORE_NO_MEMORY;
+    if (!is_evaluated) {
+        surface_close(&surface);
+        return CORE_TIME;
+    }
     const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
     const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
     report->objective = surface_objective(&surface);
@@ -36,6 +46,7 @@ int32_t relax_droplets(const HorizonProblem *problem, const RelaxationOptions *o
     if (!relaxed_open(&surface, problem))
         return CORE_NO_MEMORY;
     rest.seconds_max -= stopwatch_seconds() - began;
+    surface.threads = (size_t)options->threads;
     const int32_t status = projected_gradient(&surface, &rest, droplets, report);
     relaxed_close(&surface);
     return status;

@@ -4,10 +4,12 @@
 
 #include "horizon_problem.h"
 
-/* Objective of a plan. CORE_DONE or CORE_NO_MEMORY. */
-int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
+/* Objective of a plan. CORE_DONE, CORE_NO_MEMORY, or CORE_TIME where `ends_at` by the stopwatch came first. */
+int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, double ends_at, int32_t threads,
+                       Objective *value);
 
-/* Improves a plan by annealing, if requested, and moves; see inkloop_search. */
+/* Improves a plan by annealing, if requested, and moves; see inkloop_search. Where the time ends before the plan given
+ * is evaluated, it stays, CORE_TIME is returned, and the value of the objective is infinite. */
 int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan, SearchReport *report);
 
 /* Moves relaxed droplets to a lower smoothed objective; see inkloop_relax. */

@@ -21,7 +21,8 @@ typedef struct {
     const int32_t *last;      /* the last plan, last_layers * nx * ny; NULL: none */
     size_t last_layers;       /* 1 or more */
     double layer_worth;       /* see shortest_plan.h; of no meaning for a single horizon */
-    const int32_t *longer;    /* a plan for one layer more, of which nothing is printed; NULL: none */
+    const int32_t *longer;    /* a plan for one layer more, of which nothing is printed; NULL: none. With it none other
+                                 is needed: without the time for a first one there is none */
     double longer_value;      /* its objective [m] */
     double layer_price;       /* that of a plan for its layers but one may be higher by so much, to be of use [m] */
     int64_t sweeps;           /* of the repair of one start */

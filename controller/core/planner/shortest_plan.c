@@ -40,12 +40,14 @@ static size_t layers_used(const HorizonProblem *problem, const int32_t *plan) {
     return (place + cells - 1) / cells;
 }
 
-/* Ends the horizon with the last layer of the plan: an empty one would hide what the last droplets leave to chance. */
-static int32_t end_with_plan(HorizonProblem *problem, const int32_t *plan, Objective *value) {
+/* Ends the horizon with the last layer of the plan: an empty one would hide what the last droplets leave to chance.
+ * Without the time to evaluate that (CORE_TIME) the objective stays the one with the empty layers. */
+static int32_t end_with_plan(HorizonProblem *problem, const PlanWork *work, const int32_t *plan, double ends_at,
+                             Objective *value) {
     const size_t used = layers_used(problem, plan);
     const bool is_shorter = used < problem->layers;
     problem->layers = used;
-    return is_shorter ? plan_objective(problem, plan, value) : CORE_DONE;
+    return is_shorter ? plan_objective(problem, plan, ends_at, work->threads, value) : CORE_DONE;
 }
 
 static double tallest_layer(const HorizonProblem *problem) {
@@ -63,15 +65,17 @@ static void add_work(PlanReport *report, const PlanReport *earlier) {
 }
 
 /* The plan for the first layers of the problem (`fewer`) in `shorter`, made from the `longer` one among others. False
- * if there is none that can be worth it. */
-static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, int32_t *shorter, PlanReport *report,
-                       int32_t *status) {
+ * if there is none that can be worth it, or no time (CORE_TIME). */
+static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, double ends_at, int32_t *shorter,
+                       PlanReport *report, int32_t *status) {
     Objective rest;
     squeeze_plan(fewer, work->longer, shorter);
-    *status = plan_objective(fewer, shorter, &rest);
+    *status = plan_objective(fewer, shorter, ends_at, work->threads, &rest);
     if (*status != CORE_DONE || rest.value - work->longer_value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
         return false;
-    *status = plan_horizon(fewer, work, shorter, report);
+    PlanWork left = *work;
+    left.seconds_max = ends_at - stopwatch_seconds();
+    *status = plan_horizon(fewer, &left, shorter, report);
     return *status == CORE_DONE;
 }
 
@@ -85,16 +89,15 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
     rest.longer = plan;
     rest.layer_price = price;
     rest.relaxation = work->relaxation == RELAX_GIVEN ? RELAX_HERE : work->relaxation;
-    int32_t status = end_with_plan(&fewer, plan, &report->objective);
+    int32_t status = end_with_plan(&fewer, work, plan, ends_at, &report->objective);
     while (status == CORE_DONE && --fewer.layers > 0 && !stop->is_stopped) {
         PlanReport found;
         rest.longer_value = report->objective.value;
-        rest.seconds_max = fmin(work->seconds_max, ends_at - stopwatch_seconds());
-        if (rest.seconds_max < LEAST_TIME * report->evaluation) {
+        if (ends_at - stopwatch_seconds() < LEAST_TIME * report->evaluation) {
             report->left_out |= LEFT_FEWER_LAYERS;
             break;
         }
-        if (!plan_fewer(&fewer, &rest, shorter, &found, &status))
+        if (!plan_fewer(&fewer, &rest, ends_at, shorter, &found, &status))
             break;
         if (found.status == PLAN_DONE || found.objective.value > report->objective.value + price) {
             add_work(report, &found);
@@ -104,9 +107,10 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
         *report = found;
         memset(plan, 0, problem->layers * cells * sizeof(int32_t));
         memcpy(plan, shorter, fewer.layers * cells * sizeof(int32_t));
-        status = end_with_plan(&fewer, plan, &report->objective);
+        status = end_with_plan(&fewer, work, plan, ends_at, &report->objective);
     }
-    return status;
+    report->left_out |= status == CORE_TIME ? LEFT_FEWER_LAYERS : 0;
+    return status == CORE_TIME ? CORE_DONE : status;
 }
 
 int32_t plan_shortest(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {

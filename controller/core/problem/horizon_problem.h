@@ -72,6 +72,7 @@ typedef struct {
 typedef struct {
     int64_t iterations_max;
     double seconds_max;
+    int32_t threads; /* 1 or more; the bits of the answer do not depend on it */
 } RelaxationOptions;
 
 typedef struct {

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "drop_levels.h"
+#include "stopwatch.h"
 
 /* The neighbours that come later in the order of the sweep, with their shares of the error. */
 static const struct {
@@ -106,14 +107,15 @@ static void pass_on(const HorizonProblem *problem, const RollingRows *rows, size
             rows->wanted[LATER[k].rows][(ptrdiff_t)j + forward * LATER[k].ahead] += error * LATER[k].share / share;
 }
 
-int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
-    const size_t nx = problem->nx, ny = problem->ny;
+int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, double ends_at, int32_t *plan) {
+    const size_t nx = problem->nx, ny = problem->ny, band = 1 + BAND_CELLS / ny;
+    int32_t status = CORE_DONE;
     double *memory = malloc(4 * ny * sizeof(double));
     if (!memory)
         return CORE_NO_MEMORY;
     const Levels levels = levels_of(problem);
     take_row(problem, &levels, droplets, 0, memory, memory + 2 * ny);
-    for (size_t i = 0; i < nx; i++) {
+    for (size_t i = 0; i < nx && status == CORE_DONE; i++) {
         const size_t own = i % 2, next = 1 - own;
         const RollingRows rows = {{memory + own * ny, memory + next * ny},
                                   {memory + (2 + own) * ny, memory + (2 + next) * ny}};
@@ -125,7 +127,9 @@ int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, 
             const double fallen = fill_layers(problem, &levels, i * ny + j, whole, plan);
             pass_on(problem, &rows, i, j, own ? -1 : 1, rows.wanted[0][j] - fallen);
         }
+        if (i % band == 0 && is_past(ends_at))
+            status = CORE_TIME;
     }
     free(memory);
-    return CORE_DONE;
+    return status;
 }

@@ -7,7 +7,8 @@
 /* Every cell gets a whole number of droplets near the sum of its relaxed ones; the rounding error is passed
  * on to its neighbours that may get droplets at all. The last layers are filled first: a full layer flows
  * into the gaps that a partial one left below. Where a size is not among a cell's choices, the next smaller one falls.
- * Returns CORE_DONE or CORE_NO_MEMORY; the same input gives the same bits. */
-int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, int32_t *plan);
+ * Returns CORE_DONE, CORE_NO_MEMORY, or CORE_TIME where `ends_at` by the stopwatch came before the end: the plan is of
+ * no use then. The same input gives the same bits. */
+int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, double ends_at, int32_t *plan);
 
 #endif

@@ -69,17 +69,25 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
     }
     memcpy(descent.start, droplets, bytes);
     memcpy(descent.ahead, droplets, bytes);
-    const double opened = stopwatch_seconds(), before = relaxed_value(surface, descent.start, last);
-    const double valued = stopwatch_seconds(), ends_at = began + options->seconds_max - (valued - opened);
+    surface->ends_at = began + options->seconds_max;
+    const double opened = stopwatch_seconds();
+    double before = INFINITY;
+    if (!relaxed_value(surface, descent.start, last, &before))
+        status = CORE_TIME;
+    const double valued = stopwatch_seconds(), ends_at = surface->ends_at - (valued - opened);
     double smoothing = SMOOTHING_FIRST * unit, latest = valued,
            iteration = 2.0 * (valued - opened); /* the first guess */
-    for (; report->iterations < options->iterations_max; report->iterations++) {
+    for (; status == CORE_DONE && report->iterations < options->iterations_max; report->iterations++) {
         if (latest + iteration > ends_at) { /* one more would end too late for the value at the end */
             status = CORE_TIME;
             break;
         }
-        relaxed_value(surface, descent.ahead, smoothing);
-        relaxed_gradient(surface, descent.ahead, smoothing, descent.gradient);
+        double ahead;
+        if (!relaxed_value(surface, descent.ahead, smoothing, &ahead) ||
+            !relaxed_gradient(surface, descent.ahead, smoothing, descent.gradient)) {
+            status = CORE_TIME;
+            break;
+        }
         /* One over the curvature that the smoothing leaves, if every cell's error moves with every droplet on it. */
         const double step = smoothing * surface->count / (unit * unit * (double)problem->layers);
         take_step(&descent, step, droplets, places);
@@ -88,8 +96,10 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
         iteration = fmax(iteration, now - latest);
         latest = now;
     }
-    report->value = relaxed_value(surface, droplets, last);
-    if (before < report->value) {
+    const bool is_valued = relaxed_value(surface, droplets, last, &report->value);
+    if (!is_valued)
+        status = CORE_TIME;
+    if (!is_valued || before < report->value) {
         memcpy(droplets, descent.start, bytes);
         report->value = before;
     }

@@ -27,6 +27,8 @@ typedef struct {
     double *height;      /* steps + 1 framed maps: before the first step, after each [m] */
     double *sensitivity; /* 2 framed maps: of the objective to the height after a step, and before it [1] */
     double count;        /* cells of the part */
+    double ends_at;      /* by the stopwatch; infinite until the caller sets it */
+    size_t threads;      /* 1 until the caller sets it; the bits do not depend on it */
     void *memory;
 } RelaxedSurface;
 
@@ -34,10 +36,12 @@ typedef struct {
 bool relaxed_open(RelaxedSurface *surface, const HorizonProblem *problem);
 void relaxed_close(RelaxedSurface *surface);
 
-/* Smoothed objective [m] of `droplets`, whose surfaces it leaves in `height`. */
-double relaxed_value(RelaxedSurface *surface, const double *droplets, double smoothing);
+/* Smoothed objective [m] of `droplets` in *value, and their surfaces in `height`. False if `ends_at` came before the
+ * end: neither is there then. */
+bool relaxed_value(RelaxedSurface *surface, const double *droplets, double smoothing, double *value);
 
-/* Gradient of the value last computed, for the same droplets and smoothing [m per droplet]; 0 where none may fall. */
-void relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient);
+/* Gradient of the value last computed, for the same droplets and smoothing [m per droplet]; 0 where none may fall.
+ * False if `ends_at` came before the end. */
+bool relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient);
 
 #endif

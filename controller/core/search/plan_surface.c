@@ -4,6 +4,8 @@
 
 #include "instruction_sets.h"
 #include "map_memory.h"
+#include "parallel.h"
+#include "stopwatch.h"
 
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
 static const double LEAST_SHARE_OF_DROPLET = 1e-9;
@@ -69,6 +71,12 @@ static double copy_maps(PlanSurface *surface) {
 }
 
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan) {
+    bool is_evaluated;
+    return surface_open_until(surface, problem, plan, INFINITY, 1, &is_evaluated);
+}
+
+bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
+                        int32_t threads, bool *is_evaluated) {
     const size_t stride = problem->ny + 2;
     *surface = (PlanSurface){.problem = problem,
                              .nx = problem->nx,
@@ -76,6 +84,7 @@ bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int
                              .stride = stride,
                              .framed = (problem->nx + 2) * stride,
                              .steps = problem->layers * (size_t)problem->passes,
+                             .threads = (size_t)threads,
                              .upward = 0.5 * (problem->overshoot + 1.0),
                              .skew = 0.5 * (problem->overshoot - 1.0)};
     if (!take_memory(surface))
@@ -92,7 +101,7 @@ bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int
     surface->droplet_worth = tallest / surface->weighting.count;
     surface->least_gain = LEAST_SHARE_OF_DROPLET * surface->droplet_worth;
     surface_set_plan(surface, plan);
-    surface_evaluate(surface);
+    *is_evaluated = surface_evaluate_until(surface, ends_at);
     return true;
 }
 
@@ -136,7 +145,11 @@ double surface_add_droplet(const PlanSurface *surface, const double *before, siz
     return kept;
 }
 
-enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns that are printed together; cell k of a band is at 1 + k */
+enum {
+    BAND = 128,
+    FRAMED_BAND = BAND + 2,
+    BAND_ROWS = BAND_CELLS / BAND
+}; /* columns that are printed together; cell k of a band is at 1 + k */
 
 /* Droplets of a row of a band, jetted in one step. */
 typedef struct {
@@ -183,8 +196,40 @@ static INLINED void exchange(const DropletRow *here, const DropletRow *there, in
     }
 }
 
-/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. */
-static INLINED void print_band(const PlanSurface *surface, size_t step, size_t left, size_t count) {
+/* Rows `top` to `bottom` excluded of a step, of all rows from 1 to nx, for one thread. */
+typedef struct {
+    PlanSurface *surface;
+    size_t step, top, bottom;
+    double ends_at;
+    bool is_done;
+} RowShare;
+
+enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
+
+/* Calls `work` for all rows; false if one of the threads has run out of time. */
+static bool run_rows(void *(*work)(void *share), PlanSurface *surface, size_t step, double ends_at) {
+    const size_t most = 1 + surface->framed / SHARE_CELLS;
+    size_t threads = surface->threads < most ? surface->threads : most;
+    RowShare shares[MAX_PARALLEL];
+    bool is_done = true;
+    threads = threads < MAX_PARALLEL ? threads : MAX_PARALLEL;
+    threads = threads < surface->nx ? threads : surface->nx;
+    for (size_t k = 0; k < threads; k++)
+        shares[k] = (RowShare){.surface = surface,
+                               .step = step,
+                               .top = 1 + surface->nx * k / threads,
+                               .bottom = 1 + surface->nx * (k + 1) / threads,
+                               .ends_at = ends_at};
+    run_parallel(work, shares, sizeof *shares, threads);
+    for (size_t k = 0; k < threads; k++)
+        is_done = is_done && shares[k].is_done;
+    return is_done;
+}
+
+/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. False if the time has ended. */
+static INLINED bool print_band(const RowShare *share, size_t left, size_t count) {
+    const PlanSurface *surface = share->surface;
+    const size_t step = share->step;
     const size_t stride = surface->stride;
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1), kept[BAND];
@@ -192,13 +237,15 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
     DropletRow rows[3];
     for (size_t k = 0; k < 3; k++)
         rows[k].is_jetted = true; /* nothing is known */
-    load_row(surface, step, 0, left, count, &rows[0]);
-    load_row(surface, step, 1, left, count, &rows[1]);
-    for (size_t row = 1; row <= surface->nx; row++) {
+    load_row(surface, step, share->top - 1, left, count, &rows[(share->top - 1) % 3]);
+    load_row(surface, step, share->top, left, count, &rows[share->top % 3]);
+    for (size_t row = share->top; row < share->bottom; row++) {
         const DropletRow *above = &rows[(row - 1) % 3], *here = &rows[row % 3];
         DropletRow *below = &rows[(row + 1) % 3];
         const size_t cell = row * stride + left;
         const double *own = before + cell, *over = own - stride, *under = own + stride;
+        if (row % BAND_ROWS == 1 && is_past(share->ends_at))
+            return false;
         load_row(surface, step, row + 1, left, count, below);
         if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
             memcpy(after + cell, own, count * sizeof *own);
@@ -221,27 +268,38 @@ static INLINED void print_band(const PlanSurface *surface, size_t step, size_t l
         for (size_t k = 0; is_last && k < count; k++)
             surface->left_to_chance[cell + k] = surface_chance(surface, kept[k]);
     }
+    return true;
 }
 
-static INLINED void print_bands(const PlanSurface *surface, size_t step) {
-    for (size_t first = 0; first < surface->ny; first += BAND)
-        print_band(surface, step, first + 1, surface->ny - first < BAND ? surface->ny - first : BAND);
-    set_frame(surface, surface_height(surface, step + 1));
+static INLINED void print_rows(RowShare *share) {
+    const size_t ny = share->surface->ny;
+    share->is_done = true;
+    for (size_t first = 0; first < ny && share->is_done; first += BAND)
+        share->is_done = print_band(share, first + 1, ny - first < BAND ? ny - first : BAND);
 }
 
-static void print_step_plain(const PlanSurface *surface, size_t step) {
-    print_bands(surface, step);
+static void print_plain(RowShare *share) {
+    print_rows(share);
 }
 
-static WITH_AVX2 void print_step_avx2(const PlanSurface *surface, size_t step) {
-    print_bands(surface, step);
+static WITH_AVX2 void print_avx2(RowShare *share) {
+    print_rows(share);
 }
 
-/* What the heights after the last step cost, cell by cell. */
-static void take_costs(PlanSurface *surface) {
+static void *print_share(void *handed) {
+    (HAS_AVX2 ? print_avx2 : print_plain)(handed);
+    return NULL;
+}
+
+/* What the heights after the last step cost, cell by cell; nothing on the frame. */
+static void *take_costs(void *handed) {
+    RowShare *share = handed;
+    const PlanSurface *surface = share->surface;
     const double *last = surface_height(surface, surface->steps);
-    for (size_t cell = 0; cell < surface->framed; cell++)
+    for (size_t cell = share->top * surface->stride; cell < share->bottom * surface->stride; cell++)
         surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
+    share->is_done = true;
+    return NULL;
 }
 
 /* The reference of the heights is the mean that they have after the last step. */
@@ -260,11 +318,19 @@ void surface_add_up(PlanSurface *surface) {
     }
 }
 
-void surface_evaluate(PlanSurface *surface) {
-    for (size_t step = 0; step < surface->steps; step++)
-        (HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step);
-    take_costs(surface);
+bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
+    for (size_t step = 0; step < surface->steps; step++) {
+        if (!run_rows(print_share, surface, step, ends_at))
+            return false;
+        set_frame(surface, surface_height(surface, step + 1));
+    }
+    run_rows(take_costs, surface, surface->steps, ends_at);
     surface_add_up(surface);
+    return true;
+}
+
+void surface_evaluate(PlanSurface *surface) {
+    surface_evaluate_until(surface, INFINITY);
 }
 
 Objective surface_objective(const PlanSurface *surface) {

@@ -23,7 +23,7 @@ enum { MAP_MARGIN = 4 }; /* cells behind a map, so that four from any cell on ca
 typedef struct {
     const HorizonProblem *problem;
     size_t nx, ny, stride, framed; /* stride: from row to row; framed: cells of a map */
-    size_t steps;
+    size_t steps, threads;
     Droplet droplet[1 + KINDS_MAX]; /* of each value of a plan */
     double *height;                 /* steps + 1 maps [m] */
     double *target, *weight;        /* maps: of the last surface [m]; of the cells' errors */
@@ -51,10 +51,18 @@ typedef struct {
 
 /* Takes memory and evaluates the plan (layers * nx * ny). False if there is no memory. */
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan);
+
+/* The same, but for the evaluation where that does not end before `ends_at` by the stopwatch; *is_evaluated reports
+ * which. This and all later evaluations take `threads`; the bits do not depend on them. */
+bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
+                        int32_t threads, bool *is_evaluated);
 void surface_close(PlanSurface *surface);
 
 /* All surfaces and sums of the present plan from scratch. */
 void surface_evaluate(PlanSurface *surface);
+
+/* The same; false if `ends_at` came before the end: the surfaces are of no use then. */
+bool surface_evaluate_until(PlanSurface *surface, double ends_at);
 
 /* The sums alone, where the surfaces are those of the plan. */
 void surface_add_up(PlanSurface *surface);

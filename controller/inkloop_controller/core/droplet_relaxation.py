@@ -35,18 +35,20 @@ def relax(
     *,
     iterations_max: int = ITERATIONS,
     seconds_max: float = inf,
+    threads: int = 1,
 ) -> RelaxedDroplets:
     """Droplets near an optimum of the relaxed problem, by accelerated projected gradients.
 
     start: droplets (layers, nx, ny) to begin at, which the answer is not worse than (None: half a droplet each);
-    iterations_max: work budget; seconds_max: guard by the clock. Raises ValueError for invalid values.
+    iterations_max: work budget; seconds_max: guard by the clock; threads: does not change the answer. Raises ValueError
+    for invalid values.
     """
     if iterations_max < 0 or not seconds_max >= 0.0:
         raise ValueError(f"iterations_max is {iterations_max} and seconds_max {seconds_max}; needs neither below 0")
     given = np.full(problem.choices.shape, 0.5) if start is None else start
     droplets = np.array(checked("start", given, "f8", problem.choices.shape))
     report = RelaxationReportStruct()
-    options = RelaxationOptionsStruct(iterations_max, seconds_max)
+    options = RelaxationOptionsStruct(iterations_max, seconds_max, threads)
     answered(library().inkloop_relax(problem_struct(problem), options, pointer(droplets), report))
     return RelaxedDroplets(droplets, report.value, report.iterations)
 

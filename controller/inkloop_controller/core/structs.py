@@ -136,7 +136,7 @@ class FinishStruct(ctypes.Structure):
 class RelaxationOptionsStruct(ctypes.Structure):
     """`RelaxationOptions` of horizon_problem.h."""
 
-    _fields_ = (("iterations_max", ctypes.c_int64), ("seconds_max", ctypes.c_double))
+    _fields_ = (("iterations_max", ctypes.c_int64), ("seconds_max", ctypes.c_double), ("threads", ctypes.c_int32))
 
 
 class RelaxationReportStruct(ctypes.Structure):

@@ -209,3 +209,13 @@ def test_diffused_plan_is_better_than_nothing_and_everything(layers: int, seed: 
         bindings.objective(problem, tried).value for tried in (plan, np.zeros_like(plan), np.ones_like(plan))
     )
     assert found < min(nothing, everything)
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+@pytest.mark.parametrize("shape", [(260, 98), (97, 260)])
+def test_any_number_of_threads_relaxes_to_the_same_bits(shape: tuple[int, int], passes: int) -> None:
+    wanted = rough(shape, 2, passes, alpha=0.7)
+    one, *more = (relax(wanted, iterations_max=3, threads=threads) for threads in (1, 2, 3))
+    for other in more:
+        assert (other.value, other.iterations) == (one.value, one.iterations)
+        np.testing.assert_array_equal(other.droplets, one.droplets)

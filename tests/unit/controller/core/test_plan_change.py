@@ -17,7 +17,7 @@ PROGRAMS = {
     "one_step_invariants": (*SEARCH, "flip_bounds", "one_step_sweep", "tile_moves"),
 }
 SHARED = (
-    *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective")),
+    *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective", "parallel_none")),
     FMUS / "layer_deposition" / "layer_map.c",
 )
 FOLDERS = (*(CORE / group for group in ("problem", "model", "search")), FMUS / "layer_deposition", FMUS / "deposition")

@@ -33,7 +33,9 @@ SOURCES = (
 PLACES = sorted({f"-I{path.parent}" for path in (*CORE.rglob("*.h"), *SOURCES, ROOT / "fmus/deposition/passes.h")})
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", *PLACES)
 ALL = LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR | LeftOut.FEWER_LAYERS
-FIRST_PLAN = 19.0  # looks at the stopwatch, with two evaluations and a rounding
+FIRST_PLAN = 32.0  # looks at the stopwatch, with two evaluations and a rounding
+ENDING = 12.0  # looks after the time has ended: of stages that find none left
+EVALUATION = 72.0  # looks, of a plan of 384 x 16 cells and three layers: a repair ends with one
 WORK = Work(sweeps=4, annealing_sweeps=0, iterations=3)
 
 pytestmark = [
@@ -52,16 +54,17 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     library.cache_clear()
 
 
-def problem() -> HorizonProblem:
+def problem(shape: tuple[int, int] = (14, 13)) -> HorizonProblem:
     """Little is lacking, and unevenly: fewer layers than the horizon's are worth a try."""
-    height = np.random.default_rng(3).uniform(0.0, 8e-6, (14, 13))
+    height = np.random.default_rng(3).uniform(0.0, 8e-6, shape)
     target, everywhere = np.full(height.shape, height.mean() + 12e-6), np.ones(height.shape, np.bool_)
     return HorizonProblem(height, target, everywhere, np.ones((3, *height.shape), np.uint16), (Ink(),), 0.8)
 
 
-def found(limit: float) -> FoundPlan:
-    last = np.random.default_rng(4).integers(0, 2, (3, 14, 13), dtype=np.int32)
-    return best_plan(problem(), WORK, last=last, layer_worth=0.001, seed=1, seconds_max=limit)
+def found(limit: float, of: HorizonProblem | None = None) -> FoundPlan:
+    of = of or problem()
+    last = np.random.default_rng(4).integers(0, 2, of.choices.shape, dtype=np.int32)
+    return best_plan(of, WORK, last=last, layer_worth=0.001, seed=1, seconds_max=limit)
 
 
 def looks() -> float:
@@ -134,3 +137,27 @@ def test_more_time_gives_no_worse_plan_than_none() -> None:
         for limit in np.arange(0.0, 40.0, 2.0)
     ]
     assert max(values) == values[0]
+
+
+def looks_after_hold_up(after: float, limit: float, of: HorizonProblem) -> tuple[FoundPlan, float]:
+    """A plan during which the machine is held up after so many looks, and the looks from there on."""
+    core = library()
+    core.stopwatch_looks.restype = ctypes.c_double
+    core.hold_up_after.argtypes = (ctypes.c_double,)
+    began = core.stopwatch_looks()
+    core.hold_up_after(after)
+    plan = found(limit, of)
+    core.hold_up_after(inf)
+    return plan, core.stopwatch_looks() - began - after
+
+
+@pytest.mark.usefixtures("counting")
+def test_whatever_is_under_way_ends_with_the_time() -> None:
+    tall = problem((384, 16))
+    nothing = bindings.objective(tall, no_droplets(tall)).value
+    first, whole = (looks_after_hold_up(0.0, limit, tall)[1] for limit in (1.0, inf))
+    for after in range(0, int(whole), 20):
+        plan, late = looks_after_hold_up(float(after), 1e5, tall)
+        ending = ENDING + (EVALUATION if LeftOut.STARTS in plan.left_out else 0.0)
+        assert plan.objective.value < nothing
+        assert late <= max(first - after, ending)
