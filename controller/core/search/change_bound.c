@@ -9,6 +9,8 @@
  * 7e-5 at most. */
 static const double ROUNDING = 1e-4;
 
+static const double DROPLET_OF_MOST = 0.25; /* the largest droplet, as a share of the largest difference */
+
 enum { LEAST_STEPS = 3 }; /* fewer are tried as quickly (by trial) */
 
 /* Differences of heights as they spread, from cell NEAR_MARGIN on. */
@@ -16,6 +18,7 @@ typedef struct {
     float before[NEAR_MAP], after[NEAR_MAP];
     float left[NEAR_LANES];   /* out of sight, in sum, by lanes [m] */
     float chance[NEAR_CELLS]; /* after the last step [m] */
+    float most;               /* the largest difference after the last step [m] */
     size_t top, bottom;       /* rows that differ; bottom excluded */
 } Spread;
 
@@ -204,7 +207,7 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
 }
 
 /* What the differences after the last step add to the sums. */
-static INLINED Sums added_sums(const PlanSurface *surface, const ChangeBound *bound, const Spread *spread) {
+static INLINED Sums added_sums(const PlanSurface *surface, const ChangeBound *bound, Spread *spread) {
     const size_t first = spread->top * NEAR_LANES, count = (spread->bottom - spread->top) * NEAR_LANES;
     const float *after = spread->after + NEAR_MARGIN + first, *chance = spread->chance + first;
     const float *was = bound->chance + first, *inside = bound->inside + first, *high = bound->height + first;
@@ -218,17 +221,21 @@ static INLINED Sums added_sums(const PlanSurface *surface, const ChangeBound *bo
                                  (chance[k] - was[k]) * (chance[k] + was[k]) * (1.0f / 3.0f));
     }
     add_costs(surface, error, above, chance, bound->weight + first, count, cost);
-    float sums[3][NEAR_LANES] = {{0.0f}};
+    float sums[3][NEAR_LANES] = {{0.0f}}, most[NEAR_LANES] = {0.0f};
     for (size_t row = 0; row < count; row += NEAR_LANES)
         for (size_t k = 0; k < NEAR_LANES; k++) {
+            most[k] = larger_of(most[k], fabsf(after[row + k]));
             sums[0][k] += cost[row + k];
             sums[1][k] += height[row + k];
             sums[2][k] += square[row + k];
         }
     Sums added = {0.0, 0.0, 0.0};
-    for (size_t k = 0; k < NEAR_LANES; k++)
+    spread->most = 0.0f;
+    for (size_t k = 0; k < NEAR_LANES; k++) {
+        spread->most = larger_of(spread->most, most[k]);
         added = (Sums){added.cost + (double)sums[0][k], added.height + (double)sums[1][k],
                        added.squared_height + (double)sums[2][k]};
+    }
     return added;
 }
 
@@ -294,8 +301,8 @@ double change_bound(ChangeBound *bound, const PlanSurface *surface, size_t i, si
     if (weighting->alpha < 1.0) {
         const Sums after = sums_after(sums, &added);
         const double mean = fabs(after.height) / weighting->count;
-        const double by_chance = surface->chance * surface->chance * (double)bound->rules.most;
-        const double most = (double)bound->rules.most + bound->height_most + mean + by_chance;
+        const double by_chance = surface->chance * surface->chance * DROPLET_OF_MOST * (double)bound->rules.most;
+        const double most = (double)spread.most + bound->height_most + mean + by_chance;
         slope += (1.0 - weighting->alpha) * most / deviation(&after, weighting);
     }
     return objective_change(sums, &added, weighting) - slope * unseen / weighting->count;
