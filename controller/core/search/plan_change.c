@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "box.h"
 #include "instruction_sets.h"
 #include "one_step.h"
 
@@ -269,10 +268,14 @@ static void take_costs(PlanSurface *surface, const Box *box) {
         }
 }
 
-/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs. */
-static Box carry_through(const Trial *trial, PlanSurface *made) {
+static const Box NOWHERE = {1, 0, 1, 0};
+
+/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs, and
+ * in `touched` where any does. */
+static Box carry_through(const Trial *trial, PlanSurface *made, Box *touched) {
     const PlanSurface *surface = trial->surface;
-    Box box = {1, 0, 1, 0};
+    Box box = NOWHERE;
+    *touched = NOWHERE;
     for (size_t step = 0; step < surface->steps; step++) {
         const bool begins = box_is_empty(&box);
         const Box wide = begins ? box : box_widened(&box, surface->nx, surface->ny);
@@ -285,6 +288,7 @@ static Box carry_through(const Trial *trial, PlanSurface *made) {
         else
             carry(trial, &box, &next, step);
         box = step + 1 < surface->steps ? differing(trial, &next, step) : next;
+        *touched = box_joined(touched, &next);
         if (made)
             write_rows(trial, trial->window->after, surface_height(made, step + 1), &next);
         if (made && keeps(trial, step))
@@ -306,7 +310,8 @@ Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, 
         return one_step_trial(surface, change, count, false);
     }
     const Trial trial = trial_of(surface, change, count, window);
-    const Box box = carry_through(&trial, NULL);
+    Box touched;
+    const Box box = carry_through(&trial, NULL, &touched);
     return change_of_sums(&trial, &box);
 }
 
@@ -317,13 +322,15 @@ Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t c
     return one_step_trial(surface, change, count, true);
 }
 
-void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
+Box plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
     const Trial trial = trial_of(surface, change, count, window);
+    Box touched = NOWHERE;
     if (surface->steps == 1)
         one_step_apply(surface, change, count);
     else
-        carry_through(&trial, surface);
+        carry_through(&trial, surface, &touched);
     for (size_t k = 0; k < count; k++)
         surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
             (uint8_t)change[k].value;
+    return touched;
 }

@@ -69,8 +69,8 @@ void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
 static void make(Work *work, const Best *best) {
     const bool is_whole = !is_cost_enough(work->surface);
     const Sums added = is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
-    plan_apply(work->surface, best->change, best->count, work->window);
-    bound_renew(work->bound);
+    const Box changed = plan_apply(work->surface, best->change, best->count, work->window);
+    bound_change(work->bound, work->surface, &changed);
     work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
         wake_near(work->surface, work->awake, best->change[k].i, best->change[k].j);
@@ -202,7 +202,7 @@ static bool is_out_of_time(Work *work) {
 void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
                 Window *window, ChangeBound *bound, Tally *tally) {
     Work work = {surface, awake, sweep, before, window, bound, tally, window->work};
-    bound_renew(bound);
+    bound_begin(bound, surface, tile);
     for (size_t i = tile->top; i < tile->bottom; i++) {
         for (size_t j = tile->left; j < tile->right; j++) {
             uint8_t *own = &awake[surface_cell(surface, i, j)];

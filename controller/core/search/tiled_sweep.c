@@ -77,6 +77,8 @@ static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Su
     Tally *tally = &tiling->tally[index];
     Window *window = &tiling->window[thread];
     *tally = (Tally){0};
+    if (tiling->rows * tiling->columns > 1) /* the surface has changed elsewhere */
+        bound_renew(&tiling->bound[thread]);
     if (tiling->surface->steps > 1 || sweep->move == MOVE_ANNEAL)
         tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->bound[thread], tally);
     else if (sweep->move != MOVE_SHIFTS) /* there is no other layer */
