@@ -16,11 +16,22 @@ typedef struct {
     ptrdiff_t top, left; /* cell of the map that is the window's first */
 } Trial;
 
+/* Whether what flows between two cells falls off alike whatever droplets are on them. */
+static bool has_even_slopes(const PlanSurface *surface) {
+    const Droplet *first = &surface->droplet[1];
+    bool found = true;
+    for (size_t value = 2; value <= surface->problem->kinds; value++)
+        for (int place = SIDE; place <= CORNER; place++)
+            found = found && surface->droplet[value].slope[place] == first->slope[place];
+    return found;
+}
+
 bool window_open(Window *window, const PlanSurface *surface) {
     const size_t side = 2 * surface->steps + 6 + LANES; /* a 4x4 box, one more cell each way for every step and for
                                                            reading, and what rows are rounded up by */
     const size_t cells = side * side;
-    *window = (Window){.side = side, .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
+    *window = (Window){
+        .side = side, .is_even = has_even_slopes(surface), .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
     if (!window->memory)
         return false;
     window->after = window->memory;
@@ -98,8 +109,8 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
     }
 }
 
-/* Values jetted in the step on the cells of `box` and what they give away. */
-static void load_droplets(const Trial *trial, const Box *box, size_t step) {
+/* Values jetted in the step on the cells of `box`. */
+static void load_values(const Trial *trial, const Box *box, size_t step) {
     const PlanSurface *surface = trial->surface;
     const Window *window = trial->window;
     const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
@@ -116,15 +127,31 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
         if (is_in_step(trial, &trial->change[k], step))
             window->value[in_window(trial, (ptrdiff_t)trial->change[k].i + 1, (ptrdiff_t)trial->change[k].j + 1)] =
                 (uint8_t)trial->change[k].value;
+}
+
+/* What the droplets in the window give away. */
+static INLINED void load_shares(const Trial *trial, const Box *box) {
+    const PlanSurface *surface = trial->surface;
+    const Window *window = trial->window;
+    const bool is_single = surface->problem->kinds == 1;
+    const double side = surface->droplet[1].spread[SIDE], corner = surface->droplet[1].spread[CORNER];
+    const size_t columns = (size_t)(box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
-        const size_t end = in_window(trial, row, box->right);
-        for (size_t here = in_window(trial, row, box->left); here <= end; here++) {
-            const Droplet *droplet = &surface->droplet[window->value[here]];
-            for (int place = SIDE; place <= CORNER; place++) {
-                window->spread[place][here] = droplet->spread[place];
-                window->slope[place][here] = droplet->slope[place];
+        const size_t first = in_window(trial, row, box->left);
+        const uint8_t *value = window->value + first;
+        double *restrict sides = window->spread[SIDE] + first, *restrict corners = window->spread[CORNER] + first;
+        for (size_t lanes = 0; is_single && lanes < columns; lanes += LANES)
+            for (size_t k = lanes; k < lanes + LANES; k++) {
+                sides[k] = side * value[k];
+                corners[k] = corner * value[k];
             }
+        for (size_t k = 0; !is_single && k < columns; k++) {
+            sides[k] = surface->droplet[value[k]].spread[SIDE];
+            corners[k] = surface->droplet[value[k]].spread[CORNER];
         }
+        for (int place = SIDE; !window->is_even && place <= CORNER; place++)
+            for (size_t k = 0; k < columns; k++)
+                window->slope[place][first + k] = surface->droplet[value[k]].slope[place];
     }
 }
 
@@ -144,8 +171,24 @@ static INLINED void take_losses(double *restrict after, const double *restrict b
                     loss(spread[k], slope[k], spread[k + other], slope[k + other], before[k] - before[k + other]);
 }
 
+/* The same between cells whose droplets all have one slope: there one of the two shares is whole, or each is. */
+static INLINED double even_loss(double spread, double its_spread, double slope, double rise) {
+    return (spread - its_spread) + between(-spread, on_lattice(slope * rise), its_spread);
+}
+
+static INLINED void take_even_losses(double *restrict after, const double *restrict before,
+                                     const double *restrict spread, double slope, ptrdiff_t one, ptrdiff_t other,
+                                     ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        after[k] -= even_loss(spread[k], spread[k - one], slope, before[k] - before[k - one]) +
+                    even_loss(spread[k], spread[k + one], slope, before[k] - before[k + one]) +
+                    even_loss(spread[k], spread[k - other], slope, before[k] - before[k - other]) +
+                    even_loss(spread[k], spread[k + other], slope, before[k] - before[k + other]);
+}
+
 /* Prints the step on the surface in `before`. */
 static INLINED void print_window(const Trial *trial, const Box *box) {
+    const Droplet *droplet = trial->surface->droplet;
     const Window *window = trial->window;
     const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
@@ -153,7 +196,13 @@ static INLINED void print_window(const Trial *trial, const Box *box) {
         const double *before = window->before + first;
         double *after = window->after + first;
         for (ptrdiff_t k = 0; k < columns; k++)
-            after[k] = before[k] + trial->surface->droplet[window->value[first + (size_t)k]].volume;
+            after[k] = before[k] + droplet[window->value[first + (size_t)k]].volume;
+        if (window->is_even) {
+            take_even_losses(after, before, window->spread[SIDE] + first, droplet[1].slope[SIDE], 1, side, columns);
+            take_even_losses(after, before, window->spread[CORNER] + first, droplet[1].slope[CORNER], side + 1,
+                             side - 1, columns);
+            continue;
+        }
         take_losses(after, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
         take_losses(after, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
                     columns);
@@ -170,36 +219,55 @@ static INLINED void take_shares(double *restrict kept, const double *restrict be
                    flow(spread[k], slope[k], before[k] - before[k + other]);
 }
 
+static INLINED void take_even_shares(double *restrict kept, const double *restrict before,
+                                     const double *restrict spread, double slope, ptrdiff_t one, ptrdiff_t other,
+                                     ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        kept[k] -= flow(spread[k], slope, before[k] - before[k - one]) +
+                   flow(spread[k], slope, before[k] - before[k + one]) +
+                   flow(spread[k], slope, before[k] - before[k - other]) +
+                   flow(spread[k], slope, before[k] - before[k + other]);
+}
+
 /* What the droplets of the step leave on their own cells, and so to chance. */
 static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
+    const Droplet *droplet = trial->surface->droplet;
     const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
         double *kept = window->chance + first;
         for (ptrdiff_t k = 0; k < columns; k++)
-            kept[k] = trial->surface->droplet[window->value[first + (size_t)k]].volume;
-        take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
-        take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
-                    columns);
+            kept[k] = droplet[window->value[first + (size_t)k]].volume;
+        if (window->is_even) {
+            take_even_shares(kept, before, window->spread[SIDE] + first, droplet[1].slope[SIDE], 1, side, columns);
+            take_even_shares(kept, before, window->spread[CORNER] + first, droplet[1].slope[CORNER], side + 1, side - 1,
+                             columns);
+        } else {
+            take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
+            take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
+                        columns);
+        }
         for (ptrdiff_t k = 0; k < columns; k++)
             kept[k] = surface_chance(trial->surface, kept[k]);
     }
 }
 
-static INLINED void print_box(const Trial *trial, const Box *box, size_t step) {
+/* read: the box and the cells around it. */
+static INLINED void print_box(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    load_shares(trial, read);
     print_window(trial, box);
     if (keeps(trial, step))
         keep_droplets(trial, box);
 }
 
-static void print_box_plain(const Trial *trial, const Box *box, size_t step) {
-    print_box(trial, box, step);
+static void print_box_plain(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    print_box(trial, box, read, step);
 }
 
-static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, size_t step) {
-    print_box(trial, box, step);
+static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    print_box(trial, box, read, step);
 }
 
 /* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
@@ -212,8 +280,8 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
         const size_t first = in_window(trial, row, box->left);
         memcpy(window->before + first, window->after + first, columns * sizeof(double));
     }
-    load_droplets(trial, &read, step);
-    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, step);
+    load_values(trial, &read, step);
+    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, &read, step);
 }
 
 /* The part of the box that holds all cells whose height after the step differs. */

@@ -12,6 +12,7 @@
 /* Room for the window of one thread. */
 typedef struct {
     size_t side;   /* from row to row */
+    bool is_even;  /* droplets of all kinds have the same slopes */
     double *after; /* surface after the step */
     double *before;
     double *spread[2]; /* what its droplet gives to a neighbour at most: side, corner [m] */
