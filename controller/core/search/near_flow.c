@@ -1,28 +1,26 @@
 #include "near_flow.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const double ABYSS = -1.0; /* of cells that are not on the grid, as deep as the frame [m] */
 
 static const double SAME_SLOPE = 1e-7; /* slopes that differ by less, as a share, count as one (assumed) */
 
-/* 1 where a pair is of two near cells. */
-static void mark_pairs(float marks[NEAR_PAIRS][NEAR_CELLS]) {
-    for (size_t k = 0; k < NEAR_CELLS; k++) {
-        const size_t lane = k % NEAR_LANES;
-        const bool is_above = k / NEAR_LANES + 1 < NEAR_ROWS;
-        marks[0][k] = lane + 1 < NEAR_ROWS ? 1.0f : 0.0f;
-        marks[1][k] = is_above && lane < NEAR_ROWS ? 1.0f : 0.0f;
-        marks[2][k] = is_above && lane + 1 < NEAR_ROWS ? 1.0f : 0.0f;
-        marks[3][k] = is_above && lane > 0 && lane < NEAR_ROWS ? 1.0f : 0.0f;
-    }
-}
+/* Cells of the maps around those of a tile: near ones, one more that pairs begin with, and lanes behind. */
+enum { ROWS_AROUND = 2 * NEAR_REACH + 2, COLUMNS_AROUND = NEAR_REACH + NEAR_LANES + 1 };
+enum { LINE = TILE + COLUMNS_AROUND + 2, HEAD = 16 };
+
+/* A row of cells, with one more on each side: cell k of the maps is at 1 + k. */
+typedef struct {
+    double height[LINE];
+    float width[2][LINE], slope[2][LINE];
+} Line;
 
 bool near_rules(const PlanSurface *surface, NearRules *rules) {
     double steepest[2] = {0.0, 0.0}, largest = 0.0;
     *rules = (NearRules){.is_mixed = false};
-    mark_pairs(rules->within);
     for (size_t value = 1; value <= surface->problem->kinds; value++) {
         const Droplet *droplet = &surface->droplet[value], *first = &surface->droplet[1];
         largest = fmax(largest, droplet->volume);
@@ -47,125 +45,170 @@ bool near_rules(const PlanSurface *surface, NearRules *rules) {
     return 4.0 * (steepest[SIDE] + steepest[CORNER]) < 1.0;
 }
 
-/* Where the row of near cells begins in a map, and whether all of its lanes are in there. */
-static bool is_row_in_map(const PlanSurface *surface, size_t i, size_t j, size_t row, ptrdiff_t *first) {
-    const ptrdiff_t framed = (ptrdiff_t)(i + 1 + row) - NEAR_REACH, left = (ptrdiff_t)(j + 1) - NEAR_REACH;
-    *first = framed * (ptrdiff_t)surface->stride + left;
-    return framed >= 0 && framed < (ptrdiff_t)surface->nx + 2 && left >= 0 &&
-           left + NEAR_LANES <= (ptrdiff_t)surface->stride;
+static size_t least_of(size_t a, size_t b) {
+    return a < b ? a : b;
 }
 
-static bool is_in_map(const PlanSurface *surface, size_t i, size_t j, size_t row, size_t lane) {
-    const ptrdiff_t framed = (ptrdiff_t)(i + 1 + row) - NEAR_REACH;
-    const ptrdiff_t column = (ptrdiff_t)(j + 1 + lane) - NEAR_REACH;
-    return framed >= 0 && framed < (ptrdiff_t)surface->nx + 2 && column >= 0 && column < (ptrdiff_t)surface->stride;
+/* Takes the next maps of `cells` cells, `count` of them. */
+static void take(float **next, size_t cells, float **map, size_t count) {
+    for (size_t k = 0; k < count; k++, *next += cells)
+        map[k] = *next;
 }
 
-void near_copy(const PlanSurface *surface, const double *map, size_t i, size_t j, double beyond, double *cells) {
-    for (size_t row = 0; row < NEAR_ROWS; row++, cells += NEAR_LANES) {
-        ptrdiff_t first;
-        if (is_row_in_map(surface, i, j, row, &first)) {
-            memcpy(cells, map + first, NEAR_LANES * sizeof(double));
-            continue;
+bool near_open(const PlanSurface *surface, const NearRules *rules, NearMaps *maps) {
+    const size_t pairs = NEAR_PAIRS, mixed = rules->is_mixed ? 3 * pairs : 0;
+    *maps = (NearMaps){.rows = least_of(surface->nx, TILE) + ROWS_AROUND,
+                       .stride = least_of(surface->ny, TILE) + COLUMNS_AROUND};
+    const size_t cells = maps->rows * maps->stride, count = (surface->steps - 1) * (2 * pairs + 1 + mixed) + pairs + 1;
+    maps->step = calloc(surface->steps, sizeof(NearStep));
+    maps->memory = calloc(HEAD + count * cells, sizeof(float));
+    if (!maps->step || !maps->memory)
+        return false;
+    float *next = (float *)maps->memory + HEAD;
+    for (size_t number = 1; number < surface->steps; number++) {
+        NearStep *step = &maps->step[number];
+        const bool is_last = number + 1 == surface->steps;
+        take(&next, cells, step->low, pairs);
+        take(&next, cells, step->high, pairs);
+        take(&next, cells, &step->lost, 1);
+        if (rules->is_mixed || is_last)
+            take(&next, cells, step->kink, pairs);
+        if (is_last)
+            take(&next, cells, &step->given, 1);
+        if (rules->is_mixed) {
+            take(&next, cells, step->give, pairs);
+            take(&next, cells, step->take, pairs);
         }
-        for (size_t lane = 0; lane < NEAR_LANES; lane++)
-            cells[lane] = is_in_map(surface, i, j, row, lane) ? map[first + (ptrdiff_t)lane] : beyond;
     }
+    return true;
 }
 
-/* The values that are jetted in the step. */
-static void copy_values(const PlanSurface *surface, size_t i, size_t j, size_t number, uint8_t *cells) {
-    const size_t passes = (size_t)surface->problem->passes, layer = number / passes;
-    const int32_t colour = passes == 1 ? COLOUR_ALL : surface->problem->colours[layer][number % passes];
-    const uint8_t *values = surface_layer(surface, layer);
-    for (size_t row = 0; row < NEAR_ROWS; row++, cells += NEAR_LANES) {
-        ptrdiff_t first;
-        const bool is_whole = is_row_in_map(surface, i, j, row, &first);
-        if (is_whole)
-            memcpy(cells, values + first, NEAR_LANES);
-        for (size_t lane = 0; !is_whole && lane < NEAR_LANES; lane++)
-            cells[lane] = is_in_map(surface, i, j, row, lane) ? values[first + (ptrdiff_t)lane] : 0;
-        for (size_t lane = 0; colour != COLOUR_ALL && lane < NEAR_LANES; lane++)
-            if (cells[lane] && colour != cell_colour(i + row - NEAR_REACH, j + lane - NEAR_REACH))
-                cells[lane] = 0;
-    }
+void near_close(NearMaps *maps) {
+    free(maps->step);
+    free(maps->memory);
+    *maps = (NearMaps){.step = NULL};
 }
 
-static INLINED void load_values(const float *of, size_t kinds, const uint8_t *restrict value, float *restrict cells) {
-    for (size_t k = 0; k < NEAR_CELLS; k++)
+static INLINED void load_values(const float *of, size_t kinds, const uint8_t *restrict value, size_t count,
+                                float *restrict cells) {
+    for (size_t k = 0; k < count; k++)
         cells[k] = 0.0f;
     for (uint8_t kind = 1; kind <= kinds; kind++) {
         const float own = of[kind];
-        for (size_t k = 0; k < NEAR_CELLS; k++)
+        for (size_t k = 0; k < count; k++)
             cells[k] = value[k] == kind ? own : cells[k];
     }
 }
 
-static INLINED void read_pairs(const NearRules *rules, size_t pair, const float *restrict marks,
-                               const double *restrict before, const float *restrict width, NearStep *restrict step) {
-    static const size_t AHEAD[NEAR_PAIRS] = {1, NEAR_LANES, NEAR_LANES + 1, NEAR_LANES - 1};
+/* The values that are jetted in the step on cells of a row of the surface's maps. */
+static INLINED void copy_values(const PlanSurface *surface, size_t number, size_t row, size_t column, size_t count,
+                                uint8_t *restrict cells) {
+    const size_t passes = (size_t)surface->problem->passes, layer = number / passes;
+    memcpy(cells, surface_layer(surface, layer) + row * surface->stride + column, count);
+    if (passes == 1)
+        return;
+    const int32_t colour = surface->problem->colours[layer][number % passes];
+    for (size_t k = 0; k < count; k++) /* the frame's values are 0: whatever its colour */
+        cells[k] = colour == cell_colour(row + 1, column + k + 1) ? cells[k] : 0;
+}
+
+/* Row `row` of the maps, with a cell more before column `first` and behind column `last`. */
+static INLINED void load_line(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps, size_t number,
+                              ptrdiff_t row, ptrdiff_t first, ptrdiff_t last, Line *line) {
+    const ptrdiff_t own = maps->top + row, left = maps->left + first - 1, right = maps->left + last + 1;
+    const ptrdiff_t begin = left > 0 ? left : 0;
+    const ptrdiff_t end = right < (ptrdiff_t)surface->stride ? right + 1 : (ptrdiff_t)surface->stride;
+    const size_t count = (size_t)(last - first) + 3;
+    uint8_t value[LINE] = {0};
+    for (size_t k = 0; k < count; k++)
+        line->height[(size_t)first + k] = ABYSS;
+    if (own >= 0 && own < (ptrdiff_t)surface->nx + 2 && begin < end) {
+        const size_t from = (size_t)begin, length = (size_t)(end - begin);
+        memcpy(line->height + first + (begin - left),
+               surface_height(surface, number) + (size_t)own * surface->stride + from, length * sizeof(double));
+        copy_values(surface, number, (size_t)own, from, length, value + (begin - left));
+    }
+    for (int place = SIDE; place <= CORNER; place++) {
+        load_values(rules->widths[place], surface->problem->kinds, value, count, line->width[place] + first);
+        if (rules->is_mixed)
+            load_values(rules->slopes[place], surface->problem->kinds, value, count, line->slope[place] + first);
+    }
+}
+
+/* The pairs of a direction between the cells of a line and those of the next, or of the same, `ahead` lanes further. */
+static INLINED void read_pairs(const NearRules *rules, const Line *here, const Line *there, size_t pair, size_t lanes,
+                               size_t first, size_t count, size_t cell, const NearStep *step) {
     const float most = rules->most;
-    const double *next = before + AHEAD[pair];
-    const float *width_next = width + AHEAD[pair];
-    float *low = step->low[pair] + NEAR_MARGIN, *kink = step->kink[pair] + NEAR_MARGIN;
-    float *high = step->high[pair] + NEAR_MARGIN;
-    for (size_t k = 0; k < NEAR_CELLS; k++) {
-        const float fall = (float)(next[k] - before[k]);
-        low[k] = marks[k] * within(-most, fall - width[k], most);
-        kink[k] = marks[k] * within(-most, fall, most);
-        high[k] = marks[k] * within(-most, fall + width_next[k], most);
+    const double *height = here->height + first + 1, *next = there->height + first + lanes;
+    const float *width = here->width[pair / 2] + first + 1, *width_next = there->width[pair / 2] + first + lanes;
+    float *restrict low = step->low[pair] + cell, *restrict high = step->high[pair] + cell;
+    for (size_t k = 0; k < count; k++) {
+        const float fall = (float)(next[k] - height[k]);
+        low[k] = within(-most, fall - width[k], most);
+        high[k] = within(-most, fall + width_next[k], most);
+    }
+    float *restrict kink = step->kink[pair] ? step->kink[pair] + cell : NULL;
+    for (size_t k = 0; kink && k < count; k++)
+        kink[k] = within(-most, (float)(next[k] - height[k]), most);
+    if (!rules->is_mixed)
+        return;
+    memcpy(step->give[pair] + cell, here->slope[pair / 2] + first + 1, count * sizeof(float));
+    memcpy(step->take[pair] + cell, there->slope[pair / 2] + first + lanes, count * sizeof(float));
+}
+
+static INLINED void read_losses(const NearRules *rules, const NearMaps *maps, const NearStep *step, bool is_mixed,
+                                bool is_last, size_t cell, size_t count) {
+    static const float LEVEL[2 * NEAR_LANES + 3];
+    const float *level = LEVEL + NEAR_LANES + 1;
+    float *restrict lost = step->lost, *restrict given = step->given;
+    for (size_t k = cell; k < cell + count; k++) {
+        float gives;
+        lost[k] = near_loss(step, rules->slope, is_mixed, is_last, k, maps->stride, level, &gives);
+        if (is_last)
+            given[k] = gives;
     }
 }
 
-static INLINED void read_slopes(size_t pair, const float *restrict marks, const float *restrict slope,
-                                NearStep *restrict step) {
-    static const size_t AHEAD[NEAR_PAIRS] = {1, NEAR_LANES, NEAR_LANES + 1, NEAR_LANES - 1};
-    for (size_t k = 0; k < NEAR_CELLS; k++) {
-        step->give[pair][NEAR_MARGIN + k] = marks[k] * slope[k];
-        step->take[pair][NEAR_MARGIN + k] = marks[k] * slope[k + AHEAD[pair]];
+/* In the order of the pairs: SIDE ones first. */
+static INLINED void read_step(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps, size_t number,
+                              const Box *box, ptrdiff_t pairs_top) {
+    static const size_t LANES_AHEAD[NEAR_PAIRS] = {2, 1, 2, 0};
+    const NearStep *step = &maps->step[number];
+    const size_t first = (size_t)box->left, count = (size_t)(box->right - box->left) + 1;
+    const bool is_last = number + 1 == surface->steps;
+    Line line[2];
+    load_line(surface, rules, maps, number, pairs_top, box->left, box->right, &line[0]);
+    for (ptrdiff_t row = pairs_top; row <= box->bottom; row++) {
+        const size_t cell = (size_t)row * maps->stride + first;
+        const Line *here = &line[(row - pairs_top) % 2], *below = &line[(row + 1 - pairs_top) % 2];
+        load_line(surface, rules, maps, number, row + 1, box->left, box->right, &line[(row + 1 - pairs_top) % 2]);
+        for (size_t pair = 0; pair < NEAR_PAIRS; pair++)
+            read_pairs(rules, here, pair ? below : here, pair, LANES_AHEAD[pair], first, count, cell, step);
+    }
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const size_t cell = (size_t)row * maps->stride + first;
+        if (rules->is_mixed)
+            read_losses(rules, maps, step, true, is_last, cell, count);
+        else if (is_last)
+            read_losses(rules, maps, step, false, true, cell, count);
+        else
+            read_losses(rules, maps, step, false, false, cell, count);
     }
 }
 
-static INLINED void read_losses(const NearRules *rules, bool is_mixed, NearStep *restrict step) {
-    static const float LEVEL[NEAR_MAP];
-    for (size_t k = NEAR_MARGIN; k < NEAR_MARGIN + NEAR_CELLS; k++)
-        step->lost[k] = near_loss(step, rules->slope, is_mixed, true, LEVEL, k, &step->given[k]);
+static void read_plain(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps, const Box *box,
+                       ptrdiff_t pairs_top) {
+    for (size_t number = 1; number < surface->steps; number++)
+        read_step(surface, rules, maps, number, box, pairs_top);
 }
 
-static INLINED void read_step(const NearRules *rules, size_t kinds, const double *before, const uint8_t *value,
-                              NearStep *step) {
-    float cells[NEAR_MAP];
-    memset(cells + NEAR_CELLS, 0, (NEAR_MAP - NEAR_CELLS) * sizeof(float));
-    for (size_t pair = 0; pair < NEAR_PAIRS; pair++) {
-        if (pair % 2 == 0)
-            load_values(rules->widths[pair / 2], kinds, value, cells);
-        read_pairs(rules, pair, rules->within[pair], before, cells, step);
-    }
-    for (size_t pair = 0; rules->is_mixed && pair < NEAR_PAIRS; pair++) {
-        load_values(rules->slopes[pair / 2], kinds, value, cells);
-        read_slopes(pair, rules->within[pair], cells, step);
-    }
-    if (rules->is_mixed)
-        read_losses(rules, true, step);
-    else
-        read_losses(rules, false, step);
+static WITH_AVX2 void read_avx2(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps,
+                                const Box *box, ptrdiff_t pairs_top) {
+    for (size_t number = 1; number < surface->steps; number++)
+        read_step(surface, rules, maps, number, box, pairs_top);
 }
 
-static void read_step_plain(const NearRules *rules, size_t kinds, const double *before, const uint8_t *value,
-                            NearStep *step) {
-    read_step(rules, kinds, before, value, step);
-}
-
-static WITH_AVX2 void read_step_avx2(const NearRules *rules, size_t kinds, const double *before, const uint8_t *value,
-                                     NearStep *step) {
-    read_step(rules, kinds, before, value, step);
-}
-
-void near_read(const PlanSurface *surface, const NearRules *rules, size_t i, size_t j, size_t number, NearStep *step) {
-    double before[NEAR_MAP];
-    uint8_t value[NEAR_CELLS];
-    near_copy(surface, surface_height(surface, number), i, j, ABYSS, before);
-    memset(before + NEAR_CELLS, 0, (NEAR_MAP - NEAR_CELLS) * sizeof(double));
-    copy_values(surface, i, j, number, value);
-    (HAS_AVX2 ? read_step_avx2 : read_step_plain)(rules, surface->problem->kinds, before, value, step);
+void near_read(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps, const Box *box,
+               ptrdiff_t pairs_top) {
+    (HAS_AVX2 ? read_avx2 : read_plain)(surface, rules, maps, box, pairs_top);
 }

@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "box.h"
 #include "instruction_sets.h"
 #include "one_step.h"
 
@@ -17,11 +16,22 @@ typedef struct {
     ptrdiff_t top, left; /* cell of the map that is the window's first */
 } Trial;
 
+/* Whether what flows between two cells falls off alike whatever droplets are on them. */
+static bool has_even_slopes(const PlanSurface *surface) {
+    const Droplet *first = &surface->droplet[1];
+    bool found = true;
+    for (size_t value = 2; value <= surface->problem->kinds; value++)
+        for (int place = SIDE; place <= CORNER; place++)
+            found = found && surface->droplet[value].slope[place] == first->slope[place];
+    return found;
+}
+
 bool window_open(Window *window, const PlanSurface *surface) {
     const size_t side = 2 * surface->steps + 6 + LANES; /* a 4x4 box, one more cell each way for every step and for
                                                            reading, and what rows are rounded up by */
     const size_t cells = side * side;
-    *window = (Window){.side = side, .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
+    *window = (Window){
+        .side = side, .is_even = has_even_slopes(surface), .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
     if (!window->memory)
         return false;
     window->after = window->memory;
@@ -99,8 +109,8 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
     }
 }
 
-/* Values jetted in the step on the cells of `box` and what they give away. */
-static void load_droplets(const Trial *trial, const Box *box, size_t step) {
+/* Values jetted in the step on the cells of `box`. */
+static void load_values(const Trial *trial, const Box *box, size_t step) {
     const PlanSurface *surface = trial->surface;
     const Window *window = trial->window;
     const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
@@ -117,15 +127,31 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
         if (is_in_step(trial, &trial->change[k], step))
             window->value[in_window(trial, (ptrdiff_t)trial->change[k].i + 1, (ptrdiff_t)trial->change[k].j + 1)] =
                 (uint8_t)trial->change[k].value;
+}
+
+/* What the droplets in the window give away. */
+static INLINED void load_shares(const Trial *trial, const Box *box) {
+    const PlanSurface *surface = trial->surface;
+    const Window *window = trial->window;
+    const bool is_single = surface->problem->kinds == 1;
+    const double side = surface->droplet[1].spread[SIDE], corner = surface->droplet[1].spread[CORNER];
+    const size_t columns = (size_t)(box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
-        const size_t end = in_window(trial, row, box->right);
-        for (size_t here = in_window(trial, row, box->left); here <= end; here++) {
-            const Droplet *droplet = &surface->droplet[window->value[here]];
-            for (int place = SIDE; place <= CORNER; place++) {
-                window->spread[place][here] = droplet->spread[place];
-                window->slope[place][here] = droplet->slope[place];
+        const size_t first = in_window(trial, row, box->left);
+        const uint8_t *value = window->value + first;
+        double *restrict sides = window->spread[SIDE] + first, *restrict corners = window->spread[CORNER] + first;
+        for (size_t lanes = 0; is_single && lanes < columns; lanes += LANES)
+            for (size_t k = lanes; k < lanes + LANES; k++) {
+                sides[k] = side * value[k];
+                corners[k] = corner * value[k];
             }
+        for (size_t k = 0; !is_single && k < columns; k++) {
+            sides[k] = surface->droplet[value[k]].spread[SIDE];
+            corners[k] = surface->droplet[value[k]].spread[CORNER];
         }
+        for (int place = SIDE; !window->is_even && place <= CORNER; place++)
+            for (size_t k = 0; k < columns; k++)
+                window->slope[place][first + k] = surface->droplet[value[k]].slope[place];
     }
 }
 
@@ -145,8 +171,24 @@ static INLINED void take_losses(double *restrict after, const double *restrict b
                     loss(spread[k], slope[k], spread[k + other], slope[k + other], before[k] - before[k + other]);
 }
 
+/* The same between cells whose droplets all have one slope: there one of the two shares is whole, or each is. */
+static INLINED double even_loss(double spread, double its_spread, double slope, double rise) {
+    return (spread - its_spread) + between(-spread, on_lattice(slope * rise), its_spread);
+}
+
+static INLINED void take_even_losses(double *restrict after, const double *restrict before,
+                                     const double *restrict spread, double slope, ptrdiff_t one, ptrdiff_t other,
+                                     ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        after[k] -= even_loss(spread[k], spread[k - one], slope, before[k] - before[k - one]) +
+                    even_loss(spread[k], spread[k + one], slope, before[k] - before[k + one]) +
+                    even_loss(spread[k], spread[k - other], slope, before[k] - before[k - other]) +
+                    even_loss(spread[k], spread[k + other], slope, before[k] - before[k + other]);
+}
+
 /* Prints the step on the surface in `before`. */
 static INLINED void print_window(const Trial *trial, const Box *box) {
+    const Droplet *droplet = trial->surface->droplet;
     const Window *window = trial->window;
     const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
@@ -154,7 +196,13 @@ static INLINED void print_window(const Trial *trial, const Box *box) {
         const double *before = window->before + first;
         double *after = window->after + first;
         for (ptrdiff_t k = 0; k < columns; k++)
-            after[k] = before[k] + trial->surface->droplet[window->value[first + (size_t)k]].volume;
+            after[k] = before[k] + droplet[window->value[first + (size_t)k]].volume;
+        if (window->is_even) {
+            take_even_losses(after, before, window->spread[SIDE] + first, droplet[1].slope[SIDE], 1, side, columns);
+            take_even_losses(after, before, window->spread[CORNER] + first, droplet[1].slope[CORNER], side + 1,
+                             side - 1, columns);
+            continue;
+        }
         take_losses(after, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
         take_losses(after, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
                     columns);
@@ -171,36 +219,55 @@ static INLINED void take_shares(double *restrict kept, const double *restrict be
                    flow(spread[k], slope[k], before[k] - before[k + other]);
 }
 
+static INLINED void take_even_shares(double *restrict kept, const double *restrict before,
+                                     const double *restrict spread, double slope, ptrdiff_t one, ptrdiff_t other,
+                                     ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        kept[k] -= flow(spread[k], slope, before[k] - before[k - one]) +
+                   flow(spread[k], slope, before[k] - before[k + one]) +
+                   flow(spread[k], slope, before[k] - before[k - other]) +
+                   flow(spread[k], slope, before[k] - before[k + other]);
+}
+
 /* What the droplets of the step leave on their own cells, and so to chance. */
 static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
+    const Droplet *droplet = trial->surface->droplet;
     const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
         double *kept = window->chance + first;
         for (ptrdiff_t k = 0; k < columns; k++)
-            kept[k] = trial->surface->droplet[window->value[first + (size_t)k]].volume;
-        take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
-        take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
-                    columns);
+            kept[k] = droplet[window->value[first + (size_t)k]].volume;
+        if (window->is_even) {
+            take_even_shares(kept, before, window->spread[SIDE] + first, droplet[1].slope[SIDE], 1, side, columns);
+            take_even_shares(kept, before, window->spread[CORNER] + first, droplet[1].slope[CORNER], side + 1, side - 1,
+                             columns);
+        } else {
+            take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
+            take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
+                        columns);
+        }
         for (ptrdiff_t k = 0; k < columns; k++)
             kept[k] = surface_chance(trial->surface, kept[k]);
     }
 }
 
-static INLINED void print_box(const Trial *trial, const Box *box, size_t step) {
+/* read: the box and the cells around it. */
+static INLINED void print_box(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    load_shares(trial, read);
     print_window(trial, box);
     if (keeps(trial, step))
         keep_droplets(trial, box);
 }
 
-static void print_box_plain(const Trial *trial, const Box *box, size_t step) {
-    print_box(trial, box, step);
+static void print_box_plain(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    print_box(trial, box, read, step);
 }
 
-static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, size_t step) {
-    print_box(trial, box, step);
+static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, const Box *read, size_t step) {
+    print_box(trial, box, read, step);
 }
 
 /* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
@@ -213,8 +280,8 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
         const size_t first = in_window(trial, row, box->left);
         memcpy(window->before + first, window->after + first, columns * sizeof(double));
     }
-    load_droplets(trial, &read, step);
-    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, step);
+    load_values(trial, &read, step);
+    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, &read, step);
 }
 
 /* The part of the box that holds all cells whose height after the step differs. */
@@ -269,10 +336,14 @@ static void take_costs(PlanSurface *surface, const Box *box) {
         }
 }
 
-/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs. */
-static Box carry_through(const Trial *trial, PlanSurface *made) {
+static const Box NOWHERE = {1, 0, 1, 0};
+
+/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs, and
+ * in `touched` where any does. */
+static Box carry_through(const Trial *trial, PlanSurface *made, Box *touched) {
     const PlanSurface *surface = trial->surface;
-    Box box = {1, 0, 1, 0};
+    Box box = NOWHERE;
+    *touched = NOWHERE;
     for (size_t step = 0; step < surface->steps; step++) {
         const bool begins = box_is_empty(&box);
         const Box wide = begins ? box : box_widened(&box, surface->nx, surface->ny);
@@ -285,6 +356,7 @@ static Box carry_through(const Trial *trial, PlanSurface *made) {
         else
             carry(trial, &box, &next, step);
         box = step + 1 < surface->steps ? differing(trial, &next, step) : next;
+        *touched = box_joined(touched, &next);
         if (made)
             write_rows(trial, trial->window->after, surface_height(made, step + 1), &next);
         if (made && keeps(trial, step))
@@ -306,7 +378,8 @@ Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, 
         return one_step_trial(surface, change, count, false);
     }
     const Trial trial = trial_of(surface, change, count, window);
-    const Box box = carry_through(&trial, NULL);
+    Box touched;
+    const Box box = carry_through(&trial, NULL, &touched);
     return change_of_sums(&trial, &box);
 }
 
@@ -317,13 +390,15 @@ Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t c
     return one_step_trial(surface, change, count, true);
 }
 
-void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
+Box plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
     const Trial trial = trial_of(surface, change, count, window);
+    Box touched = NOWHERE;
     if (surface->steps == 1)
         one_step_apply(surface, change, count);
     else
-        carry_through(&trial, surface);
+        carry_through(&trial, surface, &touched);
     for (size_t k = 0; k < count; k++)
         surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
             (uint8_t)change[k].value;
+    return touched;
 }

@@ -6,11 +6,13 @@
 #ifndef INKLOOP_PLAN_CHANGE_H
 #define INKLOOP_PLAN_CHANGE_H
 
+#include "box.h"
 #include "plan_surface.h"
 
 /* Room for the window of one thread. */
 typedef struct {
     size_t side;   /* from row to row */
+    bool is_even;  /* droplets of all kinds have the same slopes */
     double *after; /* surface after the step */
     double *before;
     double *spread[2]; /* what its droplet gives to a neighbour at most: side, corner [m] */
@@ -35,7 +37,8 @@ static inline bool is_cost_enough(const PlanSurface *surface) {
 /* As plan_trial, as far as the objective depends on it. */
 Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t count, Window *window);
 
-/* Makes the changes: plan and surfaces, not the sums. */
-void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window);
+/* Makes the changes: plan and surfaces, not the sums. Returns the box of their maps outside of which nothing changed;
+ * an empty one if there is a single step. */
+Box plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window);
 
 #endif

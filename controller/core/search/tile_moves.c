@@ -55,7 +55,13 @@ static void consider(Work *work, const Change *change, size_t count, Best *best)
 }
 
 void wake_all(const PlanSurface *surface, uint8_t *awake) {
-    memset(awake, MOVES_ALL, surface->framed);
+    for (size_t cell = 0; cell < surface->framed; cell++)
+        awake[cell] |= MOVES_ALL;
+}
+
+void forget_tries(const PlanSurface *surface, uint8_t *awake) {
+    for (size_t cell = 0; cell < surface->framed; cell++)
+        awake[cell] &= MOVES_ALL;
 }
 
 void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
@@ -69,8 +75,8 @@ void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
 static void make(Work *work, const Best *best) {
     const bool is_whole = !is_cost_enough(work->surface);
     const Sums added = is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
-    plan_apply(work->surface, best->change, best->count, work->window);
-    bound_renew(work->bound);
+    const Box changed = plan_apply(work->surface, best->change, best->count, work->window);
+    bound_change(work->bound, work->surface, &changed);
     work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
         wake_near(work->surface, work->awake, best->change[k].i, best->change[k].j);
@@ -199,18 +205,27 @@ static bool is_out_of_time(Work *work) {
     return work->tally->out_of_time;
 }
 
+/* Whether the move may help on the cell, which is not awake for it any longer. */
+static bool is_open(const Work *work, uint8_t *own) {
+    const int32_t move = work->sweep->move;
+    const bool changed = work->tally->flips + work->tally->swaps + work->tally->shifts > 0;
+    const bool found = (*own & move) && (changed || !(*own & (move << TRIED)));
+    *own &= (uint8_t)~move;
+    return found;
+}
+
 void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
                 Window *window, ChangeBound *bound, Tally *tally) {
     Work work = {surface, awake, sweep, before, window, bound, tally, window->work};
-    bound_renew(bound);
+    bound_begin(bound, surface, tile);
     for (size_t i = tile->top; i < tile->bottom; i++) {
         for (size_t j = tile->left; j < tile->right; j++) {
             uint8_t *own = &awake[surface_cell(surface, i, j)];
-            if (sweep->move != MOVE_ANNEAL && !(*own & sweep->move))
+            if (sweep->move != MOVE_ANNEAL && !is_open(&work, own))
                 continue;
             if (is_out_of_time(&work))
                 return;
-            *own &= (uint8_t)~sweep->move;
+            *own |= (uint8_t)(sweep->move << TRIED); /* unless it helps: then all moves of the cell are awake */
             for (size_t layer = surface->problem->layers; layer-- > 0;) { /* the last costs least to try */
                 switch (sweep->move) {
                 case MOVE_FLIPS:

@@ -21,7 +21,7 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     *tiling = (Tiling){.surface = surface, .rows = rows, .columns = columns};
     const size_t usable = alike < MAX_PARALLEL ? alike : MAX_PARALLEL;
     const size_t wanted = (size_t)threads < usable ? (size_t)threads : usable;
-    tiling->awake = malloc(surface->framed);
+    tiling->awake = calloc(surface->framed, 1);
     tiling->kept = malloc(surface->problem->layers * surface->framed);
     tiling->tally = malloc(rows * columns * sizeof(Tally));
     tiling->window = calloc(wanted, sizeof(Window));
@@ -77,6 +77,8 @@ static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Su
     Tally *tally = &tiling->tally[index];
     Window *window = &tiling->window[thread];
     *tally = (Tally){0};
+    if (tiling->rows * tiling->columns > 1) /* the surface has changed elsewhere */
+        bound_renew(&tiling->bound[thread]);
     if (tiling->surface->steps > 1 || sweep->move == MOVE_ANNEAL)
         tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->bound[thread], tally);
     else if (sweep->move != MOVE_SHIFTS) /* there is no other layer */
@@ -144,6 +146,7 @@ static void sweep_colour(Tiling *tiling, const Sweep *sweep, size_t colour) {
     if (is_out_of_time(tiling, colour)) /* the search ends, and evaluates its plan */
         return;
     surface_evaluate(surface);
+    forget_tries(surface, tiling->awake);
     tiling_wake(tiling);
     sweep_in_turn(tiling, sweep, colour);
 }
@@ -152,6 +155,7 @@ int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bo
     int64_t changes = 0;
     *out_of_time = false;
     for (size_t colour = 0; colour < 4 && !*out_of_time; colour++) {
+        const int64_t before = changes;
         sweep_colour(tiling, sweep, colour);
         for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
             const Tally *tally = &tiling->tally[tile_index(tiling, colour, k)];
@@ -162,6 +166,8 @@ int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bo
             changes += tally->flips + tally->swaps + tally->shifts;
             *out_of_time = *out_of_time || tally->out_of_time;
         }
+        if (changes > before)
+            forget_tries(tiling->surface, tiling->awake);
     }
     return changes;
 }
