@@ -10,6 +10,7 @@ double *probe_surface(Bench *bench);
 uint8_t *probe_storage(Bench *bench, int node);
 void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
+void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
 void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
@@ -19,6 +20,7 @@ int probe_next(int node, uint32_t now, uint32_t *id, uint8_t *data);
 int probe_measurement(Bench *bench, Measurements *measurements, int node, uint32_t now, uint32_t *id, uint8_t *data);
 
 static NodeFrames frames[BENCH_NODES];
+static Hal sound, faulty;
 
 BenchOptions *probe_options(void) {
     static BenchOptions options;
@@ -40,6 +42,22 @@ void probe_break(Bench *bench, uint32_t what) {
 
 void probe_tear(Bench *bench, int node, int32_t bytes) {
     bench_board(bench, node)->torn_at = bytes;
+}
+
+static bool write_with_a_dead_bit(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    Board *board = context;
+    const bool written = sound.storage_write(context, offset, from, length);
+    board->storage[offset] ^= 1;
+    return written;
+}
+
+/* From now on the flash of a node reports that it has written a record, and holds another one. */
+void probe_wear(Bench *bench, int node) {
+    Node *worn = bench_node(bench, node);
+    sound = *worn->hal;
+    faulty = sound;
+    faulty.storage_write = write_with_a_dead_bit;
+    worn->hal = worn->journal.hal = &faulty;
 }
 
 uint32_t probe_count(Bench *bench, int what) {

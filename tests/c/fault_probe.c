@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "fault_text.h"
+#include "node_faults.h"
 #include "wire_faults.h"
 
 enum { TAKEN = 4096 };
@@ -63,4 +64,17 @@ int probe_count(void) {
 
 const Taken *probe_taken(int k) {
     return &taken[k];
+}
+
+/* The defects of a bench after the faults that happen at once. */
+uint32_t probe_broken(void) {
+    const BenchOptions options = bench_defaults();
+    char why[200];
+    Bench *bench = bench_create(&options, NULL, why, sizeof why);
+    NodeFaults faulty;
+    node_faults_init(&faulty, &faults, bench, NULL, NULL);
+    node_faults_happen(&faulty, NULL, 0);
+    const uint32_t broken = bench_world(bench)->broken;
+    bench_delete(bench);
+    return broken;
 }

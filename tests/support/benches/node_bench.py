@@ -357,6 +357,10 @@ class NodeBench:
         """The next record is torn after so many bytes."""
         self.c.probe_tear(self.bench, node, ctypes.c_int32(written))
 
+    def wear(self, node: int = HEAD) -> None:
+        """From now on the flash does not hold what is written to it, and does not say so."""
+        self.c.probe_wear(self.bench, node)
+
     def counted(self, what: int) -> int:
         return int(self.c.probe_count(self.bench, what))
 

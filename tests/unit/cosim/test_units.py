@@ -125,6 +125,10 @@ def test_factors_of_both_directions_agree() -> None:
     assert {units.M_PER_UM, 1.0 / units.MM_PER_M, 1.0 / units.NM_PER_M} < set(SUFFIXES["m"].values())
     assert {1.0 / units.MS_PER_S, 1.0 / units.US_PER_S} < set(SUFFIXES["s"].values())
     assert SUFFIXES["m3"]["pl"] == 1.0 / units.PL_PER_M3
+    lengths = units.LENGTHS
+    assert lengths["ft"] == pytest.approx(12 * lengths["in"], rel=1e-15, abs=0.0)
+    assert lengths["in"] == pytest.approx(2.54 * lengths["cm"], rel=1e-15, abs=0.0)
+    assert lengths["in"] == units.M_PER_INCH
 
 
 @pytest.mark.parametrize(

@@ -339,6 +339,16 @@ def test_scan_may_take_its_limit_and_no_longer() -> None:
             assert (bench.state(PROFILER).state, bench.state(PROFILER).cause) == expected
 
 
+def test_node_says_that_it_is_still_busy_now_and_then() -> None:
+    with NodeBench(scan_ms=20_000) as bench:
+        assert bench.ready().raw(bench.routine(SCAN), PROFILER)[2] == NRC_PENDING
+        said = []
+        for _ in range(100):
+            bench.tick(100, step=25)
+            said.append(bench.late(PROFILER)[2:] == bytes([NRC_PENDING]))
+        assert 3 <= sum(said) <= 10
+
+
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
     bench.broken(NOT_READY)
     assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS

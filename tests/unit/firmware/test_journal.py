@@ -117,6 +117,13 @@ def test_torn_intent_energises_nothing_and_was_never_written(bench: NodeBench, w
     assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
 
 
+def test_record_that_the_flash_holds_wrongly_energises_nothing(bench: NodeBench) -> None:
+    bench.wear()
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == -NRC_FAILED
+    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+    assert bench.counted(GATE_OPENINGS) == 0
+
+
 @pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
 def test_torn_done_is_unknown(bench: NodeBench, written: int) -> None:
     bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))

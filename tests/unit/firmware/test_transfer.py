@@ -88,6 +88,14 @@ def test_pattern_that_this_head_cannot_print_is_refused(bench: NodeBench, head: 
     assert (bench.state().state, bench.state().passes) == ("IDLE", 0)
 
 
+def test_pattern_whose_bits_overflow_a_word_is_refused() -> None:
+    """65535 x 32769 cells of two bits: modulo 2^32 they would take 8192 bytes, for which this head has room."""
+    with NodeBench(nx=200, ny=200) as bench:
+        bench.ready()
+        assert bench.raw(begin(8 + 8192))[0] == 0x74
+        assert bench.raw(b"\x36\x01" + pack(">BBHHBB", 1, 2, 65535, 32769, 4, 0)) == bytes((0x7F, 0x36, RANGE))
+
+
 @pytest.mark.parametrize("change", [-1, 1])
 def test_pattern_of_another_length_than_its_header_states_is_refused(bench: NodeBench, change: int) -> None:
     blob = pattern_blob(np.ones((9, 8)))

@@ -12,12 +12,24 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import CORE, FIRMWARE, HOST, KERNELS, codec, firmware_library
+from support.benches.node_bench import (
+    CORE,
+    FAULTS,
+    FIRMWARE,
+    GATE_STAYS_CLOSED,
+    GATE_STAYS_OPEN,
+    HOST,
+    KERNELS,
+    LAMP_STAYS_ON,
+    NOT_READY,
+    WIRE,
+    codec,
+    firmware_library,
+)
 from support.places import C_SOURCES
 
 TO_NODES, FROM_NODES = 0, 1
 CODEC = Codec()
-FAULTS = ("fault", "fault_text", "frame_faults", "wire_faults")
 
 
 class Taken(ctypes.Structure):
@@ -33,9 +45,8 @@ class Taken(ctypes.Structure):
 
 @cache
 def library() -> ctypes.CDLL:
-    faults = [FIRMWARE / "host" / "faults" / f"{name}.c" for name in FAULTS]
-    wire = [FIRMWARE / "can" / f"{name}.c" for name in ("e2e", "slcan")]
-    sources = [*CORE, *HOST, *KERNELS, *faults, *wire, codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
+    own = [FIRMWARE / "host" / "hub.c", codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
+    sources = [*CORE, *HOST, *KERNELS, *FAULTS, *WIRE, *own]
     loaded = firmware_library("wire_faults.so", sources)
     loaded.probe_taken.restype = ctypes.POINTER(Taken)
     return loaded
@@ -185,3 +196,8 @@ def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> No
             )
         )
     )
+
+
+def test_parts_that_break_one_after_the_other_are_all_broken() -> None:
+    wire = FaultyWire("broken:part=lamp-stays-on", "broken:part=not-ready", "broken:part=end-switches")
+    assert wire.c.probe_broken() == LAMP_STAYS_ON | NOT_READY | GATE_STAYS_OPEN | GATE_STAYS_CLOSED

@@ -124,6 +124,22 @@ def test_one_layer_is_not_enough_and_cells_without_a_command_give_no_information
     assert evidence[5] < DEAD_EVIDENCE
 
 
+def test_layer_without_any_ink_says_nothing_about_nozzles() -> None:
+    job, seen = block(20, 20), np.ones((20, 20), np.bool_)
+    plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
+    pattern, dead, surface = job.mask.astype(np.int32), (10, 10), np.zeros(seen.shape)
+    estimate = estimator.first(surface, seen)
+    for layer in (1, 2):
+        factor = np.ones(seen.shape)
+        factor[dead] = NOTHING
+        surface = plant.layer(surface, pattern, layer, factor)
+        estimate = estimator.next(estimate, pattern, layer, surface, seen)
+    before = estimate.dead_evidence.copy()
+    assert before[dead] > 0.0
+    surface = plant.layer(surface, pattern, 3, np.full(seen.shape, NOTHING))
+    np.testing.assert_array_equal(estimator.next(estimate, pattern, 3, surface, seen).dead_evidence, before)
+
+
 def test_nozzle_that_jetted_well_for_long_is_found_as_soon_as_one_that_never_did() -> None:
     job, seen = block(20, 20), np.ones((20, 20), np.bool_)
     plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)

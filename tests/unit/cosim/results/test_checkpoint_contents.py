@@ -132,6 +132,19 @@ def test_state_that_fails_later_leaves_the_last_one_unless_a_part_lies_on_a_stag
     assert again.put == ([1, 2] if is_device else [1])
 
 
+def test_state_that_can_be_saved_again_takes_the_refusal_back(tmp_path: Path) -> None:
+    recorder, own = recorder_of(), part(RuntimeError("gone"))
+    written = Checkpoints(tmp_path, {"printer": own}, recorder)
+    written.initialized(0, {})
+    assert written.refusal == "printer cannot save its state: gone"
+    own.save = lambda: b"back"
+    recorder.layers = 1
+    written.stepped(1, {})
+    found = last(tmp_path)
+    assert found is not None
+    assert (found.layer, found.refusal, written.refusal) == (1, "", "")
+
+
 def test_large_state_of_a_device_is_written_for_every_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "LARGE_STATE", 1)
     recorder = recorder_of()

@@ -191,6 +191,14 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     np.testing.assert_allclose(np.diff(tilted.value, axis=1), -0.03 * 263.256e-6)
 
 
+def test_event_with_cells_and_nozzles_acts_on_both(tmp_path: Path) -> None:
+    table = '[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\n'
+    (event,) = load(tmp_path, f"\n{table}nozzles = [1]\ncells = [[3, 4], [5, 1]]\n").events
+    assert event.cells is not None
+    assert event.cells[3, 4]
+    assert event.cells.sum() == 3 * 12 + 1
+
+
 @pytest.mark.system
 def test_result_records_which_layers_were_modified_and_by_what(tmp_path: Path) -> None:
     event = 'action = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'

@@ -316,6 +316,7 @@ def test_points_are_every_pair_of_values_and_samples(tmp_path: Path) -> None:
     assert (own.count, own.shape) == (6, {FINISH: 2, "sample": 3})
     assert own.first_seed == own.scenario.tables.seed
     assert study(tmp_path, f'[vary]\n"{FINISH}" = ["even"]\n[seeds]\nfirst = 40\n').first_seed == 40
+    assert study(tmp_path, f'[vary]\n"{FINISH}" = ["even"]\n[seeds]\nfirst = 0\n').first_seed == 0
 
 
 def test_print_that_is_finished_is_read_and_not_printed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

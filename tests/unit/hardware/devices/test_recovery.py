@@ -13,9 +13,10 @@ from inkloop.testing import job
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
+from inkloop_hardware.devices.recovery import retry_after_recovery
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.vocabulary import Node, State
 from support.benches import node_bench
 from support.benches.node_bench import NodeBench
 from support.benches.node_rig import NodeRig
@@ -123,6 +124,24 @@ def test_bench_that_falls_again_and_again_ends_the_run() -> None:
         with pytest.raises(NodeRefused):
             print_layer(printer, 1)
         assert nodes.counted(node_bench.GATE_OPENINGS) == 0
+
+
+@pytest.mark.parametrize("state", [State.SAFE, State.FAULT])
+def test_refused_work_is_done_again_after_a_node_stopped(state: State) -> None:
+    done = []
+
+    def work() -> int:
+        done.append(1)
+        if len(done) == 1:
+            raise NodeRefused("head: not now", 0x22)
+        return len(done)
+
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        link: Any = rig.link(Node.HEAD)
+        stopped = replace(link.state(), state=state)
+        link.state = lambda: stopped
+        assert retry_after_recovery(rig, (Node.HEAD,), work, is_start=True) == 2
 
 
 def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:

@@ -255,6 +255,12 @@ def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check
     assert message in errors(list(assess([one], expected())))[check]
 
 
+def test_pattern_that_just_fits_is_no_error() -> None:
+    assert (
+        errors(list(assess([replace(report(), limits=replace(report().limits, pattern_bytes=50))], expected()))) == {}
+    )
+
+
 def test_record_that_cannot_be_read_is_noted() -> None:
     gap = replace(report(), journal=(report().journal[0], replace(report().journal[1], number=4)))
     assert any(f.grade is Grade.WARNING and "between 4 and 7" in f.found for f in assess([gap], expected()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inkloop.metrology.evaluation.definitions import Axis, FilterOrder
-from inkloop.metrology.evaluation.filters import gaussian
+from inkloop.metrology.evaluation.filters import cutoff_error, gaussian
 from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, surface_of, wave
 
 HOLES = np.random.default_rng(5).random((24, 17)) > 0.15
@@ -85,3 +85,9 @@ def test_filters_that_do_not_fit_are_refused() -> None:
     assert "wider than the cells that count, 300 µm" in reason(areal(map_, l_filter=31 * STEP), "Sa")
     assert "narrower than 4 cells of 10 µm" in reason(areal(map_, s_filter=3 * STEP), "Sa")
     assert "leaves nothing between" in reason(areal(map_, s_filter=20 * STEP, l_filter=20 * STEP), "Sa")
+
+
+def test_filter_is_to_have_enough_cells_along_its_coarser_axis() -> None:
+    used = np.ones((60, 60), np.bool_)
+    assert "narrower than 4 cells of 20 µm" in (cutoff_error(used, (STEP, 2 * STEP), 6 * STEP) or "")
+    assert cutoff_error(used, (STEP, 2 * STEP), 8 * STEP) is None
