@@ -258,8 +258,8 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
         float after[NEAR_LANES], away[NEAR_LANES], chance[NEAR_LANES]; /* of their own: nothing read lies in them */
         for (size_t k = 0; k < NEAR_LANES; k++) {
             float given;
-            const float lost =
-                near_loss(step, bound->rules.slope, is_mixed, is_last, here + k, stride, before + k, &given);
+            const float lost = near_loss(step, bound->rules.slope, is_mixed, is_last, (ptrdiff_t)(here + k),
+                                         (ptrdiff_t)stride, before + k, &given);
             away[k] = bound->rules.leaving[near + k] * fabsf(before[k]);
             after[k] = IN_SIGHT[k] * (before[k] - (lost - step->lost[here + k]));
             if (is_last)

@@ -163,7 +163,8 @@ static INLINED void read_losses(const NearRules *rules, const NearMaps *maps, co
     float *restrict lost = step->lost, *restrict given = step->given;
     for (size_t k = cell; k < cell + count; k++) {
         float gives;
-        lost[k] = near_loss(step, rules->slope, is_mixed, is_last, k, maps->stride, level, &gives);
+        lost[k] =
+            near_loss(step, rules->slope, is_mixed, is_last, (ptrdiff_t)k, (ptrdiff_t)maps->stride, level, &gives);
         if (is_last)
             given[k] = gives;
     }

@@ -87,7 +87,7 @@ static INLINED float within(float low, float value, float high) {
 /* What a cell of the maps loses by the pairs of one direction, `last` being the first cell of the other pair, where the
  * difference falls by `fall` and by `fall_last` from the first to the second cell; slope: of all kinds. Adds to `given`
  * what of that its own droplet gives. */
-static INLINED float pair_loss(const NearStep *step, size_t pair, size_t cell, size_t last, bool is_mixed,
+static INLINED float pair_loss(const NearStep *step, size_t pair, ptrdiff_t cell, ptrdiff_t last, bool is_mixed,
                                bool has_given, float slope, float fall, float fall_last, float *given) {
     const float to = within(step->low[pair][cell], fall, step->high[pair][cell]);
     const float from = within(step->low[pair][last], fall_last, step->high[pair][last]);
@@ -106,8 +106,8 @@ static INLINED float pair_loss(const NearStep *step, size_t pair, size_t cell, s
 
 /* What a cell of the maps, whose rows are `stride` apart, loses in the step by differences of height, those of the near
  * cells from `before` on; `given`: what of that its own droplet gives [m]. Both but for a constant. */
-static INLINED float near_loss(const NearStep *step, const float slope[2], bool is_mixed, bool has_given, size_t cell,
-                               size_t stride, const float *before, float *given) {
+static INLINED float near_loss(const NearStep *step, const float slope[2], bool is_mixed, bool has_given,
+                               ptrdiff_t cell, ptrdiff_t stride, const float *before, float *given) {
     const float own = *before;
     *given = 0.0f;
     return pair_loss(step, 0, cell, cell - 1, is_mixed, has_given, slope[SIDE], own - before[1], before[-1] - own,
