@@ -25,7 +25,7 @@ _PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # another, and one of its values
 _PACKED_MODES = ("LA", "RGB", "RGBA")
 """Of pictures of which Pillow keeps 8 bits for each channel, also where the file has 16."""
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
-_DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError)
+_DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError, KeyError)
 """Of Pillow, on bytes that are cut off or altered."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -122,6 +123,7 @@ def test_first_unexpected_grey_value_is_named_with_its_place_and_count(tmp_path:
         (BITS.replace("{n:03d}", "{layer}"), "part.files is 's_{layer}.png' ({layer} is none of {n})"),
         (STACK.format(files="text.png"), "part.files: "),
         (STACK.format(files="cut.png"), "part.files: "),
+        (STACK.format(files="packed.tif"), "part.files: "),
         (STACK.format(files="red.png"), "part.files: "),
         (STACK.format(files="lossy.jpg"), "part.files: "),
         (STACK.format(files="deep.tif"), "part.files: "),
@@ -135,6 +137,10 @@ def test_bad_stack_is_refused_by_name(part: str, expected: str, tmp_path: Path) 
     (tmp_path / "text.png").write_text("no picture")
     whole = (tmp_path / "s_001.png").read_bytes()
     (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    Image.fromarray(F).save(tmp_path / "packed.tif", save_all=True, append_images=[Image.fromarray(F)])
+    compression, unknown = (struct.pack("<HHIHH", 259, 3, 1, value, 0) for value in (1, 257))  # of its second page
+    begin, _, end = (tmp_path / "packed.tif").read_bytes().rpartition(compression)
+    (tmp_path / "packed.tif").write_bytes(begin + unknown + end)
     Image.fromarray(np.array([[[9, 0, 0]]], np.uint8)).save(tmp_path / "red.png")
     Image.fromarray(F).save(tmp_path / "lossy.jpg")
     deep = np.repeat(F[..., None], 3, axis=2).astype(np.uint16)  # Pillow drops the lower 8 bits of colours
@@ -147,6 +153,7 @@ def test_bad_stack_is_refused_by_name(part: str, expected: str, tmp_path: Path) 
         "deep": "has colours of 16 bits",
         "text.png": "is no picture",
         "cut.png": "is damaged",
+        "packed.tif": "is damaged",
         "red.png": "has colours",
         "absent": "No such file",
     }.items():
