@@ -65,7 +65,7 @@ WORDS = [
 LABELS = np.random.default_rng(1).integers(0, 3, (9, 11)).astype(np.uint8)
 EDIT = st.tuples(st.floats(0, 1), st.integers(0, 12), st.sampled_from(WORDS))
 FLIP = st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 7))
-CHANGES = 4
+CHANGES = 3
 """Of one sort in a file, at most."""
 
 

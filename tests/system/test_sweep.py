@@ -140,7 +140,7 @@ def test_study_whose_process_is_killed_in_a_print_resumes_to_the_same_file(tmp_p
     path, out = study_file(tmp_path, keep='maps = "all"'), tmp_path / "out"
     expected = undisturbed(path, tmp_path / "undisturbed")
     with begun(str(path), "--out", str(out), "--workers", "1") as process:
-        wait_until(lambda: bool(list(out.glob("prints/00001-*/layers/0003.npz"))), process)
+        wait_until(lambda: bool(list(out.glob("prints/00001-*/layers/0004.npz"))), process)
         (worker,) = workers_of(process)
         process.kill()
     assert main(["sweep", str(path), "--out", str(out), "--resume", "--workers", "1", "--no-pictures"]) == 3
