@@ -9,7 +9,7 @@
 #include "plan_change.h"
 #include "stopwatch.h"
 
-enum { NX = 9, NY = 11, CELLS = NX * NY, CHANGES = 60, ANEW = 5 }; /* a bound begins anew after so many changes */
+enum { NX = 9, NY = 11, CELLS = NX * NY, CHANGES = 60, REREAD = 5 }; /* a bound is read again after so many changes */
 
 static const Tile ALL = {0, NX, 0, NY};
 
@@ -133,7 +133,7 @@ static const char *broken_invariant(uint64_t seed) {
             broken = "what a trial is worth is its cost";
         if (!same_surfaces(&kept, &changed))
             broken = "a trial leaves no trace";
-        if (draw / 6 % ANEW == 0)
+        if (draw / 6 % REREAD == 0)
             bound_renew(&bound);
         bound_begin(&bound, &changed, &ALL);
         const double least = change_bound(&bound, &changed, i, j, change, count, &changed.sums);
@@ -162,7 +162,7 @@ static const char *broken_invariant(uint64_t seed) {
         changed.sums = sums_after(&changed.sums, &added);
         plan_apply(&kept, change, count, &window);
         surface_evaluate(&kept);
-        if ((draw / 6 + 1) % ANEW == 0)
+        if ((draw / 6 + 1) % REREAD == 0)
             surface_evaluate(&changed);
     }
     bound_close(&bound);
