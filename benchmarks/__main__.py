@@ -9,31 +9,7 @@ import sys
 
 from rich.console import Console
 
-NAMES = (
-    "layer_map",
-    "layer_step",
-    "deposition_models",
-    "young_laplace",
-    "remeshing",
-    "startup",
-    "master",
-    "scaling",
-    "time_limit",
-    "estimator",
-    "columns",
-    "controller_step",
-    "controller_time",
-    "footprint",
-    "sweep",
-    "peers",
-    "targets",
-    "closed_loop",
-)
-
-ALONE = ("hardware", "bench_faults")
-"""Run only when named: they want the machine for themselves."""
-PRINTING = ("targets", "closed_loop")
-"""Print whole parts, with several seeds."""
+from benchmarks.names import ALONE, NAMES, PRINTING
 
 
 def main(arguments: list[str]) -> int:

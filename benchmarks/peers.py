@@ -11,8 +11,10 @@ from time import perf_counter
 
 import casadi as ca
 import numpy as np
+from rich.console import Group
 from rich.progress import track
 from rich.table import Table
+from rich.text import Text
 
 from benchmarks.instances import nearly_flat, rough
 from benchmarks.naive_search import naive_search
@@ -51,11 +53,14 @@ Solver = Callable[[HorizonProblem], Answer | None]
 """None: it is not made for the problem."""
 
 
-def measure() -> Table:
-    """Distance of each plan from the best one of all, and wall time; "none": no plan within the limit.
+NOTE = (
+    'gap: the best plan is at most this share of its objective above the optimum, by the bound of HiGHS; "none": no '
+    "plan within the limit; IPOPT, HiGHS and Bonmin are those of CasADi's wheel"
+)
 
-    gap: the best one is at most this share of its objective above the optimum, by the bound of HiGHS.
-    """
+
+def measure() -> Group:
+    """Distance of each plan from the best one of all, and wall time."""
     solvers: dict[str, Solver] = {
         "inkloop": lambda problem: Answer(planned(problem).plan),
         "search alone": lambda problem: Answer(bindings.search(problem, full_layers(problem), sweeps_max=50).plan),
@@ -84,7 +89,7 @@ def measure() -> Table:
         above = {each: f"+{value / best - 1.0:.2%}" if value < inf else "none" for each, value in values.items()}
         cells = [f"{above[each]}\n{times[each]}" if each in above else "-" for each in solvers]
         table.add_row(name, f"{best * UM_PER_M:.4f}", "-" if isnan(bound) else f"{1.0 - bound / best:.2%}", *cells)
-    return table
+    return Group(table, Text(NOTE))
 
 
 def _paper(problem: HorizonProblem) -> Answer | None:

@@ -13,9 +13,6 @@ from rich.text import Text
 
 from benchmarks import machine
 
-RECORDED = ("layer_map", "layer_step", "master", "whole_layer", "controller_time", "time_limit", "columns", "startup")
-"""What `make benchmarks` measures for the page: minutes together."""
-
 
 def measured(names: Sequence[str], console: Console) -> dict[str, Any]:
     """Run benchmarks, print their tables, and return them as a record."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from statistics import median
 from time import perf_counter
 
+from inkloop.limits import duration_text
 from inkloop.units import MS_PER_S, NS_PER_S, US_PER_S
 
 
@@ -27,7 +28,9 @@ def _round(call: Callable[[], object], repeats: int) -> float:
 
 def scaled(time_s: float) -> str:
     """A time in the unit that reads best."""
-    for unit, factor in (("s", 1.0), ("ms", MS_PER_S), ("us", US_PER_S)):
+    if time_s >= 1.0:
+        return duration_text(time_s)
+    for unit, factor in (("ms", MS_PER_S), ("us", US_PER_S)):
         if time_s * factor >= 1.0:
             return f"{time_s * factor:.3g} {unit}"
     return f"{time_s * NS_PER_S:.3g} ns"

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tools.figures import cylinder_prints, gallery, house, run_figures, scenario_quotes, the_papers
+from benchmarks.names import NAMES, RECORDED
+from tools.figures import cylinder_prints, gallery, house, performance, run_figures, scenario_quotes, the_papers
 from tools.figures.pages import filled, marks, read_json, table
 from tools.figures.writers import ALONE, WRITERS, writer
 
@@ -22,6 +23,13 @@ def test_page_has_what_the_record_and_the_code_give(name: str) -> None:
     for path, texts in writer(name).texts().items():
         page = path.read_text(encoding="utf-8")
         assert filled(page, texts) == page, f"run: make figures NAMES='--written {name}', or without --written"
+
+
+def test_every_table_of_the_page_on_speed_is_measured_again_by_the_command_beside_it() -> None:
+    """`python -m benchmarks NAME`, for every part of the record; and no part is missing."""
+    record = read_json(performance.RECORD)
+    assert set(RECORDED) <= set(NAMES)
+    assert {each["benchmark"] for each in record["tables"]} == set(RECORDED)
 
 
 def test_every_mark_of_a_page_has_one_writer() -> None:

@@ -16,7 +16,8 @@ PRINTERS = "whole_layer"
 def run(*parts: str) -> None:
     """Measure everything, or these benchmarks; keep the other tables of the record."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from benchmarks.record import RECORDED, measured
+    from benchmarks.names import RECORDED
+    from benchmarks.record import measured
     from rich.console import Console
 
     found = measured(parts or RECORDED, Console(width=140))
@@ -27,7 +28,7 @@ def run(*parts: str) -> None:
 
 
 def _place(name: str) -> int:
-    from benchmarks.record import RECORDED
+    from benchmarks.names import RECORDED
 
     return RECORDED.index(name) if name in RECORDED else len(RECORDED)
 
