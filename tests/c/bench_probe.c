@@ -12,6 +12,7 @@ void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
+void probe_refuse_work(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
 void probe_join(Bench *bench, int node);
@@ -58,6 +59,20 @@ void probe_wear(Bench *bench, int node) {
     faulty = sound;
     faulty.storage_write = write_with_a_dead_bit;
     worn->hal = worn->journal.hal = &faulty;
+}
+
+static bool begin_nothing(void *context, const Work *work) {
+    (void)context;
+    (void)work;
+    return false;
+}
+
+/* From now on the devices of a node cannot begin anything. */
+void probe_refuse_work(Bench *bench, int node) {
+    Node *refused = bench_node(bench, node);
+    faulty = *refused->hal;
+    faulty.begin = begin_nothing;
+    refused->hal = refused->journal.hal = &faulty;
 }
 
 uint32_t probe_count(Bench *bench, int what) {
