@@ -462,6 +462,16 @@ def test_node_says_that_it_is_still_busy_now_and_then() -> None:
         assert 3 <= sum(said) <= 10
 
 
+def test_answer_that_was_not_fetched_is_not_that_of_the_next_step(bench: NodeBench) -> None:
+    assert bench.raw(bench.routine(HOME, attempt=2), STAGE)[2] == NRC_PENDING
+    bench.tick(100)
+    assert bench.state(STAGE).step == 0
+    assert bench.raw(bench.routine(MOVE, attempt=2, option=b"\1"), STAGE)[2] == NRC_PENDING
+    assert bench.late(STAGE) == b""
+    bench.tick(100)
+    assert bench.late(STAGE)[2:4] == MOVE.to_bytes(2, "big")
+
+
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
     bench.broken(NOT_READY)
     assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS

@@ -236,7 +236,15 @@ def test_node_that_is_well_has_no_fault() -> None:
     ("one", "check", "message"),
     [
         (replace(report(), clock=(report().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
+        (replace(report(), clock=(report().clock[0], ClockReading(5.9, 101.0, 101.01))), "clock", "10% too slow"),
         (replace(report(), clock=(report().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
+        (
+            replace(report(), state=replace(report().state, state=State.FAULT, cause=Fault.LAMP_TIME)),
+            "states",
+            "head: FAULT because of LAMP_TIME",
+        ),
+        (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
+        (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
         (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
         (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
         (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
@@ -253,6 +261,30 @@ def test_node_that_is_well_has_no_fault() -> None:
 )
 def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check: str, message: str) -> None:
     assert message in errors(list(assess([one], expected())))[check]
+
+
+def test_what_is_just_enough_is_no_error() -> None:
+    least = replace(report().limits, block=16, alive=0.2)
+    fresh = replace(report(Node.PROFILER), map_shape=(0, 0))
+    assert errors(list(assess([replace(report(), limits=least), fresh], expected()))) == {}, "nothing scanned yet"
+
+
+@pytest.mark.parametrize(
+    ("one", "check", "message"),
+    [
+        (replace(report(), state=replace(report().state, flags=Flags.DRY_RUN)), "states", "head: in a dry run"),
+        (replace(report(), journal=()), "journals", "head: its journal is empty"),
+        (
+            replace(report(), journal=(report().journal[0], replace(report().journal[1], number=5))),
+            "journals",
+            "head: a record between 5 and 7 cannot be read",
+        ),
+    ],
+    ids=["dry run", "no journal", "one record missing"],
+)
+def test_what_a_person_should_know_is_a_warning(one: NodeReport, check: str, message: str) -> None:
+    (found,) = (finding for finding in assess([one], expected()) if finding.grade is Grade.WARNING)
+    assert (found.check, found.found) == (check, message)
 
 
 def test_pattern_that_just_fits_is_no_error() -> None:
