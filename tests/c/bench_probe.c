@@ -96,9 +96,10 @@ void probe_join(Bench *bench, int node) {
     node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
 }
 
-/* An id beyond 11 bits is an extended one. */
+/* Bits of the id beyond its 11 make it an extended one (0x1000) or a remote frame (0x2000). */
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now) {
-    CanFrame frame = {.id = id & 0x7FF, .length = (uint8_t)length, .extended = id > 0x7FF};
+    CanFrame frame = {
+        .id = id & 0x7FF, .length = (uint8_t)length, .extended = (id & 0x1000) != 0, .remote = (id & 0x2000) != 0};
     memcpy(frame.data, data, (size_t)length);
     node_frames_take(&frames[node], &frame, now);
     node_frames_tick(&frames[node], now);

@@ -92,7 +92,7 @@ def test_missing_nodes_are_named() -> None:
 
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found = heard()
-    found.errors, found.complaints = 3, {"malformed lines of the adapter": 2}
+    found.errors, found.complaints = 3, {"error frames on the bus": 3, "malformed lines of the adapter": 2}
     findings = [finding for finding in judge(found, CODEC) if finding.grade is Grade.ERROR]
     assert [finding.found for finding in findings] == ["3 error frames", "2 malformed lines of the adapter"]
     assert "120 ohm" in findings[0].advice
@@ -110,6 +110,14 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
         (Grade.ERROR, "head: 2 statuses were lost, 7 received"),
         (Grade.WARNING, "cure: 1 statuses were lost, 29 received"),
     ]
+
+
+def test_few_lost_frames_do_not_make_the_others_wrong() -> None:
+    found = heard(without=(Node.HEAD,))
+    for number in range(1, 30):
+        found.take(0.1 * number, pack(CODEC, status(Node.HEAD), (number + number // 15) % 15), CODEC)
+    grades = [finding.grade for finding in judge(found, CODEC) if finding.check == "supervision"]
+    assert grades == [Grade.WARNING, Grade.OK]
 
 
 def test_pause_that_would_stop_a_run_is_an_error() -> None:
@@ -142,6 +150,12 @@ def test_single_late_status_is_worth_no_note() -> None:
         found.take(second, pack(CODEC, status(Node.HEAD), number), CODEC)
     (regular,) = (finding for finding in judge(found, CODEC) if finding.check == "heartbeat")
     assert (regular.grade, regular.found) == (Grade.OK, "one node, a status every 100 to 100 ms")
+
+
+def test_single_status_is_an_error() -> None:
+    found = heard(without=(Node.HEAD,))
+    found.take(0.5, pack(CODEC, status(Node.HEAD), 0), CODEC)
+    assert heard_errors(found) == {"heartbeat": "head: a single status in 1.0 s"}
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
@@ -209,6 +223,8 @@ def test_stop_request_is_reported() -> None:
     found = heard()
     found.take(0.5, pack(CODEC, StopRequest(True, Source.OPERATOR), 1), CODEC)
     assert "stop request" in heard_errors(found)["masters"]
+    found.take(0.6, pack(CODEC, StopRequest(False, Source.OPERATOR), 2), CODEC)
+    assert heard_errors(found) == {}
 
 
 def report(node: Node = Node.HEAD) -> NodeReport:

@@ -108,18 +108,28 @@ def test_user_whose_bus_does_not_open_is_none(bus: Bus) -> None:
     assert not rig.is_open
 
 
+def interrupted(rig: Rig, bus: Bus) -> None:
+    with rig.enabled(gate=True, motion=True):
+        assert bus.log[-1] == Enables.GATE | Enables.MOTION
+        raise KeyboardInterrupt
+
+
+def without_bus(rig: Rig, bus: Bus) -> None:
+    with rig.enabled(motion=True):
+        bus.fails = True
+        raise NodeLost("the cause")
+
+
 def test_enables_end_with_their_step_also_with_one_that_fails(bus: Bus) -> None:
     with Rig(SETTINGS) as rig:
         with rig.enabled(lamp=True):
             assert bus.log[-1] == Enables.LAMP
         assert bus.log[-1] == Enables.NONE
-        with pytest.raises(KeyboardInterrupt), rig.enabled(gate=True, motion=True):
-            assert bus.log[-1] == Enables.GATE | Enables.MOTION
-            raise KeyboardInterrupt
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(rig, bus)
         assert bus.log[-1] == Enables.NONE
-        with pytest.raises(NodeLost, match="the cause"), rig.enabled(motion=True):
-            bus.fails = True
-            raise NodeLost("the cause")
+        with pytest.raises(NodeLost, match="the cause"):
+            without_bus(rig, bus)
         assert not rig.supervision.enables, "a bus process that ended hides no cause"
         bus.fails = False
 
