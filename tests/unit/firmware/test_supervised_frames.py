@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from e2e import p01
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
@@ -16,6 +17,7 @@ from support.benches.node_bench import (
     ENABLE_DROPPED,
     NRC_CONDITIONS,
     STOP_REQUEST,
+    SUPERVISION,
     TWO_MASTERS,
     NodeBench,
 )
@@ -72,6 +74,17 @@ def test_damaged_frame_neither_stops_nor_releases(bench: NodeBench) -> None:
     assert is_stopped(bench)
 
 
+@pytest.mark.parametrize("name", ["StopRequest", "MasterAlive"])
+def test_frame_of_another_length_is_damaged_although_its_check_byte_is_right(bench: NodeBench, name: str) -> None:
+    whole = {"StopRequest": stop_frame(True, 0), "MasterAlive": alive_frame(1, 1)}[name]
+    data = bytearray([*whole.data, 0] if len(whole.data) < 8 else whole.data[:-1])
+    p01.e2e_p01_protect(data, CODEC.data_id(name), increment_counter=False)
+    for _ in range(2):
+        bench.give(Frame(whole.arbitration_id, bytes(data)))
+    expected = ("IDLE", 0) if name == "StopRequest" else ("SAFE", SUPERVISION)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == expected
+
+
 def test_damaged_frame_that_passes_its_check_by_chance_releases_nothing(bench: NodeBench) -> None:
     """One of 256 does: of any two bytes of content, one check byte fits."""
     bench.give(stop_frame(True, 0))
@@ -101,7 +114,7 @@ def test_request_between_two_releases_keeps_the_node_stopped(bench: NodeBench) -
     bench.give(stop_frame(True, 0))
     for counter in range(1, 9):
         bench.give(stop_frame(counter % 2 == 0, counter))
-    assert is_stopped(bench)
+        assert is_stopped(bench)
 
 
 def test_release_of_another_sender_counts_its_own_frames(bench: NodeBench) -> None:
