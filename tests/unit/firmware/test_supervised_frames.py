@@ -15,7 +15,15 @@ from support.benches.node_bench import (
     CURE_ROUTINE,
     DONE,
     ENABLE_DROPPED,
+    GATE,
+    HEAD,
+    HOME,
+    LAMP,
+    MOTION,
     NRC_CONDITIONS,
+    NRC_PENDING,
+    SELF_TEST,
+    STAGE,
     STOP_REQUEST,
     SUPERVISION,
     TWO_MASTERS,
@@ -139,6 +147,20 @@ def test_frame_after_a_lost_one_drops_what_it_does_not_enable(bench: NodeBench) 
     assert bench.state(CURE).state == "CURING"
     bench.give(pack(CODEC, MasterAlive(False, True, True, 1, 7), 3))
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
+
+
+@pytest.mark.parametrize("only", [LAMP, GATE, MOTION])
+def test_each_enable_of_the_bus_allows_its_own(bench: NodeBench, only: int) -> None:
+    bench.master = None
+    record = MasterAlive(only == LAMP, only == GATE, only == MOTION, 1, 7)
+    for counter in (0, 1):
+        bench.give(pack(CODEC, record, counter))
+    allowed = {
+        LAMP: bench.raw(bench.routine(SELF_TEST, option=b"\0\x64"), CURE),
+        GATE: bench.raw(bench.routine(SELF_TEST, option=b"\0\0"), HEAD),
+        MOTION: bench.raw(bench.routine(HOME, attempt=2), STAGE),
+    }
+    assert [enable for enable, answer in allowed.items() if answer[2] == NRC_PENDING] == [only]
 
 
 def silence(bench: NodeBench) -> None:

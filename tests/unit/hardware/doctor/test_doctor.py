@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from contextlib import ExitStack
@@ -343,6 +344,36 @@ def test_missing_adapter_is_reported_before_it_is_opened(
         (tmp_path / name / "operstate").write_text("down\n")
     (tmp_path / "can1" / "carrier").write_text("0\n")  # reading that of can0 fails, as with an interface that is down
     assert message in errors(list(before_opening(configured(settings), tmp_path)))[check]
+
+
+def test_channel_that_is_no_file_is_not_looked_for() -> None:
+    for channel in ("socket://127.0.0.1:28550", "COM3"):
+        assert errors(list(before_opening(BusSettings("slcan", channel, 500_000)))) == {}
+
+
+def test_adapter_without_a_bit_rate_keeps_its_own() -> None:
+    found = list(before_opening(BusSettings("slcan", "socket://127.0.0.1:28550")))
+    assert [finding.found for finding in found if finding.grade is Grade.WARNING] == [
+        "no bit rate is set, the adapter keeps its own"
+    ]
+
+
+@pytest.mark.parametrize("missing", [os.R_OK, os.W_OK])
+def test_port_that_this_user_may_not_use_is_reported_with_its_group(
+    missing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = tmp_path / "ttyACM0"
+    port.touch()
+    monkeypatch.setattr("inkloop_hardware.doctor.adapter_check.os.access", lambda path, mode: not mode & missing)
+    (found,) = (one for one in before_opening(BusSettings("slcan", str(port), 500_000)) if one.grade is Grade.ERROR)
+    assert found.found == f"{port} may not be read and written by this user"
+    assert f"sudo usermod -a -G {port.group()} $USER" in found.advice
+
+
+def test_emulator_that_does_not_run_is_the_first_guess_at_a_local_port() -> None:
+    adapter, finding = opened(BusSettings("slcan", "socket://127.0.0.1:1", 500_000))
+    assert adapter is None
+    assert "does `inkloop bench` run?" in finding.advice
 
 
 @pytest.mark.parametrize(
