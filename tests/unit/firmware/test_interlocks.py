@@ -351,6 +351,21 @@ def test_stage_needs_motion_all_the_way(routine: int, option: bytes) -> None:
         assert off_after(bench, STAGE) == ("SAFE", ENABLE_DROPPED)
 
 
+@pytest.mark.parametrize("broken", [0, WORK_HANGS], ids=["cut off", "hung"])
+def test_stage_whose_homing_was_given_up_is_not_homed(broken: int) -> None:
+    with NodeBench(home_ms=100 if broken else LONG) as bench:
+        bench.tick(100)
+        assert bench.clear(STAGE) == DONE
+        bench.broken(broken)
+        assert bench.raw(bench.routine(HOME), STAGE)[2] == NRC_PENDING
+        bench.tick(200)
+        bench.stop(True)
+        bench.stop(False)
+        bench.broken(0)
+        assert bench.clear(STAGE, 1) == DONE
+        assert bench.run(MOVE, STAGE, option=b"\1") == -NRC_CONDITIONS
+
+
 def test_fault_stays_whatever_happens_after_it(bench: NodeBench) -> None:
     """A stop request that is released must not make a broken gate look like one that was stopped."""
     begin_cure(bench)

@@ -129,7 +129,15 @@ def test_line_of_a_can_fd_frame_is_that_of_python_can(length: int, switch: bool,
     own.socket.close()
 
 
-@pytest.mark.parametrize("bad", [b"t12", b"t1239AABB", b"t1232AAB", b"tXYZ0", b"T123", b"d1230", b"hello", b"t12 0"])
+BAD = [
+    *(b"t12", b"t1239AABB", b"t1232AAB", b"tXYZ0", b"T123", b"d1230", b"hello", b"t12 0"),
+    b"t1239" + b"AA" * 9,  # more bytes than a frame has
+    b"t1231AA12",  # half a time stamp
+    *(b"t8000", b"T200000000"),  # ids of 12 and of 30 bits
+]
+
+
+@pytest.mark.parametrize("bad", BAD)
 def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: bytes) -> None:
     before = line.bus.malformed
     assert [m.arbitration_id for m in line.heard(b"t0010\r" + bad + b"\rt0020\r")] == [1, 2]

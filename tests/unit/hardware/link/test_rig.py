@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -185,7 +186,7 @@ def test_requests_wait_until_the_nodes_have_heard_this_master(bus: Bus) -> None:
 
 def test_session_and_job_are_never_0(monkeypatch: pytest.MonkeyPatch) -> None:
     """0 is what a node has before its first master."""
-    monkeypatch.setattr(rig_module.secrets, "randbelow", lambda below: 0)
+    monkeypatch.setattr(secrets, "randbelow", lambda below: 0)
     assert (Rig(SETTINGS).session, Rig(SETTINGS).job) == (1, 1)
-    monkeypatch.setattr(rig_module.secrets, "randbelow", lambda below: below - 1)
+    monkeypatch.setattr(secrets, "randbelow", lambda below: below - 1)
     assert (Rig(SETTINGS).session, Rig(SETTINGS).job) == (0xFFFF, 0xFFFFFFFF)
