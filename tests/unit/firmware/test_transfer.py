@@ -271,6 +271,16 @@ def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
         np.testing.assert_allclose(found, bench.surface, atol=0.51e-7)
 
 
+def test_height_beyond_16_bits_around_the_datum_is_not_valid(bench: NodeBench) -> None:
+    """Never a wrong height: steps of 0.1 um, 7 mm between the lowest cell and the highest."""
+    bench.surface[:] = 3.5e-3
+    bench.surface[0, 0], bench.surface[8, 7] = 0.0, 7e-3
+    assert bench.scan(0) == DONE
+    height, valid = heights(bench.upload(0), 1e-7)
+    assert np.argwhere(~valid).tolist() == [[0, 0], [8, 7]]
+    np.testing.assert_allclose(height[valid], 3.5e-3, rtol=1e-9)
+
+
 def test_map_before_any_scan_or_of_another_layer_is_refused(bench: NodeBench) -> None:
     request = pack(">BBBII", 0x35, 0, 0x44, 0, 165)
     assert bench.raw(request, PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
