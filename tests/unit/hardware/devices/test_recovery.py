@@ -196,10 +196,11 @@ def test_work_is_done_again_three_times_and_no_more(kind: type[HardwareError]) -
 
 
 def test_transfer_that_fails_at_nodes_that_are_well_is_an_error() -> None:
-    rig: Any = Ready()
     for error in (TransferError("altered"), NodeRefused("head: not now", 0x24)):
+        rig: Any = Ready()
         with pytest.raises(type(error)):
             retry_after_recovery(rig, (Node.HEAD,), failing(error), is_start=True)
+        assert rig.waited == [None], "they were looked at once"
 
 
 def test_transfer_that_a_fallen_node_broke_off_is_done_again() -> None:
