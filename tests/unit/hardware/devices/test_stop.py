@@ -49,6 +49,7 @@ def bus(channel: str, *deaf: Node, stays: tuple[State, Fault] = PRINTING) -> Ite
             while not over.is_set():
                 take()
                 counter += 1
+                nodes.send(can.Message(arbitration_id=0x101, data=bytes(7), is_extended_id=False))  # of other firmware
                 for node in Node:
                     safe = stopped and node not in deaf
                     found = (State.SAFE, Fault.STOP_REQUEST) if safe else stays

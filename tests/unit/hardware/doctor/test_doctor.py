@@ -318,6 +318,8 @@ def test_record_that_cannot_be_read_is_noted() -> None:
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
     slowest, fastest = clock_rates(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4))
     assert slowest < 1 < fastest
+    slow = replace(report(), clock=(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4)))
+    assert errors(list(assess([slow], expected()))) == {}
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,7 @@ def test_user_whose_bus_does_not_open_is_none(bus: Bus) -> None:
     assert not rig.is_open
     bus.fails = False
     rig.attach()
+    assert rig.is_open
     rig.detach()
     assert not rig.is_open
 
