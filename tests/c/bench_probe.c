@@ -12,6 +12,7 @@ void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
+void probe_refuse_work(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
 void probe_join(Bench *bench, int node);
@@ -60,6 +61,20 @@ void probe_wear(Bench *bench, int node) {
     worn->hal = worn->journal.hal = &faulty;
 }
 
+static bool begin_nothing(void *context, const Work *work) {
+    (void)context;
+    (void)work;
+    return false;
+}
+
+/* From now on the devices of a node cannot begin anything. */
+void probe_refuse_work(Bench *bench, int node) {
+    Node *refused = bench_node(bench, node);
+    faulty = *refused->hal;
+    faulty.begin = begin_nothing;
+    refused->hal = refused->journal.hal = &faulty;
+}
+
 uint32_t probe_count(Bench *bench, int what) {
     const World *world = bench_world(bench);
     const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate};
@@ -81,9 +96,10 @@ void probe_join(Bench *bench, int node) {
     node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
 }
 
-/* An id beyond 11 bits is an extended one. */
+/* Bits of the id beyond its 11 make it an extended one (0x1000) or a remote frame (0x2000). */
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now) {
-    CanFrame frame = {.id = id & 0x7FF, .length = (uint8_t)length, .extended = id > 0x7FF};
+    CanFrame frame = {
+        .id = id & 0x7FF, .length = (uint8_t)length, .extended = (id & 0x1000) != 0, .remote = (id & 0x2000) != 0};
     memcpy(frame.data, data, (size_t)length);
     node_frames_take(&frames[node], &frame, now);
     node_frames_tick(&frames[node], now);

@@ -85,7 +85,7 @@ static size_t put_transfer(const Node *node, uint8_t *to) {
 }
 
 static size_t put_journal(const Node *node, uint8_t *to, size_t room) {
-    const size_t records = (room < BLOCK_MAX ? room : BLOCK_MAX) / RECORD_BYTES;
+    const size_t records = room / RECORD_BYTES;
     const uint32_t most = records < JOURNAL_RECORDS_MAX ? (uint32_t)records : JOURNAL_RECORDS_MAX;
     return journal_read(&node->journal, to, most) * RECORD_BYTES;
 }

@@ -57,6 +57,7 @@ GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_H
 GATE_OPENINGS, LAMP_PULSES, LAMP_WITH_GATE = range(3)
 MASTER_LOST, STOP_REQUEST, ENABLE_DROPPED, TWO_MASTERS = range(1, 5)
 SUPERVISION, STEP_EXPIRED, GATE_NOT_CONFIRMED, LAMP_TIME = range(5, 9)
+BACK_PRESSURE, STAGE_POSITION, SCAN_FAILED = 11, 12, 14
 JOURNAL_DAMAGED, PASS_UNKNOWN, STORAGE_FAILED = 16, 17, 18
 RASTER = (0, 1, 2, 3)
 
@@ -360,6 +361,10 @@ class NodeBench:
     def wear(self, node: int = HEAD) -> None:
         """From now on the flash does not hold what is written to it, and does not say so."""
         self.c.probe_wear(self.bench, node)
+
+    def refuse_work(self, node: int = HEAD) -> None:
+        """From now on the devices of a node cannot begin anything."""
+        self.c.probe_refuse_work(self.bench, node)
 
     def counted(self, what: int) -> int:
         return int(self.c.probe_count(self.bench, what))

@@ -77,7 +77,7 @@ class NodeRig(Base):
 
     def __init__(self, bench: node_bench.NodeBench, job: int = 7) -> None:
         self.bench, self._job = bench, job
-        self.users, self.takes_coded = 0, True
+        self.users, self.takes_coded, self.kept_alive = 0, True, 0
         self.enables: list[int] = []
         self.downloads: list[tuple[int, bool]] = []
         self._links = {node: NodeLink(self, node) for node in Node}
@@ -115,7 +115,8 @@ class NodeRig(Base):
     def link(self, node: Node) -> NodeLink:
         return self._links[node]
 
-    def keep_alive(self) -> None: ...
+    def keep_alive(self) -> None:
+        self.kept_alive += 1
 
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:

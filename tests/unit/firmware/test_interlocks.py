@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from support.benches.node_bench import (
+    BACK_PRESSURE,
     CURE,
     CURE_ROUTINE,
     DONE,
+    DONE_BEFORE,
     DRY_RUN,
     ENABLE_DROPPED,
     GATE,
@@ -30,6 +33,7 @@ from support.benches.node_bench import (
     LAMP_WITH_GATE,
     MASTER_LOST,
     MOTION,
+    MOVE,
     NOT_READY,
     NRC_CONDITIONS,
     NRC_FAILED,
@@ -38,9 +42,12 @@ from support.benches.node_bench import (
     NRC_SEQUENCE,
     PASS,
     PROFILER,
+    PURGE,
     SCAN,
+    SCAN_FAILED,
     SELF_TEST,
     STAGE,
+    STAGE_POSITION,
     STEP_EXPIRED,
     STOP_REQUEST,
     STORAGE_FAILED,
@@ -235,6 +242,7 @@ def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
     bench.tick(1000)
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", STEP_EXPIRED)
     assert bench.times(CURE).off - began == 300 + GATE_LIMIT
+    assert bench.raw(bench.routine(CURE_ROUTINE, 1, kind=3), CURE)[4] == DONE_BEFORE, "the ink got all of its light"
 
 
 def test_lamp_goes_out_in_the_very_millisecond_of_its_limit() -> None:
@@ -296,11 +304,131 @@ def test_gate_that_does_not_close_is_a_fault_but_the_pass_is_done(bench: NodeBen
     assert (bench.state().done, bench.state().unknown) == (1, 0)
 
 
-@pytest.mark.parametrize("what", [WORK_FAILS, WORK_HANGS])
-def test_device_that_fails_or_hangs_is_a_fault(bench: NodeBench, what: int) -> None:
-    bench.broken(what)
+def test_device_that_hangs_is_a_fault(bench: NodeBench) -> None:
+    bench.broken(WORK_HANGS)
     assert bench.run(HOME, STAGE, attempt=2) == -NRC_FAILED
-    assert bench.state(STAGE).state == "FAULT"
+    assert (bench.state(STAGE).state, bench.state(STAGE).cause) == ("FAULT", STEP_EXPIRED)
+
+
+FAILING = [
+    (HOME, b"", STAGE, STAGE_POSITION),
+    (MOVE, b"\1", STAGE, STAGE_POSITION),
+    (PURGE, b"", HEAD, BACK_PRESSURE),
+    (PASS, b"\0", HEAD, BACK_PRESSURE),
+    (SCAN, b"", PROFILER, SCAN_FAILED),
+]
+
+
+@pytest.mark.parametrize(("routine", "option", "node", "cause"), FAILING)
+def test_device_that_fails_is_a_fault_that_names_it(
+    bench: NodeBench, routine: int, option: bytes, node: int, cause: int
+) -> None:
+    bench.broken(WORK_FAILS)
+    assert bench.run(routine, node, layer=1, attempt=2, option=option) == -NRC_FAILED
+    assert (bench.state(node).state, bench.state(node).cause) == ("FAULT", cause)
+
+
+@pytest.mark.parametrize(("routine", "option", "node", "cause"), FAILING)
+def test_device_that_cannot_begin_is_a_fault_and_the_request_is_refused_once(
+    bench: NodeBench, routine: int, option: bytes, node: int, cause: int
+) -> None:
+    bench.refuse_work(node)
+    answers = [bench.raw(bench.routine(routine, 1, attempt=2, option=option), node)]
+    bench.tick(100)
+    answers.append(bench.late(node))
+    refused = bytes((0x7F, 0x31, NRC_FAILED))
+    assert answers == ([b"\x7f\x31\x78", refused] if routine == PASS else [refused, b""])
+    assert (bench.state(node).state, bench.state(node).cause) == ("FAULT", cause)
+
+
+@pytest.mark.parametrize(("routine", "option"), [(HOME, b""), (MOVE, b"\1")])
+def test_stage_needs_motion_all_the_way(routine: int, option: bytes) -> None:
+    with NodeBench(home_ms=LONG, move_ms=LONG) as bench:
+        assert bench.ready().raw(bench.routine(routine, attempt=2, option=option), STAGE)[2] == NRC_PENDING
+        bench.tick(200)
+        assert not bench.late(STAGE)
+        bench.master = MasterAlive(LAMP | GATE, 1, 7)
+        assert off_after(bench, STAGE) == ("SAFE", ENABLE_DROPPED)
+
+
+@pytest.mark.parametrize("broken", [0, WORK_HANGS], ids=["cut off", "hung"])
+def test_stage_whose_homing_was_given_up_is_not_homed(broken: int) -> None:
+    with NodeBench(home_ms=100 if broken else LONG) as bench:
+        bench.tick(100)
+        assert bench.clear(STAGE) == DONE
+        bench.broken(broken)
+        assert bench.raw(bench.routine(HOME), STAGE)[2] == NRC_PENDING
+        bench.tick(200)
+        bench.stop(True)
+        bench.stop(False)
+        bench.broken(0)
+        assert bench.clear(STAGE, 1) == DONE
+        assert bench.run(MOVE, STAGE, option=b"\1") == -NRC_CONDITIONS
+
+
+def test_fault_stays_whatever_happens_after_it(bench: NodeBench) -> None:
+    """A stop request that is released must not make a broken gate look like one that was stopped."""
+    begin_cure(bench)
+    bench.broken(GATE_STAYS_OPEN)
+    bench.tick()
+    fault = ("FAULT", GATE_NOT_CONFIRMED)
+    bench.stop(True)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == fault
+    bench.stop(False)
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    bench.c.node_supervision(bench.node(CURE), bench.clock, False)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == fault
+
+
+def test_first_cause_of_a_safe_node_is_the_one_that_is_reported(bench: NodeBench) -> None:
+    bench.stop(True)
+    bench.c.node_supervision(bench.node(CURE), bench.clock, False)
+    assert bench.state(CURE).cause == STOP_REQUEST
+
+
+def test_transfer_that_ended_before_a_stop_is_not_confirmed_after_it(bench: NodeBench) -> None:
+    """The pattern is gone; an exit that is repeated must not say that it is there."""
+    blob = pattern_blob(FULL)
+    repeated = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
+    assert bench.raw(repeated)[0] == 0x77
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(HEAD, 1) == DONE
+    assert bench.raw(repeated) == bytes((0x7F, 0x37, NRC_SEQUENCE))
+
+
+def test_dry_run_that_is_stopped_leaves_no_layer_behind() -> None:
+    with NodeBench(pass_ms=LONG) as bench:
+        bench.ready()
+        assert bench.run(DRY_RUN, option=b"\1") == DONE
+        assert bench.download(pattern_blob(FULL), 1) == 0
+        begin_pass(bench)
+        bench.stop(True)
+        bench.stop(False)
+        state = bench.state()
+        assert (state.layer, state.passes, state.done, state.unknown, state.pattern_crc) == (0, 0, 0, 0, 0)
+        assert bench.clear(option=1) == DONE
+        assert bench.download(pattern_blob(FULL), 1) == 0, "layer 1 comes first"
+        assert bench.run(PASS, layer=1, option=b"\0") == DONE
+        assert bench.counted(GATE_OPENINGS) == 1, "it is no dry run any more"
+
+
+def test_new_session_between_two_ticks_takes_over_no_step(bench: NodeBench) -> None:
+    """The old master is silent for its limit, and no tick has seen it yet."""
+    begin_cure(bench)
+    bench.clock = bench.last_alive + ALIVE
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", MASTER_LOST)
+    assert bench.times(CURE).lamp_off == bench.clock
+
+
+def test_one_cure_cures_all_that_lies_there_where_head_and_lamp_are_one_node() -> None:
+    with NodeBench(one_node=1) as bench:
+        assert bench.ready().download(pattern_blob(FULL), 1) == 0
+        for number in (0, 1):
+            assert bench.run(PASS, layer=1, which=number, option=bytes([number])) == DONE
+        assert bench.cure(1, 1) == DONE
+        assert bench.state().cured == 0b11
 
 
 @pytest.mark.parametrize(
@@ -347,6 +475,16 @@ def test_node_says_that_it_is_still_busy_now_and_then() -> None:
             bench.tick(100, step=25)
             said.append(bench.late(PROFILER)[2:] == bytes([NRC_PENDING]))
         assert 3 <= sum(said) <= 10
+
+
+def test_answer_that_was_not_fetched_is_not_that_of_the_next_step(bench: NodeBench) -> None:
+    assert bench.raw(bench.routine(HOME, attempt=2), STAGE)[2] == NRC_PENDING
+    bench.tick(100)
+    assert bench.state(STAGE).step == 0
+    assert bench.raw(bench.routine(MOVE, attempt=2, option=b"\1"), STAGE)[2] == NRC_PENDING
+    assert bench.late(STAGE) == b""
+    bench.tick(100)
+    assert bench.late(STAGE)[2:4] == MOVE.to_bytes(2, "big")
 
 
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
@@ -559,14 +697,17 @@ def test_second_master_asks_for_a_person(bench: NodeBench) -> None:
     assert bench.clear(CURE, 1) == DONE
 
 
-def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench) -> None:
+@pytest.mark.parametrize(("node", "begin"), [(HEAD, begin_pass), (CURE, begin_cure)])
+def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench, node: int, begin) -> None:
+    begin(bench)
     bench.stop(True)
     first = bench.clock
     bench.tick(100)
     bench.stop(True)
     bench.master = None
     bench.tick(500)
-    assert bench.times(CURE).off == first
+    times = bench.times(node)
+    assert (times.off, times.gate_closed if node == HEAD else times.lamp_off) == (first, first)
 
 
 def test_time_of_a_fault_is_its_own_also_where_the_node_was_safe(bench: NodeBench) -> None:

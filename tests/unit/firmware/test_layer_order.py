@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Any
 
 import numpy as np
@@ -393,6 +394,56 @@ def test_dry_run_ends_its_transfer_and_tests_nothing(bench: NodeBench) -> None:
     assert bench.run(DRY_RUN, attempt=2, option=b"\0") == DONE
     assert bench.raw(b"\x36\x01\x01") == bytes((0x7F, 0x36, NRC_SEQUENCE))
     assert bench.state().state == "IDLE"
+
+
+def test_layer_0_is_the_start_surface_and_not_printed(bench: NodeBench) -> None:
+    assert bench.ready().download(pattern_blob(FULL), 0) == -NRC_SEQUENCE
+    assert bench.download(pattern_blob(FULL), 1) == 0
+
+
+def test_stage_knows_its_stations_and_moves_to_none_before_it_is_homed(bench: NodeBench) -> None:
+    stage = STAGE if bench.count == 4 else HEAD
+    bench.tick(100)
+    assert [bench.clear(node) for node in range(bench.count)] == [DONE] * bench.count
+    assert bench.run(MOVE, stage, option=b"\1") == -NRC_CONDITIONS
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    if stage == HEAD:
+        assert bench.run(PASS, layer=1, option=b"\0") == -NRC_CONDITIONS
+    assert bench.run(HOME, stage) == DONE
+    assert [bench.run(MOVE, stage, attempt=k, option=bytes([k])) for k in range(5)] == [*[DONE] * 4, -NRC_RANGE]
+    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+
+
+def test_nothing_is_transferred_during_a_step(bench: NodeBench) -> None:
+    """Nor is what was transferred before it confirmed again: the node answers one thing at a time."""
+    blob = pattern_blob(FULL)
+    assert bench.ready().download(blob, 1) == 0
+    assert bench.raw(bench.routine(PASS, 1, 0, option=b"\0")) == b"\x7f\x31\x78"
+    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
+    for request in (bytes.fromhex("34 00 44 00000001 0000001A"), b"\x36\x01\x00", exit_):
+        assert bench.raw(request) == bytes((0x7F, request[0], NRC_BUSY))
+    bench.tick(100)
+    assert bench.late()[4] == DONE
+    assert bench.raw(exit_)[0] == 0x77
+
+
+def test_clear_of_a_node_that_is_not_off_changes_nothing(bench: NodeBench) -> None:
+    """Every device of a rig clears the nodes when it begins."""
+    assert bench.ready().download(pattern_blob(FULL), 1) == 0
+    assert bench.clear() == DONE
+    assert bench.state().state == "VERIFIED"
+    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+
+
+def test_pattern_of_a_dry_run_is_not_confirmed_after_it(bench: NodeBench) -> None:
+    blob = pattern_blob(FULL)
+    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
+    bench.ready()
+    assert bench.run(DRY_RUN, option=b"\1") == DONE
+    assert bench.download(blob, 1) == 0
+    assert bench.raw(exit_)[0] == 0x77
+    assert bench.run(DRY_RUN, option=b"\0") == DONE
+    assert bench.raw(exit_) == bytes((0x7F, 0x37, NRC_SEQUENCE))
 
 
 def test_profiler_that_is_no_stage_need_not_be_homed() -> None:

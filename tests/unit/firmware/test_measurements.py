@@ -91,3 +91,7 @@ def test_profiler_counts_its_scans_and_the_cells_that_answered() -> None:
             valid = heights(bench.upload(0), 1e-7)[1]
             assert found(bench) == (number, 1.0, pytest.approx(valid.mean(), abs=0.0025))
             assert 0.3 < valid.mean() < 0.9
+        bench.raw(bench.routine(SCAN, attempt=3), PROFILER)
+        bench.tick(20)
+        bench.stop(True)
+        assert found(bench)[0] == 2, "a scan that was given up is none"

@@ -135,11 +135,12 @@ def test_fault_is_sent_at_once_then_every_second_until_it_is_over(bench: NodeBen
     assert over.node_time == pytest.approx((began + times[3]) / 1e3, rel=1e-9, abs=0.0)
 
 
-def test_extended_frames_are_those_of_others(bench: NodeBench) -> None:
-    """Their low bits may be those of a stop request, or of a request to the node."""
+@pytest.mark.parametrize("kind", [0x1000, 0x2000], ids=["extended", "remote"])
+def test_extended_and_remote_frames_are_those_of_others(bench: NodeBench, kind: int) -> None:
+    """Their low bits may be those of a stop request, or of a request to the node; a remote frame has no content."""
     stop = CODEC.encode("StopRequest", {"Active": 1, "Source": 0}, 3)
-    bench.give(Frame(stop.arbitration_id | 0x1000, stop.data))
-    bench.give(Frame(REQUEST_ID | 0x1000, b"\x02\x10\x83"))
+    bench.give(Frame(stop.arbitration_id | kind, stop.data))
+    bench.give(Frame(REQUEST_ID | kind, b"\x02\x10\x83"))
     assert bench.state().state == "IDLE"
     assert bench.raw(b"\x22\xf1\x86")[3] == 1
     bench.give(stop)

@@ -99,6 +99,12 @@ def test_nothing_moves_that_is_not_enabled(bench: NodeBench) -> None:
     assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
 
 
+def test_gate_is_not_tested_under_a_lamp_that_is_on(bench: NodeBench) -> None:
+    bench.broken(LAMP_STAYS_ON)
+    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == -NRC_CONDITIONS
+    assert bench.counted(GATE_OPENINGS) == 0
+
+
 def test_dropped_enable_ends_it(bench: NodeBench) -> None:
     assert bench.raw(bench.routine(SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
     bench.tick(50)

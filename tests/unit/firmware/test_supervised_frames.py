@@ -14,8 +14,17 @@ from support.benches.node_bench import (
     CURE_ROUTINE,
     DONE,
     ENABLE_DROPPED,
+    GATE,
+    HEAD,
+    HOME,
+    LAMP,
+    MOTION,
     NRC_CONDITIONS,
+    NRC_PENDING,
+    SELF_TEST,
+    STAGE,
     STOP_REQUEST,
+    SUPERVISION,
     TWO_MASTERS,
     NodeBench,
 )
@@ -72,6 +81,17 @@ def test_damaged_frame_neither_stops_nor_releases(bench: NodeBench) -> None:
     assert is_stopped(bench)
 
 
+@pytest.mark.parametrize("name", ["StopRequest", "MasterAlive"])
+def test_frame_of_another_length_is_damaged_although_its_check_byte_is_right(bench: NodeBench, name: str) -> None:
+    whole = {"StopRequest": stop_frame(True, 0), "MasterAlive": alive_frame(1, 1)}[name]
+    other = whole.data + b"\0" if len(whole.data) < 8 else whole.data[:-1]
+    assert whole.data[-1] == 0 or len(other) > len(whole.data), "what is missing counts as 0"
+    for _ in range(2):
+        bench.give(Frame(whole.arbitration_id, other))
+    expected = ("IDLE", 0) if name == "StopRequest" else ("SAFE", SUPERVISION)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == expected
+
+
 def test_damaged_frame_that_passes_its_check_by_chance_releases_nothing(bench: NodeBench) -> None:
     """One of 256 does: of any two bytes of content, one check byte fits."""
     bench.give(stop_frame(True, 0))
@@ -101,7 +121,7 @@ def test_request_between_two_releases_keeps_the_node_stopped(bench: NodeBench) -
     bench.give(stop_frame(True, 0))
     for counter in range(1, 9):
         bench.give(stop_frame(counter % 2 == 0, counter))
-    assert is_stopped(bench)
+        assert is_stopped(bench)
 
 
 def test_release_of_another_sender_counts_its_own_frames(bench: NodeBench) -> None:
@@ -126,6 +146,20 @@ def test_frame_after_a_lost_one_drops_what_it_does_not_enable(bench: NodeBench) 
     assert bench.state(CURE).state == "CURING"
     bench.give(pack(CODEC, MasterAlive(False, True, True, 1, 7), 3))
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
+
+
+@pytest.mark.parametrize("only", [LAMP, GATE, MOTION])
+def test_each_enable_of_the_bus_allows_its_own(bench: NodeBench, only: int) -> None:
+    bench.master = None
+    record = MasterAlive(only == LAMP, only == GATE, only == MOTION, 1, 7)
+    for counter in (0, 1):
+        bench.give(pack(CODEC, record, counter))
+    allowed = {
+        LAMP: bench.raw(bench.routine(SELF_TEST, option=b"\0\x64"), CURE),
+        GATE: bench.raw(bench.routine(SELF_TEST, option=b"\0\0"), HEAD),
+        MOTION: bench.raw(bench.routine(HOME, attempt=2), STAGE),
+    }
+    assert [enable for enable, answer in allowed.items() if answer[2] == NRC_PENDING] == [only]
 
 
 def silence(bench: NodeBench) -> None:

@@ -145,6 +145,26 @@ def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
     assert bench.state().state == "VERIFIED"
 
 
+def test_layer_beyond_16_bits_is_refused_and_not_taken_for_a_low_one(bench: NodeBench) -> None:
+    assert bench.raw(begin(26, layer=0x10001)) == bytes((0x7F, 0x34, RANGE))
+    assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
+
+
+def test_transfer_that_is_begun_again_and_given_up_leaves_the_state_of_before(bench: NodeBench) -> None:
+    for _ in range(2):
+        assert bench.raw(begin(26))[0] == 0x74
+    assert bench.raw(b"\x36\x01" + bytes(27)) == bytes((0x7F, 0x36, SUSPENDED))
+    assert bench.state().state == "IDLE"
+
+
+def test_end_of_a_pattern_that_was_refused_is_refused_when_it_is_repeated(bench: NodeBench) -> None:
+    """With any checksum: the node has no pattern."""
+    blob = pattern_blob(np.ones((9, 8)))
+    assert bench.download(blob, 1, crc=zlib.crc32(blob) ^ 1) == -CHECKSUM
+    assert bench.raw(pack(">BI", 0x37, zlib.crc32(blob))) == bytes((0x7F, 0x37, SEQUENCE))
+    assert bench.state().state == "IDLE"
+
+
 def test_more_bytes_than_announced_end_the_transfer(bench: NodeBench) -> None:
     blob = pattern_blob(np.ones((9, 8)))
     bench.raw(begin(len(blob)))
@@ -251,6 +271,16 @@ def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
         np.testing.assert_allclose(found, bench.surface, atol=0.51e-7)
 
 
+def test_height_beyond_16_bits_around_the_datum_is_not_valid(bench: NodeBench) -> None:
+    """Never a wrong height: steps of 0.1 um, 7 mm between the lowest cell and the highest."""
+    bench.surface[:] = 3.5e-3
+    bench.surface[0, 0], bench.surface[8, 7] = 0.0, 7e-3
+    assert bench.scan(0) == DONE
+    height, valid = heights(bench.upload(0), 1e-7)
+    assert np.argwhere(~valid).tolist() == [[0, 0], [8, 7]]
+    np.testing.assert_allclose(height[valid], 3.5e-3, rtol=1e-9)
+
+
 def test_map_before_any_scan_or_of_another_layer_is_refused(bench: NodeBench) -> None:
     request = pack(">BBBII", 0x35, 0, 0x44, 0, 165)
     assert bench.raw(request, PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
@@ -289,6 +319,14 @@ def test_reserved_byte_of_a_pattern_is_zero(bench: NodeBench) -> None:
     blob = bytearray(pattern_blob(np.ones((9, 8))))
     blob[7] = 1
     assert bench.download(bytes(blob), 1) == -RANGE
+
+
+def test_map_is_given_in_its_plain_form_only(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    size = bench.raw(b"\x22\x01\x03", PROFILER)[3:7]
+    asked = [bytes([0x35, form, 0x44]) + bytes(4) + size for form in (0x10, 0)]
+    assert bench.raw(asked[0], PROFILER) == bytes((0x7F, 0x35, RANGE))
+    assert bench.raw(asked[1], PROFILER)[0] == 0x75
 
 
 def test_map_of_an_earlier_layer_is_refused(bench: NodeBench) -> None:

@@ -64,6 +64,7 @@ def bench() -> Iterator[NodeBench]:
         (HEAD, "31 01 99 99", RANGE),
         (HEAD, "31 01 02 00", LENGTH),
         (HEAD, "22 99 99", RANGE),
+        (HEAD, "22 01 03", RANGE),
         (HEAD, "36 01", SEQUENCE),
         (HEAD, "37", SEQUENCE),
     ],

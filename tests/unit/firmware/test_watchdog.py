@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
 
 import numpy as np
@@ -48,6 +49,38 @@ def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_no
     bench.tick(100)
     assert bench.clear() == -NRC_CONDITIONS, "a person has to look"
     assert bench.clear(HEAD, 1) == DONE
+    bench.power_up()
+    assert not bench.state().by_watchdog, "the next one has another cause"
+
+
+def test_head_without_power_has_its_gate_closed(bench: NodeBench) -> None:
+    """By its spring: before the node is there again."""
+    cure = bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00")
+    assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+    assert bench.raw(cure, CURE) == bytes((0x7F, 0x31, NRC_CONDITIONS))
+    bench.c.bench_power_off(bench.bench, HEAD)
+    assert bench.raw(cure, CURE) == b"\x7f\x31\x78"
+
+
+@pytest.mark.parametrize("one_node", [0, 1])
+def test_lamp_without_power_is_dark(one_node: int) -> None:
+    node = HEAD if one_node else CURE
+    with NodeBench(one_node=one_node) as bench:
+        if one_node:
+            assert bench.ready().download(pattern_blob(FULL, passes=1), 1) == 0
+            assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+        else:
+            bench.ready()
+        assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00"), node) == b"\x7f\x31\x78"
+
+        def irradiance() -> int:
+            frame = bench.measured(CURE, ctypes.create_string_buffer(64), bench.clock)
+            assert frame
+            return int.from_bytes(frame.data[:2], "little")
+
+        assert irradiance() > 0
+        bench.c.bench_power_off(bench.bench, node)
+        assert irradiance() == 0
 
 
 def test_node_that_hangs_with_the_lamp_on_asks_for_a_person(bench: NodeBench) -> None:

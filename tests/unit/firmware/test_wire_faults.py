@@ -134,8 +134,43 @@ def test_frames_are_doubled_swapped_and_overtaken() -> None:
     assert Counter(through("swap:probability=0.3,seed=5", count=200)).most_common(1)[0][1] == 1
 
 
-def test_a_frame_meets_every_fault_in_turn() -> None:
+def test_a_frame_meets_every_fault_in_turn_and_each_of_them_once() -> None:
     assert through("duplication:nth=2", "loss:nth=3", count=4) == [0, 1, 2, 3]
+    assert through("loss:nth=5", "swap:nth=2", count=7) == [0, 2, 1, 3, 5, 6]
+
+
+def test_burst_that_begins_within_another_one_does_not_lengthen_it() -> None:
+    """Each of them has so many frames in a row; with every frame hit they follow one another."""
+    begins = set(range(200)) - set(through("loss:probability=0.1,seed=1", count=200))
+    lost = set(range(200)) - set(through("loss:probability=0.1,seed=1,count=5", count=200))
+    expected, left = set[int](), 0
+    for number in range(200):
+        left = 5 if number in begins and left == 0 else left
+        expected |= {number} if left else set()
+        left = max(0, left - 1)
+    assert lost == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("loss:probability=0.1,nth=3", "give probability or nth, not both"),
+        ("loss:probability=1.5", "the key does not take this value"),
+        ("loss:byte=8", "the key does not take this value"),
+        ("loss:id=0x800", "the key does not take this value"),
+        ("loss:pass=4", "the key does not take this value"),
+        ("loss:nth=0", "the key does not take this value"),
+        ("loss:colour=1", "there is no such key"),
+        ("hang", "it needs node=head, stage, cure or profiler"),
+        ("broken", "it needs part=gate-stays-open"),
+        ("lost", "no fault is called lost"),
+    ],
+)
+def test_fault_that_cannot_be_is_refused_by_the_nodes_too(text: str, why: str) -> None:
+    """Whoever starts them without `inkloop bench`."""
+    wire, found = FaultyWire(), ctypes.create_string_buffer(300)
+    assert not wire.c.probe_add(text.encode(), found, 300)
+    assert why in found.value.decode()
 
 
 def test_corruption_turns_one_bit() -> None:

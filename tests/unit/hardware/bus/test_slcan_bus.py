@@ -129,7 +129,15 @@ def test_line_of_a_can_fd_frame_is_that_of_python_can(length: int, switch: bool,
     own.socket.close()
 
 
-@pytest.mark.parametrize("bad", [b"t12", b"t1239AABB", b"t1232AAB", b"tXYZ0", b"T123", b"d1230", b"hello", b"t12 0"])
+BAD = [
+    *(b"t12", b"t1239AABB", b"t1232AAB", b"tXYZ0", b"T123", b"d1230", b"hello", b"t12 0"),
+    b"t1239" + b"AA" * 9,  # more bytes than a frame has
+    b"t1231AA12",  # half a time stamp
+    *(b"t8000", b"T200000000"),  # ids of 12 and of 30 bits
+]
+
+
+@pytest.mark.parametrize("bad", BAD)
 def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: bytes) -> None:
     before = line.bus.malformed
     assert [m.arbitration_id for m in line.heard(b"t0010\r" + bad + b"\rt0020\r")] == [1, 2]
@@ -149,6 +157,27 @@ def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line)
     malformed, refused = line.bus.malformed, line.bus.refused
     line.heard(b"\a\az\rZ\r\rV1013\r\a")
     assert (line.bus.malformed, line.bus.refused) == (malformed, refused + 3)
+
+
+def test_adapter_that_refuses_for_a_while_and_confirms_nothing_is_off_the_bus(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus, clock = line.bus, Clock()
+    monkeypatch.setattr("inkloop_hardware.bus.slcan_bus.time.monotonic", clock)
+
+    def off_since(text: bytes, now: float) -> float | None:
+        clock.now = now
+        bus.take(text)
+        return bus.bus_off_since
+
+    bus.begin_reading()
+    assert off_since(b"\a\a", 1.0) is off_since(b"", 5.0) is None, "refused commands, before any frame"
+    assert off_since(b"t7FF0\r\a", 10.0) is off_since(b"", 19.0) is None, "a single refusal"
+    for confirmed in (b"z\r", b"Z\r", b"t7FF0\r"):
+        assert off_since(confirmed + b"\a", 20.0) is off_since(confirmed + b"\a", 20.1) is None
+        assert [off_since(b"\a", 30.0), off_since(b"\a", 30.125), off_since(b"", 30.25)] == [None, None, 30.0]
+        assert off_since(confirmed, 31.0) is None
+    bus.begin_reading()
 
 
 @pytest.mark.compiled
@@ -224,6 +253,27 @@ def test_full_queue_is_waited_for_and_the_same_frame_sent() -> None:
     adapter.send(Frame(0x20, b"\x05"))
     assert [bytes(message.data) for message in bus.sent] == [b"\x05"]
     assert adapter.complaints()["frames sent again"] == 7
+    assert clock.now == pytest.approx(sum(0.001 * 2**tried for tried in range(7)), rel=1e-9, abs=0.0)
+
+
+def test_adapter_that_is_gone_is_not_waited_for() -> None:
+    clock = Clock()
+    adapter = Adapter(BusSettings("socketcan", "can0"), Full(1), monotonic=clock, sleep=clock.sleep)
+    adapter.is_gone = True
+    with pytest.raises(BusError, match="accepts no frame"):
+        adapter.send(Frame(0x20, b"\x05"))
+    assert clock.now == 0.0
+
+
+class Flooded(Full):
+    """An adapter that always has a frame."""
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return can.Message(), True
+
+
+def test_flooded_bus_does_not_keep_the_reader_from_its_other_work() -> None:
+    assert len(Adapter(BusSettings("socketcan", "can0"), Flooded(0)).receive(0.0)) == 512
 
 
 def test_queue_that_stays_full_is_reported_after_a_second() -> None:
@@ -246,6 +296,12 @@ def test_queue_that_stays_full_is_reported_after_a_second() -> None:
 def test_adapter_that_cannot_be_opened_is_named_with_what_to_do(given: BusSettings, message: str) -> None:
     with pytest.raises(BusError, match=message):
         Adapter(given)
+
+
+def test_patience_of_a_bus_without_a_scenario() -> None:
+    """What a doctor without a scenario works with; a node is silent after three cycles of its status."""
+    own = BusSettings()
+    assert (own.loop_timeout_s, own.grace_s, own.reopen_s, own.answer_s, own.silence_s) == (120.0, 0.5, 10.0, 1.0, 0.3)
 
 
 def test_settings_survive_the_way_to_another_process() -> None:

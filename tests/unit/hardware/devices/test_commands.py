@@ -192,6 +192,9 @@ def test_other_protocol_and_other_roles_are_named_before_anything_is_asked() -> 
     assert str(refused.value) == (
         f"cure: has version 99 of the protocol (v1), this inkloop {right}; update the older of the two"
     )
+    new: Any = Rig(Node.CURE, version=0)
+    with pytest.raises(NotReady, match=r"^cure: has version 0 of the protocol"):
+        make_ready(new, list(Node))
     other: Any = Rig(Node.PROFILER, roles=Roles.HEAD | Roles.STAGE, flags=Flags.STOPPED)
     with pytest.raises(NotReady, match=r"^profiler: the node at its ids has the roles .*; give it its own ids$"):
         make_ready(other, list(Node))

@@ -278,12 +278,56 @@ def test_restored_profiler_repeats_the_last_scan_without_scanning() -> None:
         first = started(Profiler(FOUR, rig))
         nodes.surface[:] = 3e-6
         found = first.do_step(0, SECOND, {"layers_printed": np.int32(0)})
-        second = started(Profiler(FOUR, NodeRig(nodes)))
+        other = NodeRig(nodes, job=8)
+        second = started(Profiler(FOUR, other))
         second.restore(first.save())
+        assert other.job == rig.job
         nodes.surface[:] = 9e-6
         again = second.do_step(0, SECOND, {"layers_printed": np.int32(0)})
         for name, value in found.items():
             np.testing.assert_array_equal(again[name], value)
+        assert Routine.SCAN not in [routine for routine, *_ in other.link(Node.PROFILER).asked]
+
+
+def test_profiler_scans_the_newest_layer_however_many_there_are_since() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        profiler = started(Profiler(FOUR, rig))
+        for layer in (0, 3):
+            found = profiler.do_step(0, SECOND, {"layers_printed": np.int32(layer)})
+            assert found["layers_scanned"] == layer
+        scans = [key for routine, key, _ in rig.link(Node.PROFILER).asked if routine == Routine.SCAN]
+        assert scans == [Key(rig.job, layer) for layer in (0, 3)]
+
+
+@pytest.mark.parametrize("make", [Printer, Profiler])
+def test_each_step_of_a_device_keeps_the_heartbeat_alive(make: Callable[[Job, NodeRig], Component]) -> None:
+    """Also one in which nothing is to be done."""
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        device = started(make(FOUR, rig))
+        inputs = {port.name: port.start_value() for port in device.inputs} | {"layers_printed": np.int32(-1)}
+        for times in (1, 2):
+            device.do_step(0, SECOND, inputs)
+            assert rig.kept_alive == times
+
+
+def test_droplets_are_counted_by_material_and_a_job_of_32_bits_is_saved() -> None:
+    part = replace(FOUR, inks=(Ink(), Ink()))
+    pattern = np.zeros((part.nx, part.ny), np.int32)
+    pattern[1, :3], pattern[2, :2] = 1, 2
+    level = np.where(pattern > 0, 1, 5)  # where no droplet falls it counts for nothing
+    with bench() as nodes:
+        rig = NodeRig(nodes, job=2**32 - 1)
+        printer = started(Printer(part, rig, cure_ms=5))
+        given = {"pattern": pattern, "drop_level": level, "layer_command": np.int32(1)}
+        found = printer.do_step(0, SECOND, given)
+        assert (found["droplets_a"], found["droplets_b"]) == (3, 2)
+        again = NodeRig(nodes, job=8)
+        second = started(Printer(part, again), 1)
+        second.restore(printer.save())
+        assert again.job == 2**32 - 1
+        assert second.do_step(0, SECOND, given) == found
 
 
 def test_dry_run_enables_nothing_but_motion() -> None:

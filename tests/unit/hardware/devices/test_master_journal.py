@@ -104,6 +104,52 @@ def test_full_disk_is_reported_and_leaves_the_journal_whole(tmp_path: Path, monk
     assert MasterJournal(tmp_path).layer == LayerAsked(2, asked=0b111, done=0b01, pattern_crc=0)
 
 
+def test_line_that_does_not_fit_whole_is_removed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a disk that is nearly full: it takes the beginning, and reports no error."""
+    written = journal(tmp_path)
+    before = (tmp_path / JOURNAL_FILE).read_bytes()
+    opened = Path.open
+
+    class Half:
+        def __init__(self, path: Path, *arguments: Any, **options: Any) -> None:
+            self.file: Any = opened(path, *arguments, **options)
+
+        def __enter__(self) -> Half:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            self.file.close()
+
+        def write(self, line: bytes) -> int:
+            return int(self.file.write(line[: len(line) // 2]))
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.file, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", lambda *arguments, **options: Half(*arguments, **options))
+        with pytest.raises(JournalError, match=r"no room for a whole line; its step was not requested"):
+            written.intend(Asked.PASS, Key(JOB, 2, 2))
+    assert (tmp_path / JOURNAL_FILE).read_bytes() == before
+
+
+def test_new_journal_is_in_its_folder_after_a_power_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[Path] = []
+    monkeypatch.setattr("inkloop_hardware.devices.master_journal.sync_folder", synced.append)
+    journal(tmp_path / "run")
+    assert synced == [tmp_path / "run"]
+
+
+def test_newest_layer_is_that_of_patterns_and_passes(tmp_path: Path) -> None:
+    """A lamp is asked for a layer that the head has given up, too."""
+    written = journal(tmp_path)
+    known = written.layer
+    for asked in (Asked.CURE, Asked.SCAN):
+        written.intend(asked, Key(JOB, 3, 1), 0x1234)
+        written.done(asked, Key(JOB, 3, 1), 0x1234)
+    assert written.layer == known
+
+
 def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | None:
     return (STEPS[routine], key) if routine in STEPS else None
 
@@ -184,6 +230,7 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, done=0b11), "journals differ"),
         (LayerAsked(2, 0b01, 0b00, 0xABC2), head(1, done=15), "journals differ"),
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
+        (LayerAsked(2), head(1, job=8, done=15), "of job 8"),
         (LayerAsked(2), head(0, job=0), "another head is mounted, its journal was erased"),
         (LayerAsked(2, 0b1111, 0b1111, 0xABC2), head(3), "something else was printed since"),
         (
@@ -220,6 +267,19 @@ def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
         assert print_layer(printer_of(tmp_path, again), 1)["layers_printed"] == 1
         assert again.job == 7
         np.testing.assert_array_equal(nodes.surface, surface)
+
+
+@pytest.mark.compiled
+def test_devices_of_one_rig_open_the_journal_once_and_each_record_has_the_session(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+        rig, kept = NodeRig(nodes), MasterJournal(tmp_path)
+        profiler = Profiler(FOUR, rig, journal=kept)
+        for device in (Printer(FOUR, rig, journal=kept), profiler):
+            device.initialize(0, {"layer_command": np.int32(0), "layers_printed": np.int32(0)})
+        profiler.do_step(0, 1, {"layers_printed": np.int32(0)})
+    found = MasterJournal(tmp_path).records
+    assert [record.event for record in found] == [Event.OPENED, Event.INTENT, Event.DONE]
+    assert {record.session for record in found} == {rig.session}
 
 
 @pytest.mark.compiled

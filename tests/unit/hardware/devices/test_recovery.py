@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,18 @@ from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.devices.recovery import retry_after_recovery
-from inkloop_hardware.errors import NodeRefused
+from inkloop_hardware.errors import (
+    BusDisconnected,
+    HardwareError,
+    LinkTimeout,
+    NodeLost,
+    NodeRefused,
+    NodeStopped,
+    TransferError,
+)
+from inkloop_hardware.protocol.node_state import Flags
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Node, State
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
 from support.benches.node_bench import NodeBench
 from support.benches.node_rig import NodeRig
@@ -142,6 +152,62 @@ def test_refused_work_is_done_again_after_a_node_stopped(state: State) -> None:
         stopped = replace(link.state(), state=state)
         link.state = lambda: stopped
         assert retry_after_recovery(rig, (Node.HEAD,), work, is_start=True) == 2
+
+
+class Ready:
+    """A rig whose nodes are well; `waited`: the limits of its waits [s]."""
+
+    def __init__(self) -> None:
+        self.waited: list[float | None] = []
+
+    def wait_for(self, nodes: Any, limit_s: float | None = None) -> None:
+        self.waited.append(limit_s)
+
+    def link(self, node: Node) -> Any:
+        return SimpleNamespace(state=lambda: SimpleNamespace(state=State.IDLE, flags=Flags(0)))
+
+
+def failing(*errors: Exception) -> Callable[[], int]:
+    """Work that raises these errors one after the other, then returns how many they were."""
+    left = list(errors)
+
+    def work() -> int:
+        if left:
+            raise left.pop(0)
+        return len(errors)
+
+    return work
+
+
+@pytest.mark.parametrize("kind", [NodeLost, BusDisconnected, LinkTimeout, NodeStopped])
+def test_work_is_done_again_three_times_and_no_more(kind: type[HardwareError]) -> None:
+    more = (Fault.MASTER_LOST,) if kind is NodeStopped else ()
+
+    def again(times: int) -> tuple[int, list[float | None]]:
+        rig: Any = Ready()
+        errors = [kind("not there", *more) for _ in range(times)]
+        return retry_after_recovery(rig, (Node.HEAD,), failing(*errors), is_start=True), rig.waited
+
+    wait_s = 20.0 if kind is BusDisconnected else None  # a person plugs it in again
+    assert again(0) == (0, [])
+    assert again(3) == (3, 3 * [wait_s])
+    with pytest.raises(kind):
+        again(4)
+
+
+def test_transfer_that_fails_at_nodes_that_are_well_is_an_error() -> None:
+    for error in (TransferError("altered"), NodeRefused("head: not now", 0x24)):
+        rig: Any = Ready()
+        with pytest.raises(type(error)):
+            retry_after_recovery(rig, (Node.HEAD,), failing(error), is_start=True)
+        assert rig.waited == [None], "they were looked at once"
+
+
+def test_transfer_that_a_fallen_node_broke_off_is_done_again() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        assert retry_after_recovery(rig, (Node.HEAD,), failing(TransferError("cut off"))) == 1, "it was SAFE"
+        assert rig.link(Node.HEAD).state().state is State.IDLE
 
 
 def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:

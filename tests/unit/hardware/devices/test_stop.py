@@ -10,7 +10,7 @@ import can
 import pytest
 
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.devices.stop import FRAMES_MIN, release_stop, request_stop
+from inkloop_hardware.devices.stop import release_stop, request_stop
 from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
@@ -49,6 +49,7 @@ def bus(channel: str, *deaf: Node, stays: tuple[State, Fault] = PRINTING) -> Ite
             while not over.is_set():
                 take()
                 counter += 1
+                nodes.send(can.Message(arbitration_id=0x101, data=bytes(7), is_extended_id=False))  # of other firmware
                 for node in Node:
                     safe = stopped and node not in deaf
                     found = (State.SAFE, Fault.STOP_REQUEST) if safe else stays
@@ -94,13 +95,20 @@ def test_node_that_does_not_confirm_in_the_time_of_the_settings_is_an_error_that
     words = r": cure did not confirm the stop request within 0\.7 s.*hard-wired"
     with bus("deaf", Node.CURE, stays=stays) as received, pytest.raises(HardwareError, match=words):
         lines.extend(request_stop(BusSettings("virtual", "deaf", silence_s=0.1)))
-    assert len(requests(received)) >= FRAMES_MIN
+    assert len(requests(received)) >= 14, "in its cycle of 50 ms for all of 0.7 s"
+
+
+def test_node_in_fault_is_as_stopped_as_one_that_is_safe() -> None:
+    """It is de-energised, and keeps the cause that it had."""
+    with bus("fault", Node.CURE, stays=(State.FAULT, Fault.LAMP_TIME)):
+        lines = list(request_stop(BusSettings("virtual", "fault")))
+    assert "cure: FAULT because of LAMP_TIME" in lines
 
 
 def test_release_sends_more_frames_than_a_node_needs() -> None:
     with bus("release") as received:
         (line,) = release_stop(BusSettings("virtual", "release"))
-    assert requests(received) == [False] * FRAMES_MIN
+    assert requests(received) == [False] * 6
     assert "clear" in line
 
 

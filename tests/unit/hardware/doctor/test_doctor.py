@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from contextlib import ExitStack
@@ -92,7 +93,7 @@ def test_missing_nodes_are_named() -> None:
 
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found = heard()
-    found.errors, found.complaints = 3, {"malformed lines of the adapter": 2}
+    found.errors, found.complaints = 3, {"error frames on the bus": 3, "malformed lines of the adapter": 2}
     findings = [finding for finding in judge(found, CODEC) if finding.grade is Grade.ERROR]
     assert [finding.found for finding in findings] == ["3 error frames", "2 malformed lines of the adapter"]
     assert "120 ohm" in findings[0].advice
@@ -110,6 +111,14 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
         (Grade.ERROR, "head: 2 statuses were lost, 7 received"),
         (Grade.WARNING, "cure: 1 statuses were lost, 29 received"),
     ]
+
+
+def test_few_lost_frames_do_not_make_the_others_wrong() -> None:
+    found = heard(without=(Node.HEAD,))
+    for number in range(1, 30):
+        found.take(0.1 * number, pack(CODEC, status(Node.HEAD), (number + number // 15) % 15), CODEC)
+    grades = [finding.grade for finding in judge(found, CODEC) if finding.check == "supervision"]
+    assert grades == [Grade.WARNING, Grade.OK]
 
 
 def test_pause_that_would_stop_a_run_is_an_error() -> None:
@@ -142,6 +151,12 @@ def test_single_late_status_is_worth_no_note() -> None:
         found.take(second, pack(CODEC, status(Node.HEAD), number), CODEC)
     (regular,) = (finding for finding in judge(found, CODEC) if finding.check == "heartbeat")
     assert (regular.grade, regular.found) == (Grade.OK, "one node, a status every 100 to 100 ms")
+
+
+def test_single_status_is_an_error() -> None:
+    found = heard(without=(Node.HEAD,))
+    found.take(0.5, pack(CODEC, status(Node.HEAD), 0), CODEC)
+    assert heard_errors(found) == {"heartbeat": "head: a single status in 1.0 s"}
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
@@ -209,6 +224,8 @@ def test_stop_request_is_reported() -> None:
     found = heard()
     found.take(0.5, pack(CODEC, StopRequest(True, Source.OPERATOR), 1), CODEC)
     assert "stop request" in heard_errors(found)["masters"]
+    found.take(0.6, pack(CODEC, StopRequest(False, Source.OPERATOR), 2), CODEC)
+    assert heard_errors(found) == {}
 
 
 def report(node: Node = Node.HEAD) -> NodeReport:
@@ -236,7 +253,15 @@ def test_node_that_is_well_has_no_fault() -> None:
     ("one", "check", "message"),
     [
         (replace(report(), clock=(report().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
+        (replace(report(), clock=(report().clock[0], ClockReading(5.9, 101.0, 101.01))), "clock", "10% too slow"),
         (replace(report(), clock=(report().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
+        (
+            replace(report(), state=replace(report().state, state=State.FAULT, cause=Fault.LAMP_TIME)),
+            "states",
+            "head: FAULT because of LAMP_TIME",
+        ),
+        (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
+        (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
         (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
         (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
         (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
@@ -255,6 +280,30 @@ def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check
     assert message in errors(list(assess([one], expected())))[check]
 
 
+def test_what_is_just_enough_is_no_error() -> None:
+    least = replace(report().limits, block=16, alive=0.2)
+    fresh = replace(report(Node.PROFILER), map_shape=(0, 0))
+    assert errors(list(assess([replace(report(), limits=least), fresh], expected()))) == {}, "nothing scanned yet"
+
+
+@pytest.mark.parametrize(
+    ("one", "check", "message"),
+    [
+        (replace(report(), state=replace(report().state, flags=Flags.DRY_RUN)), "states", "head: in a dry run"),
+        (replace(report(), journal=()), "journals", "head: its journal is empty"),
+        (
+            replace(report(), journal=(report().journal[0], replace(report().journal[1], number=5))),
+            "journals",
+            "head: a record between 5 and 7 cannot be read",
+        ),
+    ],
+    ids=["dry run", "no journal", "one record missing"],
+)
+def test_what_a_person_should_know_is_a_warning(one: NodeReport, check: str, message: str) -> None:
+    (found,) = (finding for finding in assess([one], expected()) if finding.grade is Grade.WARNING)
+    assert (found.check, found.found) == (check, message)
+
+
 def test_pattern_that_just_fits_is_no_error() -> None:
     assert (
         errors(list(assess([replace(report(), limits=replace(report().limits, pattern_bytes=50))], expected()))) == {}
@@ -269,6 +318,8 @@ def test_record_that_cannot_be_read_is_noted() -> None:
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
     slowest, fastest = clock_rates(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4))
     assert slowest < 1 < fastest
+    slow = replace(report(), clock=(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4)))
+    assert errors(list(assess([slow], expected()))) == {}
 
 
 @pytest.mark.parametrize(
@@ -295,6 +346,36 @@ def test_missing_adapter_is_reported_before_it_is_opened(
         (tmp_path / name / "operstate").write_text("down\n")
     (tmp_path / "can1" / "carrier").write_text("0\n")  # reading that of can0 fails, as with an interface that is down
     assert message in errors(list(before_opening(configured(settings), tmp_path)))[check]
+
+
+def test_channel_that_is_no_file_is_not_looked_for() -> None:
+    for channel in ("socket://127.0.0.1:28550", "COM3"):
+        assert errors(list(before_opening(BusSettings("slcan", channel, 500_000)))) == {}
+
+
+def test_adapter_without_a_bit_rate_keeps_its_own() -> None:
+    found = list(before_opening(BusSettings("slcan", "socket://127.0.0.1:28550")))
+    assert [finding.found for finding in found if finding.grade is Grade.WARNING] == [
+        "no bit rate is set, the adapter keeps its own"
+    ]
+
+
+@pytest.mark.parametrize("missing", [os.R_OK, os.W_OK])
+def test_port_that_this_user_may_not_use_is_reported_with_its_group(
+    missing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = tmp_path / "ttyACM0"
+    port.touch()
+    monkeypatch.setattr("inkloop_hardware.doctor.adapter_check.os.access", lambda path, mode: not mode & missing)
+    (found,) = (one for one in before_opening(BusSettings("slcan", str(port), 500_000)) if one.grade is Grade.ERROR)
+    assert found.found == f"{port} may not be read and written by this user"
+    assert f"sudo usermod -a -G {port.group()} $USER" in found.advice
+
+
+def test_emulator_that_does_not_run_is_the_first_guess_at_a_local_port() -> None:
+    adapter, finding = opened(BusSettings("slcan", "socket://127.0.0.1:1", 500_000))
+    assert adapter is None
+    assert "does `inkloop bench` run?" in finding.advice
 
 
 @pytest.mark.parametrize(

@@ -14,14 +14,15 @@ import pytest
 
 from inkloop_hardware.bus.isotp_connection import IsoTpConnection
 from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.transfers import BlockSize, receive_map
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.height_map_bytes import map_size
 from inkloop_hardware.protocol.node_state import MapSize
 from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import State
-from support.benches.faulty_wire import FaultyWire
+from inkloop_hardware.protocol.vocabulary import Node, State
+from support.benches.faulty_wire import CODEC, FaultyWire
 from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
 
 pytestmark = pytest.mark.compiled
@@ -321,8 +322,24 @@ def test_clear_that_a_stop_forbids_is_asked_for_once(bench: NodeBench) -> None:
     assert link.counts.repeated == 0
 
 
+@pytest.mark.parametrize("routine", [Routine.PASS, Routine.PURGE])
+def test_routine_of_a_node_that_is_off_is_asked_for_once(bench: NodeBench, routine: Routine) -> None:
+    bench.stop(True)
+    link = FaultyWire(bench).link()
+    option = b"\0" if routine is Routine.PASS else b""
+    with pytest.raises(NodeRefused, match=r"it is SAFE \(stop request\)"):
+        link.routine(routine, Key(JOB, 1), option, limit_s=30)
+    assert link.counts.repeated == 0
+
+
+def test_node_that_may_begin_late_is_still_busy_as_long(bench: NodeBench) -> None:
+    for answer_s, star_s in ((1.0, 5.0), (20.0, 20.0)):
+        config = Link(Node.HEAD, CODEC, FaultyWire(bench), "a wire", answer_s=answer_s).requests.client.config
+        assert (config["p2_timeout"], config["p2_star_timeout"]) == (answer_s, star_s)
+
+
 def test_routine_may_last_as_long_as_its_limit() -> None:
-    with NodeBench(scan_ms=3_000) as bench:
+    with NodeBench(clock=100_000, scan_ms=3_000) as bench:
         link = FaultyWire(bench.ready(), PROFILER).link()
         with pytest.raises(LinkTimeout, match=r"has not ended in time: scan of .*; ask for its outcome"):
             link.routine(Routine.SCAN, Key(JOB, 0), limit_s=1.5)
@@ -362,6 +379,7 @@ def test_map_of_another_layer_is_refused_with_a_message(bench: NodeBench) -> Non
     with pytest.raises(NodeRefused, match=r"0x24.*expects another step or layer") as caught:
         link.upload(3)
     assert caught.value.code == 0x24
+    assert link.counts.restarted == 0, "what is refused is not sent again"
 
 
 class DoublingWire:

@@ -48,6 +48,47 @@ def test_ids_and_cycles_are_those_of_the_bench() -> None:
     assert CODEC.protocol_version == 1
 
 
+VERSION_1 = {
+    "StopRequest": "Crc8 0|8 0-255, Counter 8|4 0-14, Active 12|1 0-1, Source 16|8 0-255",
+    "MasterAlive": "Crc8 0|8 0-255, Counter 8|4 0-14, LampEnable 12|1 0-1, GateEnable 13|1 0-1, MotionEnable 14|1 0-1, "
+    "Session 16|16 0-65535, Job 32|32 0-4294967295",
+    "Status": "Crc8 0|8 0-255, Counter 8|4 0-14, LampOn 12|1 0-1, GateOpen 13|1 0-1, GateClosed 14|1 0-1, "
+    "Ready 15|1 0-1, State 16|4 0-10, PassMask 20|4 0-15, Fault 24|8 0-255, Layer 32|16 0-65535, BootCount 48|8 0-255, "
+    "UnknownMask 56|4 0-15, ProtocolVersion 60|4 0-15",
+    "Fault": "Fault 0|8 0-255, Pass 8|4 0-15, Layer 16|16 0-65535, NodeTime 32|32 0-4294967295 1 ms",
+    "HeadMeasurement": "HeadTemperature 0|16 -40-200 0.01 degC, BackPressure 16|16 -20000-20000 1 Pa, "
+    "Droplets 32|32 0-4294967295",
+    "StageMeasurement": "PositionX 0|24 -800000-800000 0.1 um, PositionY 24|24 -800000-800000 0.1 um, "
+    "PositionZ 48|16 0-65535 1 um",
+    "CureMeasurement": "Irradiance 0|16 0-655350 10 W/m2, LampTemperature 16|16 -40-200 0.01 degC, "
+    "LampTime 32|32 0-4294967295 1 ms",
+    "ProfilerMeasurement": "ProfilerTemperature 0|16 -40-200 0.01 degC, ScanProgress 16|8 0-100 0.5 %, "
+    "ValidShare 24|8 0-100 0.5 %, Scans 32|16 0-65535",
+}
+"""Signal, first bit and bits, limits, step and unit of the frames of version 1, which nodes of this version have."""
+CYCLES_1 = {"StopRequest": 0.05, "HeadMeasurement": 0.2, "StageMeasurement": 0.2, "CureMeasurement": 0.5}
+
+
+@EVERY_MESSAGE
+def test_frames_of_version_1_lie_as_nodes_in_the_field_have_them(message: Message) -> None:
+    """Both sides are made from the file: they would agree on any other layout, but with no older node."""
+    name = re.sub("^(Head|Stage|Cure|Profiler)(?=Status|Fault)", "", message.name)
+    if name not in VERSION_1:
+        assert message.signals[0].name == "IsoTpLow"
+        return
+    found = []
+    for signal in message.signals:
+        unit = f" {signal.scale:g} {signal.unit}" if signal.unit else ""
+        limits = f"{signal.minimum:.0f}-{signal.maximum:.0f}"
+        found.append(f"{signal.name} {signal.start}|{signal.length} {limits}{unit}")
+        assert (signal.byte_order, signal.offset, signal.is_float) == ("little_endian", 0, False)
+        assert signal.is_signed == ((signal.minimum or 0) < 0)
+        assert signal.unit or signal.scale == 1
+    assert ", ".join(found) == VERSION_1[name]
+    assert CODEC.data_id(message.name) in (None, message.frame_id)
+    assert CODEC.cycle_time(message.name) == CYCLES_1.get(name, 0.1 if name in ("MasterAlive", "Status") else 1.0)
+
+
 @EVERY_MESSAGE
 def test_every_signal_has_a_comment_and_a_known_unit(message: Message) -> None:
     assert message.comment

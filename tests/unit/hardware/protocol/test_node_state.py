@@ -125,6 +125,11 @@ def test_each_change_of_a_node_is_logged_once(caplog: pytest.LogCaptureFixture) 
     ]
 
 
+def test_lamp_is_reported_as_on_only_while_it_is(caplog: pytest.LogCaptureFixture) -> None:
+    dry, lit = ({"node": Node.CURE, "state": State.CURING, "lamp_on": on} for on in (False, True))
+    assert logged(NodeWatch(Node.CURE), caplog, dry, lit, dry) == ["cure: curing", "cure: lamp on", "cure: curing"]
+
+
 def test_requested_steps_of_a_node_are_not_logged_again(caplog: pytest.LogCaptureFixture) -> None:
     """Its frames come every 100 ms and miss short steps; the requester logs each of them."""
     printing = {"state": State.PRINTING, "pass_mask": 1}
