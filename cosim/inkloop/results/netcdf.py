@@ -49,8 +49,10 @@ def read(path: Path, bytes_at_once: int | None = None) -> xr.Dataset:
     import xarray as xr
 
     with h5py.File(path, "r") as file:
-        if bytes_at_once is None or sum(stored.nbytes for stored in file.values()) <= bytes_at_once:
-            variables = {name: xr.Variable(*_restored(file, name)) for name in file}
+        stored = dict(file.items())
+        if bytes_at_once is None or sum(array.nbytes for array in stored.values()) <= bytes_at_once:
+            names = {_address(array.id): name for name, array in stored.items() if array.is_scale}
+            variables = {name: xr.Variable(*_restored(array, name, names)) for name, array in stored.items()}
             return xr.Dataset(variables, attrs=_attributes(file))
     return xr.open_dataset(path, engine="h5netcdf", cache=False)
 
@@ -114,9 +116,20 @@ def _annotate(place: h5py.File | h5py.Dataset, attributes: Mapping[Any, Any]) ->
         place.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
 
 
-def _restored(file: h5py.File, name: str) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
-    """Dimensions, values and attributes of a variable."""
-    stored = file[name]
+def _address(identifier: h5py.h5d.DatasetID) -> int:
+    """Where in its file a dataset begins."""
+    import h5py
+
+    return int(h5py.h5o.get_info(identifier).addr)
+
+
+def _restored(stored: h5py.Dataset, name: str, names: Mapping[int, str]) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    """Dimensions, values and attributes of a variable; names: of the dimensions, by the address of their scales.
+
+    HDF5 would look through the whole file for the name of what a reference leads to.
+    """
+    import h5py
+
     attributes = _attributes(stored)
     values = stored.asstr()[()] if stored.dtype == _text() else stored[()]
     if attributes.get("dtype") == "bool":
@@ -125,7 +138,8 @@ def _restored(file: h5py.File, name: str) -> tuple[tuple[str, ...], Any, dict[st
     if stored.is_scale:
         return (name,), values, attributes
     scales = stored.attrs["DIMENSION_LIST"] if stored.ndim else ()
-    return tuple(file[references[0]].name.removeprefix("/") for references in scales), values, attributes
+    targets = [h5py.h5r.dereference(references[0], stored.id) for references in scales]
+    return tuple(names[_address(target)] for target in targets), values, attributes
 
 
 def _attributes(place: h5py.File | h5py.Dataset) -> dict[str, Any]:
