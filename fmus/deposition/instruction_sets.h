@@ -13,6 +13,13 @@
 #define INLINED inline
 #endif
 
+/* Before a loop over a few cells: gcc takes all of them at once, where it would else write them out one by one. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define AS_LOOP _Pragma("GCC unroll 1")
+#else
+#define AS_LOOP
+#endif
+
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32) && !defined(INKLOOP_BASELINE)
 #define WITH_AVX2 __attribute__((target("avx2")))
 #define HAS_AVX2 __builtin_cpu_supports("avx2")

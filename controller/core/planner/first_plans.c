@@ -28,10 +28,7 @@ static bool is_limited(const FirstPlans *first) {
 /* False if `ends_at` came before. */
 static bool evaluate(FirstPlans *first, PlanSurface *surface, const int32_t *plan, double ends_at, Objective *value) {
     const double began = stopwatch_seconds();
-    surface_set_plan(surface, plan);
-    const bool is_evaluated = surface_evaluate_until(surface, ends_at);
-    if (is_evaluated)
-        *value = surface_objective(surface);
+    const bool is_evaluated = plan_objective_on(surface, plan, ends_at, value);
     first->evaluation = fmax(first->evaluation, stopwatch_seconds() - began);
     return is_evaluated;
 }
@@ -170,21 +167,23 @@ static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
 /* Without a limit the droplets are relaxed at once, before the memory of a surface is taken. */
 int32_t make_first_plans(FirstPlans *first) {
     const double began = stopwatch_seconds();
-    PlanSurface surface;
     bool is_evaluated;
     set_droplets(first);
     if (!is_limited(first) && can_relax(first) && relax(first) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    if (!surface_open_until(&surface, first->problem, first->plan[START_NOTHING], first->first_ends_at,
+    if (!surface_open_until(&first->surface, first->problem, first->plan[START_NOTHING], first->first_ends_at,
                             first->work->threads, &is_evaluated))
         return CORE_NO_MEMORY;
     if (is_evaluated)
-        first->value[START_NOTHING] = surface_objective(&surface);
+        first->value[START_NOTHING] = surface_objective(&first->surface);
     first->is_there[START_NOTHING] = is_evaluated;
-    const int32_t status = is_evaluated ? take_all(first, &surface) : CORE_TIME;
-    surface_close(&surface);
+    const int32_t status = is_evaluated ? take_all(first, &first->surface) : CORE_TIME;
     first->seconds[PHASE_ROUNDING] = stopwatch_seconds() - began - first->seconds[PHASE_RELAXATION];
     return status;
+}
+
+void close_first_plans(FirstPlans *first) {
+    surface_close(&first->surface);
 }
 
 int rank_first_plans(const FirstPlans *first, int rank[STARTS]) {

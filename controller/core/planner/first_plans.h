@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 
+#include "plan_surface.h"
 #include "plan_work.h"
 
 typedef struct {
@@ -19,15 +20,18 @@ typedef struct {
     bool is_there[STARTS];
     int32_t *plan[STARTS];
     Objective value[STARTS];
-    double *droplets; /* of any size, in `places` */
-    int32_t *trial;   /* holds a plan */
-    int32_t left_out; /* LEFT_... */
+    double *droplets;    /* of any size, in `places` */
+    int32_t *trial;      /* holds a plan */
+    PlanSurface surface; /* of a plan that was evaluated, for others; open once the first plans were made */
+    int32_t left_out;    /* LEFT_... */
     double seconds[PHASES];
 } FirstPlans;
 
 /* Fills is_there, plan and value; `nothing` is always there, and another one too. CORE_DONE, CORE_NO_MEMORY, or
  * CORE_TIME where `first_ends_at` came before. */
 int32_t make_first_plans(FirstPlans *first);
+
+void close_first_plans(FirstPlans *first);
 
 /* When the ending is to begin, by the stopwatch [s], and the time until then. */
 double ending_at(const FirstPlans *first);

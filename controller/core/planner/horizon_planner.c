@@ -10,7 +10,7 @@
 #include "plan_starts.h"
 #include "stopwatch.h"
 
-static const double LEAST_REPAIR = 3.0;   /* a surface, its evaluation at the end, and some time between (assumed) */
+static const double LEAST_REPAIR = 3.0;   /* the evaluations before and after, and some time between (assumed) */
 static const double LEFT_BY_REPAIR = 0.4; /* of how much a start is worse than the longer plan, at least (by trial) */
 static const double FULL_SHARE = 0.3;     /* of a time limit, for the proof that full layers are best (assumed) */
 enum { ONE_LAYER_ANNEALING = 50 };        /* sweeps: these reach the proven optima of small grids (by trial) */
@@ -72,20 +72,21 @@ static bool is_empty(const int32_t *values, size_t count) {
 /* Takes a plan, that begins with a layer then, if it is better than the best. One that does not begin with a layer
  * needs an evaluation more, which ends at `ends_at` by the stopwatch: the best remains then. Empty layers at the end
  * hide what the last droplets leave to chance, so they win nothing by moving there. */
-static int32_t consider(Planning *planning, const int32_t *plan, Objective value, Origin origin, double ends_at) {
+static void consider(Planning *planning, const int32_t *plan, Objective value, Origin origin, double ends_at) {
     const size_t bytes = planning->places * sizeof(int32_t);
     double rank = value.value;
     if (is_empty(plan, planning->problem->nx * planning->problem->ny)) {
-        int32_t status = stopwatch_seconds() > ends_at ? CORE_TIME : CORE_DONE;
-        if (status == CORE_DONE) {
+        bool is_known = stopwatch_seconds() <= ends_at;
+        if (is_known) {
             memcpy(planning->trial, plan, bytes);
             plan = planning->trial;
             if (leave_idle_start(planning->problem, planning->trial, planning->moved))
-                status = plan_objective(planning->problem, planning->trial, ends_at, planning->work->threads, &value);
+                is_known = plan_objective_on(&planning->first.surface, planning->trial, ends_at, &value);
         }
-        planning->first.left_out |= status == CORE_TIME ? LEFT_STARTS : 0;
-        if (status != CORE_DONE)
-            return status == CORE_TIME ? CORE_DONE : status;
+        if (!is_known) {
+            planning->first.left_out |= LEFT_STARTS;
+            return;
+        }
         rank = fmax(rank, value.value);
     }
     if (rank < planning->best_rank) {
@@ -94,7 +95,6 @@ static int32_t consider(Planning *planning, const int32_t *plan, Objective value
         planning->best_rank = rank;
         planning->best_origin = origin;
     }
-    return CORE_DONE;
 }
 
 static int64_t annealing_sweeps(const Planning *planning) {
@@ -123,15 +123,14 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
                                    .caller = work->caller};
     SearchReport report;
     memcpy(planning->repaired, planning->first.plan[start], planning->places * sizeof(int32_t));
-    const int32_t found = improve_plan(planning->problem, &options, planning->repaired, &report);
+    const int32_t found = improve_plan_on(&planning->first.surface, &options, planning->repaired, &report);
     if (found == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
     const Origin origin = {start, annealing > 0, found};
-    const int32_t status =
-        consider(planning, planning->repaired, report.objective, origin, ending_at(&planning->first));
-    return status == CORE_DONE && found == CORE_STOPPED ? CORE_STOPPED : status;
+    consider(planning, planning->repaired, report.objective, origin, ending_at(&planning->first));
+    return found == CORE_STOPPED ? CORE_STOPPED : CORE_DONE;
 }
 
 static int32_t repair_starts(Planning *planning) {
@@ -189,20 +188,18 @@ static bool is_useless(const Planning *planning) {
 
 /* Compares the starts as they are, the best one first, with time until `first_ends_at` for that and as long as none
  * prints. */
-static int32_t consider_starts(Planning *planning, double first_ends_at) {
+static void consider_starts(Planning *planning, double first_ends_at) {
     const FirstPlans *first = &planning->first;
     int rank[STARTS];
     const int starts = rank_first_plans(first, rank);
-    int32_t status = CORE_DONE;
-    for (int place = 0; place < starts && status == CORE_DONE; place++) {
+    for (int place = 0; place < starts; place++) {
         const int k = rank[place];
         const bool is_needed = place == 0 || planning->best_origin.start == START_NOTHING;
         const Origin unrepaired = {k, 0, UNREPAIRED};
         if (k != START_NOTHING)
-            status = consider(planning, first->plan[k], first->value[k], unrepaired,
-                              is_needed ? first_ends_at : ending_at(first));
+            consider(planning, first->plan[k], first->value[k], unrepaired,
+                     is_needed ? first_ends_at : ending_at(first));
     }
-    return status;
 }
 
 static int32_t find_best(Planning *planning) {
@@ -222,10 +219,10 @@ static int32_t find_best(Planning *planning) {
         return CORE_DONE;
     if (repair_starts(planning) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    const int32_t compared = consider_starts(planning, ending_at(first));
-    if (compared != CORE_DONE || planning->best_origin.found != UNREPAIRED || !(first->left_out & LEFT_STARTS))
-        return compared;
-    return consider_starts(planning, first->first_ends_at); /* the best one prints, whatever time that takes */
+    consider_starts(planning, ending_at(first));
+    if (planning->best_origin.found == UNREPAIRED && first->left_out & LEFT_STARTS)
+        consider_starts(planning, first->first_ends_at); /* the best one prints, whatever time that takes */
+    return CORE_DONE;
 }
 
 static int32_t plan_status(const Planning *planning) {
@@ -257,6 +254,7 @@ int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_
                                .evaluation = planning.first.evaluation};
         memcpy(report->seconds, planning.first.seconds, sizeof report->seconds);
     }
+    close_first_plans(&planning.first);
     give_maps(planning.memory);
     return status;
 }

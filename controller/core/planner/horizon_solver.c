@@ -18,23 +18,45 @@ int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, doubl
     return is_evaluated ? CORE_DONE : CORE_TIME;
 }
 
+/* Improves the plan of an evaluated surface, which took from `began` on. */
+static int32_t improve(PlanSurface *surface, const SearchOptions *options, double began, int32_t *plan,
+                       SearchReport *report) {
+    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
+    const int32_t status = plan_search(surface, options, began + options->seconds_max - evaluation, report);
+    report->objective = surface_objective(surface);
+    surface_plan(surface, plan);
+    return status;
+}
+
+static const SearchReport UNKNOWN = {.objective = {.value = INFINITY}};
+
 int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan, SearchReport *report) {
     PlanSurface surface;
     bool is_evaluated;
-    *report = (SearchReport){.objective = {.value = INFINITY}};
+    *report = UNKNOWN;
     const double began = stopwatch_seconds();
     if (!surface_open_until(&surface, problem, plan, began + options->seconds_max, options->threads, &is_evaluated))
         return CORE_NO_MEMORY;
-    if (!is_evaluated) {
-        surface_close(&surface);
-        return CORE_TIME;
-    }
-    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
-    const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
-    report->objective = surface_objective(&surface);
-    surface_plan(&surface, plan);
+    const int32_t status = is_evaluated ? improve(&surface, options, began, plan, report) : CORE_TIME;
     surface_close(&surface);
     return status;
+}
+
+int32_t improve_plan_on(PlanSurface *surface, const SearchOptions *options, int32_t *plan, SearchReport *report) {
+    *report = UNKNOWN;
+    const double began = stopwatch_seconds();
+    surface_set_plan(surface, plan);
+    if (!surface_evaluate_until(surface, began + options->seconds_max))
+        return CORE_TIME;
+    return improve(surface, options, began, plan, report);
+}
+
+bool plan_objective_on(PlanSurface *surface, const int32_t *plan, double ends_at, Objective *value) {
+    surface_set_plan(surface, plan);
+    const bool is_evaluated = surface_evaluate_until(surface, ends_at);
+    if (is_evaluated)
+        *value = surface_objective(surface);
+    return is_evaluated;
 }
 
 int32_t relax_droplets(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,

@@ -28,8 +28,3 @@ double objective_change(const Sums *sums, const Sums *change, const Weighting *w
     const double deviation_change = deviations > 0.0 ? variance_change / deviations : 0.0;
     return weighting->alpha * mean_cost_change + (1.0 - weighting->alpha) * deviation_change;
 }
-
-Sums sums_after(const Sums *sums, const Sums *change) {
-    return (Sums){sums->cost + change->cost, sums->height + change->height,
-                  sums->squared_height + change->squared_height};
-}

@@ -26,6 +26,9 @@ double deviation(const Sums *sums, const Weighting *weighting);
 double objective_change(const Sums *sums, const Sums *change, const Weighting *weighting);
 
 /* sums + change */
-Sums sums_after(const Sums *sums, const Sums *change);
+static inline Sums sums_after(const Sums *sums, const Sums *change) {
+    return (Sums){sums->cost + change->cost, sums->height + change->height,
+                  sums->squared_height + change->squared_height};
+}
 
 #endif

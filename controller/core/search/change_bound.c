@@ -60,7 +60,7 @@ static INLINED void add_costs(const PlanSurface *surface, const float *restrict 
                               float *restrict cost) {
     const float upward = (float)surface->upward, skew = (float)surface->skew;
     const float steep = surface->ceiling ? (float)surface->problem->ceiling_cost : 0.0f;
-    for (size_t k = 0; k < count; k++) {
+    AS_LOOP for (size_t k = 0; k < count; k++) {
         const float size = fabsf(error[k]), safe = larger_of(chance[k], 1e-30f);
         const float near = 0.5f * (size * size / safe + chance[k]), expected = size < chance[k] ? near : size;
         cost[k] += weight[k] * (upward * expected + skew * error[k] + steep * larger_of(above[k], 0.0f));
@@ -256,7 +256,7 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
         const size_t here = view + row * stride, near = row * NEAR_LANES;
         const float *before = spread->before + NEAR_MARGIN + near;
         float after[NEAR_LANES], away[NEAR_LANES], chance[NEAR_LANES]; /* of their own: nothing read lies in them */
-        for (size_t k = 0; k < NEAR_LANES; k++) {
+        AS_LOOP for (size_t k = 0; k < NEAR_LANES; k++) {
             float given;
             const float lost = near_loss(step, bound->rules.slope, is_mixed, is_last, (ptrdiff_t)(here + k),
                                          (ptrdiff_t)stride, before + k, &given);
@@ -265,7 +265,7 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
             if (is_last)
                 chance[k] = larger_of(bound->chance[here + k] - share * (given - step->given[here + k]), least);
         }
-        for (size_t k = 0; k < NEAR_LANES; k++) {
+        AS_LOOP for (size_t k = 0; k < NEAR_LANES; k++) {
             spread->left[k] += away[k];
             spread->after[NEAR_MARGIN + near + k] = after[k];
             if (is_last)
@@ -283,13 +283,13 @@ static INLINED Sums added_sums(const PlanSurface *surface, const ChangeBound *bo
         const float *chance = spread->chance + row * NEAR_LANES, *was = bound->chance + here;
         const float *inside = bound->inside + here, *high = bound->height + here;
         float error[NEAR_LANES], above[NEAR_LANES], cost[NEAR_LANES];
-        for (size_t k = 0; k < NEAR_LANES; k++) {
+        AS_LOOP for (size_t k = 0; k < NEAR_LANES; k++) {
             error[k] = bound->error[here + k] + after[k];
             above[k] = bound->above[here + k] + after[k];
             cost[k] = -bound->cost[here + k];
         }
         add_costs(surface, error, above, chance, bound->weight + here, NEAR_LANES, cost);
-        for (size_t k = 0; k < NEAR_LANES; k++) {
+        AS_LOOP for (size_t k = 0; k < NEAR_LANES; k++) {
             const float squares = after[k] * (2.0f * high[k] + after[k]);
             const float chances = (chance[k] - was[k]) * (chance[k] + was[k]) * (1.0f / 3.0f);
             most[k] = larger_of(most[k], fabsf(after[k]));

@@ -166,7 +166,7 @@ int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bo
             changes += tally->flips + tally->swaps + tally->shifts;
             *out_of_time = *out_of_time || tally->out_of_time;
         }
-        if (changes > before)
+        if (changes > before && tiling->surface->steps > 1) /* sweeps of a single step do not look at them */
             forget_tries(tiling->surface, tiling->awake);
     }
     return changes;
