@@ -172,7 +172,7 @@ def test_adapter_that_refuses_for_a_while_and_confirms_nothing_is_off_the_bus(
 
     bus.begin_reading()
     assert off_since(b"\a\a", 1.0) is off_since(b"", 5.0) is None, "refused commands, before any frame"
-    assert off_since(b"t7FF0\r\a", 10.0) is off_since(b"", 19.0) is None, "a single refusal"
+    assert off_since(b"t7FF0\r", 9.0) is off_since(b"\a", 10.0) is off_since(b"", 19.0) is None, "a single refusal"
     for confirmed in (b"z\r", b"Z\r", b"t7FF0\r"):
         assert off_since(confirmed + b"\a", 20.0) is off_since(confirmed + b"\a", 20.1) is None
         assert [off_since(b"\a", 30.0), off_since(b"\a", 30.125), off_since(b"", 30.25)] == [None, None, 30.0]
