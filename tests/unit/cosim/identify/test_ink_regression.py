@@ -176,7 +176,7 @@ def test_rough_start_surface_is_that_of_its_statement() -> None:
     scan = np.random.default_rng(5).normal(0.0, 3e-6, (3, 4))
     scan[1, 2] = np.nan
     seen, noise = np.isfinite(scan), 1e-12
-    i, j = np.indices(scan.shape)
+    i, j = np.repeat(np.arange(3), 4).reshape(3, 4), np.tile(np.arange(4), (3, 1))
     terms = np.stack([np.ones(11), i[seen], j[seen]])
     plane = np.tensordot(np.linalg.solve(terms @ terms.T, terms @ scan[seen]), [np.ones((3, 4)), i, j], axes=1)
     rough = ((scan - plane)[seen] ** 2).sum() / (11 - 3) - noise
