@@ -87,6 +87,18 @@ def test_layer_is_complete_a_duration_after_its_command(model, form) -> None:
         assert seen == [(0, 1), (0, 1), (1, 0), (1, 0), (1, 0)]
 
 
+@EVERY_DEPOSITION
+def test_duration_counts_from_the_beginning_of_the_step_that_takes_the_command(model) -> None:
+    """Which may be later than the end of the step before."""
+    with Driver(model).start({"layer_duration": 3.0}) as fmu:
+        assert fmu.set("layer_command", 1) == OK
+        seen = []
+        for start in (5.0, 6.0, 7.0):
+            assert fmu.step(start) == OK
+            seen.append(int(fmu.get("layers_printed")))
+        assert seen == [0, 0, 1]
+
+
 @EVERY_FORM
 @EVERY_DEPOSITION
 def test_pattern_is_taken_when_the_command_is_accepted(model, form) -> None:

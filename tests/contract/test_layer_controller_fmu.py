@@ -291,12 +291,23 @@ def test_part_of_no_cell_is_refused_with_a_message(form: str) -> None:
 
 
 @EVERY_FORM
-def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str) -> None:
-    parameters = {"layers_scanned": 0, "h1_a": 1e-3, "h2_a": 1e-3, "h3_a": 1e-3, "measured_height": 0.4}
-    with Driver("LayerController", form, 3, 3).start({**parameters, "horizon": 5, "drop_levels": 2}) as fmu:
-        before = fmu.save()
-        assert fmu.step(0.0) in (DISCARD, ERROR)
-        assert fmu.save() == before
+@pytest.mark.parametrize("high", ["measured_height", "target_height"])
+def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str, high: str) -> None:
+    """One cell of the last row, by droplets that leave room for 0.34 m."""
+    ink = {"h1_a": 1e-3, "h2_a": 2.5e-4, "h3_a": 0.0, "h1_b": 1e-3, "h2_b": 2.5e-4, "h3_b": 0.0}
+    for height in (0.35, 0.33):
+        map_ = np.zeros((3, 3))
+        map_[2, 1] = height
+        parameters = {**ink, "layers_scanned": 0, "horizon": 5, "drop_levels": 2, high: map_}
+        with Driver("LayerController", form, 3, 3).start(parameters) as fmu:
+            before = fmu.save()
+            if height < 0.34:
+                assert fmu.step(0.0) == OK
+                continue
+            assert fmu.step(0.0) in (DISCARD, ERROR)
+            assert fmu.save() == before
+            if form != "fmi2":
+                assert "cell (2, 1) is estimated at" in fmu.messages[-1]
 
 
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))

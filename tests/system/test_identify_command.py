@@ -172,12 +172,14 @@ def test_prints_of_different_pitch_or_unknown_noise_are_refused_with_a_message()
 def test_all_options_out_of_their_limits_are_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each by itself is taken at its limits: the message ends with the options that are beyond them."""
     (tmp_path / "mine").write_text("a file")
+    (tmp_path / "prints" / "earlier").mkdir(parents=True)
     values = {"samples": (-1, 2001), "layers": (0, 201), "side": (11, 501), "noise-um": (-0.1, 1e6)}
+    places = ("mine", "prints")
     for k in (0, 1):
-        arguments = [f"--{name}={pair[k]}" for name, pair in values.items()] + ["--runs", str(tmp_path / "mine")]
+        arguments = [f"--{name}={pair[k]}" for name, pair in values.items()] + ["--runs", str(tmp_path / places[k])]
         assert main(["identify", "LayerDeposition", "--out", str(tmp_path / "x.toml"), *arguments]) == 1
         error = " ".join(capsys.readouterr().err.split())
         for name, limits in {"samples": "0 to 2000", "layers": "1 to 200", "side": "12 to 500"}.items():
             assert f"--{name} is {values[name][k]}; expected {limits}" in error
         assert "--noise-um is" in error
-        assert "mine: is there already and not empty; name another, nothing is overwritten" in error
+        assert f"{places[k]}: is there already and not empty; name another, nothing is overwritten" in error

@@ -30,6 +30,14 @@ def test_length_without_a_unit_is_an_error() -> None:
     assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
 
 
+def test_exponents_of_the_base_units_are_those_that_the_name_of_the_unit_shows() -> None:
+    for name, exponents in units.BASE_UNITS.items():
+        above, _, below = name.partition("/")
+        shown = {part.rstrip("23"): sign * int(part.lstrip("mrads") or 1)
+                 for part, sign in ((above, 1), (below, -1)) if part not in ("", "1")}  # fmt: skip
+        assert exponents == shown, name
+
+
 def test_key_states_the_unit_of_its_number() -> None:
     assert unit_of("pitch_um", "pitch", "m") == ("um", 1e-6)
     assert unit_of("speed_mm_per_s", "speed", "m/s") == ("mm/s", 1e-3)

@@ -64,6 +64,17 @@ def test_volume_is_known_after_a_full_layer(volume: float, passes: int) -> None:
     assert bench.estimate.ink_scale == pytest.approx(volume, rel=1e-3, abs=0.0)
 
 
+@pytest.mark.parametrize(("volume", "learnt"), [(0.05, 0.25), (7.0, 4.0)])
+@pytest.mark.parametrize("model", ["scale", "full"])
+def test_volume_that_is_something_else_than_ink_is_learnt_as_far_as_ink_goes(
+    model: InkModel, volume: float, learnt: float
+) -> None:
+    bench = Bench(block(12, 12), (scaled(volume),), model)
+    for _ in range(3):
+        bench.print(bench.full_pattern())
+    assert bench.estimate.ink_scale == pytest.approx(learnt, rel=1e-9, abs=0.0)
+
+
 def test_three_heights_that_a_random_layer_separates_are_used_once_they_have_predicted_the_next() -> None:
     bench = Bench(block(44, 44), (OTHER,), "full", noise_std=0.3e-6)
     first, nominal = bench.print(bench.random_pattern()).inks[0], Ink()

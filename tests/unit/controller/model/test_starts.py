@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from inkloop.component import Ink
-from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from support.numpy.plan_starts_numpy import postponed, shifted, squeezed, without_idle_start
 
@@ -28,6 +28,13 @@ def test_full_layers_take_the_first_kind_that_may_fall() -> None:
     plan = full_layers(problem([0, 1, 2, 3]))
     assert plan[:, 0, 0].tolist() == [0, 1, 2, 1]
     assert not no_droplets(problem([3, 3])).any()
+
+
+def test_even_droplets_are_equal_shares_of_what_lacks_where_droplets_may_fall() -> None:
+    of = problem([1, 0, 3, 1])
+    of.height[:] = [[0.0, 4e-6], [12e-6, -1.0]]
+    shares = np.array([[10 / 4 / 7.6, 6 / 4 / 7.6], [0.0, 1.0]])
+    np.testing.assert_allclose(even_droplets(of), shares * np.array([1, 0, 1, 1])[:, None, None], rtol=1e-12)
 
 
 def test_shifted_plan_continues_where_the_last_one_is() -> None:

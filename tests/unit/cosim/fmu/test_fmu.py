@@ -384,7 +384,7 @@ def test_description_for_a_person_lists_variables_below_their_causality() -> Non
     assert "  grid       9 x 9 cells (any size: structural parameters nx, ny)" in lines
     assert "  state      can be saved and restored" in lines
     assert "  step size  any" in lines
-    assert "  licence    not stated" not in lines
+    assert [line for line in lines if line.startswith("  licence    ")] == ["  licence    BSD-3-Clause"]
 
 
 def test_start_values_that_differ_are_not_shown_as_one(folder: Path, tmp_path: Path) -> None:

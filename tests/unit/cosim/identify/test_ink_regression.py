@@ -171,6 +171,22 @@ def test_plane_start_surface_is_known_better_than_a_scan() -> None:
     assert variance.max() < 0.05e-12
 
 
+def test_rough_start_surface_is_that_of_its_statement() -> None:
+    """Of few cells, of which one was not seen: three terms of the plane are no evidence of roughness."""
+    scan = np.random.default_rng(5).normal(0.0, 3e-6, (3, 4))
+    scan[1, 2] = np.nan
+    seen, noise = np.isfinite(scan), 1e-12
+    i, j = np.repeat(np.arange(3), 4).reshape(3, 4), np.tile(np.arange(4), (3, 1))
+    terms = np.stack([np.ones(11), i[seen], j[seen]])
+    plane = np.tensordot(np.linalg.solve(terms @ terms.T, terms @ scan[seen]), [np.ones((3, 4)), i, j], axes=1)
+    rough = ((scan - plane)[seen] ** 2).sum() / (11 - 3) - noise
+    gain = rough / (rough + noise)
+    mean, variance = start_surface(scan, 1e-6)
+    np.testing.assert_allclose(mean[seen], (plane + gain * (scan - plane))[seen], rtol=1e-9)
+    np.testing.assert_allclose(mean[1, 2], plane[1, 2], rtol=1e-9)
+    np.testing.assert_allclose(variance, np.where(seen, gain * noise, np.inf), rtol=1e-9)
+
+
 def test_cells_that_were_not_measured_are_left_out() -> None:
     record = made_up(LU, random_layers(20, 20, 3, 2), 0.0)
     record.measured[np.random.default_rng(1).random(record.measured.shape) < 0.1] = np.nan

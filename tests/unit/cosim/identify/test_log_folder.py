@@ -81,6 +81,9 @@ def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
     with pytest.raises(IdentificationError, match=r"holds 5; expected rows and columns of 0, 1 and 2") as caught:
         read_log(folder)
     assert "pattern_0003.csv: cannot be read as a table of numbers" in str(caught.value)
+    (folder / "pattern_0003.csv").write_bytes(b"0;1;\xe9\n")
+    with pytest.raises(IdentificationError, match=r"pattern_0003.csv: cannot be read as a table of numbers"):
+        read_log(folder)
 
 
 @pytest.mark.parametrize(

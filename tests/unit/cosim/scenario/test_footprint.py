@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -51,6 +52,20 @@ def test_grid_that_memory_cannot_hold_is_refused_by_every_command(
     assert "of memory, 8 GiB are available; " in error
     assert " cells would fit: choose a smaller grid or a larger pitch" in error
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("nx", "ny", "share", "advice"),
+    [(40, 90, 0.25, "20 x 45"), (2, 1_000_000, 0.09, "2 x 90000"), (3_000_000, 1, 1e-8, "1 x 1")],
+)
+def test_grid_that_would_fit_has_both_sides(
+    nx: int, ny: int, share: float, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the same shape; of a side that is far too long only that one is cut."""
+    planned = Footprint(nx, ny, 3, 3.0, 100, 10**12, 1e-6)
+    monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: math.ceil(share * planned.disk))
+    with pytest.raises(ResultError, match=rf"; {advice} cells would fit: "):
+        planned.check_disk(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["bracket", "lithophane"])
