@@ -27,15 +27,16 @@ from inkloop.limits import unpacked_error
 DEFINITION = "sources/variables.toml"
 """Where an FMU keeps the definition that its description is written from."""
 
+COMPRESSION = zipfile.ZIP_DEFLATED
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same content gives the same bytes, whenever it was packed
 
 
 def pack(path: Path, members: Mapping[str, bytes]) -> None:
     """Write the archive whole or not at all; modelDescription.xml comes first."""
-    with replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+    with replaced(path) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name in sorted(members, key=lambda name: (name != "modelDescription.xml", name)):
             info = zipfile.ZipInfo(name, _ZIP_TIME)
-            info.compress_type = zipfile.ZIP_DEFLATED
+            info.compress_type = COMPRESSION
             info.external_attr = 0o644 << 16
             archive.writestr(info, members[name])
 

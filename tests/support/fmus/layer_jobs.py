@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import zipfile
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import xarray as xr
 
 from inkloop.exchange.job import archive
 from inkloop.exchange.job.baking import bake
+from inkloop.fmu_writer import archive as fmu_archive
 from support import prints
 from support.fmus.fmu_driver import OK, Driver
 
@@ -29,11 +31,12 @@ def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
 
 @lru_cache
 def unpacked(form: str, name: str, *overrides: tuple[str, Any]) -> Path:
-    """The folder of the block of a scenario, without the picture of its target, which takes longest."""
+    """The folder of the block of a scenario, uncompressed and without the picture of its target: both take long."""
     folder = tempfile.TemporaryDirectory()
     _folders.append(folder)
     file = Path(folder.name) / "job.fmu"
-    with patch.object(archive, "target_picture", return_value=b""):
+    stored = patch.object(fmu_archive, "COMPRESSION", zipfile.ZIP_STORED)
+    with stored, patch.object(archive, "target_picture", return_value=b""):
         archive.write(bake(prints.scenario(name, overrides)), form[3], file)  # type: ignore[arg-type]
     fmpy.extract(str(file), str(Path(folder.name) / "job"))
     return Path(folder.name) / "job"

@@ -89,10 +89,14 @@ def rows_of(run: Simulation, signals: Sequence[str]) -> list[tuple[float, ...]]:
     return [tuple(row) for row in rows[kept[jumps]].tolist()]
 
 
+_session = cache(rumoca.Session)
+"""What all models share: it reads the library once."""
+
+
 @cache
 def compiled(model: str) -> rumoca.Model:
     """A class of the library that is a whole model, by its name after `InkLoop.`; raises rumoca.CompileError."""
-    return rumoca.Session().load(str(LIBRARY / "package.mo"), model=f"InkLoop.{model}")
+    return _session().load(str(LIBRARY / "package.mo"), model=f"InkLoop.{model}")
 
 
 @cache
