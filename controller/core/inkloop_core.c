@@ -111,6 +111,10 @@ int32_t inkloop_untrusted_reasons(const LoopTrust *trust) {
     return untrusted_reasons(trust);
 }
 
+int32_t inkloop_is_plant_foreign(const LoopTrust *trust) {
+    return is_plant_foreign(trust);
+}
+
 double inkloop_droplet_std(const LoopTrust *trust) {
     return droplet_deviation(trust, DROPLET_STD);
 }

@@ -67,7 +67,7 @@ INKLOOP_CORE_API void inkloop_ink_choices(const InkRegions *regions, size_t cell
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
                                       PlanReport *report);
 
-/* The horizon and the worth of a layer for a FINISH_.... */
+/* The horizons and the worth of a layer for a FINISH_.... */
 INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
 
 /* What is known of a displacement of the scans before the first one, and what is reported of it (scan_registration.h).
@@ -77,6 +77,9 @@ INKLOOP_CORE_API void inkloop_displacement(const Registration *registration, Sca
 
 /* The reasons why the loop is not trusted, UNTRUSTED_... added up (loop_trust.h). */
 INKLOOP_CORE_API int32_t inkloop_untrusted_reasons(const LoopTrust *trust);
+
+/* Whether droplets spill onto their neighbours in another way than the model's (loop_trust.h). */
+INKLOOP_CORE_API int32_t inkloop_is_plant_foreign(const LoopTrust *trust);
 
 /* Standard deviation of a droplet's volume, as a share of it, as the residuals show; 0 before there are any. */
 INKLOOP_CORE_API double inkloop_droplet_std(const LoopTrust *trust);

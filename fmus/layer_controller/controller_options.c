@@ -54,11 +54,13 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
 }
 
 PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions regions) {
+    const Finish finish = finish_of((int32_t)*v->finish);
     regions.step = nominal_layer(v);
     regions.test = (int32_t)*v->region_test;
     return (PlannerOptions){.nx = (size_t)*v->nx,
                             .ny = (size_t)*v->ny,
                             .horizon = (size_t)horizon_of(v),
+                            .foreign_horizon = (size_t)(*v->horizon == 0 ? finish.foreign_horizon : *v->horizon),
                             .target = v->target_height,
                             .part = (const uint8_t *)v->mask,
                             .jettable = (const uint8_t *)v->jettable,
@@ -72,8 +74,7 @@ PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions reg
                             .chance_margin = *v->chance_margin,
                             .fringe_weight = *v->fringe_weight,
                             .droplet_std = *v->droplet_std,
-                            .layer_worth =
-                                *v->layer_worth < 0.0 ? finish_of((int32_t)*v->finish).layer_worth : *v->layer_worth,
+                            .layer_worth = *v->layer_worth < 0.0 ? finish.layer_worth : *v->layer_worth,
                             .sweeps = *v->sweeps_max,
                             .annealing_sweeps = *v->annealing_sweeps,
                             .iterations = *v->iterations,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -148,6 +149,27 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
         factor = np.where(np.arange(22) == 9, 1e-12, 1.0) * np.ones((24, 22))
         height = plant.layer(height, np.asarray(other["pattern"]), layer + 1, factor)
     assert dead > 0
+
+
+def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
+    job, options = block(13, 12, height=25e-6), {"annealing_sweeps": 1, "adapt_ink": "off"}
+    plant = LayerModel((Ink(3.2e-6, 0.9e-6, 0.2e-6),))
+    controllers, height, ahead = twins(job, options), np.zeros((13, 12)), set()
+    for controller in controllers:
+        controller.initialize(0, inputs_of(job, height, 0))
+    for layer in range(20):
+        inputs = inputs_of(job, height, layer)
+        one, other = (controller.do_step(layer * SECOND, SECOND, inputs) for controller in controllers)
+        for name in one.keys() - OF_PYTHON_ALONE:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        with np.load(io.BytesIO(controllers[0].save())) as state:
+            ahead.add((bool(state["trust"][-1] > 6.0), int(state["plan"].any(axis=(1, 2)).sum())))
+        if other["status"] == Status.DONE:
+            break
+        height = plant.layer(height, np.asarray(other["pattern"]), layer + 1)
+    assert (False, 5) in ahead
+    assert (True, 3) in ahead
+    assert max(layers for is_foreign, layers in ahead if is_foreign) == 3
 
 
 def low_wall(height: Any, layer: int) -> Any:

@@ -13,6 +13,8 @@ static const double MODEL_MAX = 0.3;        /* (by trial) */
 static const double FOREIGN = 5.0;          /* early residuals that are the model's: droplets that vary by 40 % show
                                                2.8, caps of droplets 3.0, surface tension 7 to 10 (by trial) */
 static const double RESIDUALS_MAX = 9.0;    /* droplets that vary by 40 % show 3.3, surface tension 18 (by trial) */
+static const double SPILL_MAX = 6.0;        /* droplets that vary by 40 % show up to 2.4; no flow 14, wider droplets 10,
+                                               surface tension 14, caps of droplets 56 in their first layers (by trial) */
 static const double FORGETTING = 0.8;       /* weight of a layer against the next, as of the ink */
 static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
 static const double UNIFORM_MEDIAN_SQUARE = 0.75; /* of a uniform one */
@@ -23,7 +25,7 @@ static const double MISFIT_MAX = 5.0;             /* more is no droplet (assumed
 enum { TERMS = 3, LEAST_CELLS = 8, LEAST_DROPLETS = 20 };
 
 LoopTrust full_trust(void) {
-    return (LoopTrust){.early = 1.0, .residual = 1.0, .volume = 1.0, .usual = 1.0};
+    return (LoopTrust){.early = 1.0, .residual = 1.0, .volume = 1.0, .usual = 1.0, .spill = 1.0};
 }
 
 int32_t untrusted_reasons(const LoopTrust *trust) {
@@ -96,14 +98,40 @@ static double added_at(const LayerGrowth *layer, size_t cell) {
     return layer->predicted[cell] - layer->before[cell];
 }
 
-static bool counts(const LayerGrowth *layer, size_t cell) {
-    return layer->used[cell] && layer->pattern[cell] > 0 && added_at(layer, cell) > 0.0 && layer->variance[cell] > 0.0;
+static bool is_reached(const LayerGrowth *layer, size_t cell) {
+    return layer->used[cell] && added_at(layer, cell) > 0.0 && layer->variance[cell] > 0.0;
+}
+
+/* By a droplet of its own. */
+static bool is_hit(const LayerGrowth *layer, size_t cell) {
+    return layer->pattern[cell] > 0 && is_reached(layer, cell);
+}
+
+static double square_of_residual(const LayerGrowth *layer, size_t cell, double volume) {
+    const double rest = growth_at(layer, cell) - volume * added_at(layer, cell);
+    return rest * rest;
+}
+
+/* Cells without a droplet, by the mean of their variances: that of a cell that hardly anything should reach is no scale
+ * for what does. */
+static void add_spill(const LayerGrowth *layer, double volume, double *scratch, LoopTrust *trust) {
+    double variance = 0.0;
+    size_t count = 0;
+    for (size_t cell = 0; cell < layer->cells; cell++)
+        if (layer->pattern[cell] == 0 && is_reached(layer, cell)) {
+            scratch[count++] = square_of_residual(layer, cell, volume);
+            variance += layer->variance[cell];
+        }
+    if (count < LEAST_DROPLETS)
+        return;
+    const double found = median(scratch, count) / (MEDIAN_SQUARE * variance / (double)count);
+    trust->spill = FORGETTING * trust->spill + (1.0 - FORGETTING) * found;
 }
 
 void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust) {
     size_t count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++)
-        if (counts(layer, cell))
+        if (is_hit(layer, cell))
             scratch[count++] = growth_at(layer, cell) / added_at(layer, cell);
     trust->volume = trust->usual / learnt;
     if (count < LEAST_DROPLETS)
@@ -116,15 +144,18 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
     }
     count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++)
-        if (counts(layer, cell)) {
-            const double rest = growth_at(layer, cell) - volume * added_at(layer, cell);
-            scratch[count++] = rest * rest / layer->variance[cell];
-        }
+        if (is_hit(layer, cell))
+            scratch[count++] = square_of_residual(layer, cell, volume) / layer->variance[cell];
     const double found = median(scratch, count) / MEDIAN_SQUARE;
     trust->layers += 1;
     trust->residual = FORGETTING * trust->residual + (1.0 - FORGETTING) * found;
     if (layer->is_early)
         trust->early += (found - trust->early) / (double)trust->layers;
+    add_spill(layer, volume, scratch, trust);
+}
+
+bool is_plant_foreign(const LoopTrust *trust) {
+    return trust->spill > SPILL_MAX;
 }
 
 double droplet_misfit(const LoopTrust *trust) {

@@ -33,6 +33,8 @@ typedef struct {
     int32_t ground_wrong; /* the ground is not the flat one beyond doubt */
     int32_t unseen_cells; /* of the part that have lived on prediction for too many layers */
     int64_t high_cells;
+    double spill; /* mean square of the residuals of cells that only neighbours' droplets reached, in variances, recent
+                     layers more [1]; droplets that vary leave it near 1, a model of other droplets does not */
 } LoopTrust;
 
 LoopTrust full_trust(void);
@@ -47,7 +49,7 @@ void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *val
 typedef struct {
     size_t cells, part_cells;
     const uint8_t *used;     /* cells of the part whose growth was measured */
-    const int32_t *pattern;  /* only cells that were given a droplet count */
+    const int32_t *pattern;  /* droplets given to the cells */
     const double *before;    /* heights [m] */
     const double *scan;      /* ... as measured afterwards */
     const double *predicted; /* ... and as expected */
@@ -63,6 +65,10 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
 /* By how much droplets differ more from the model than they are taken to: a factor on their standard deviation, at
  * least 1. Layers up to half of the part show it: there every cell still lacks ink, whatever scans read at walls. */
 double droplet_misfit(const LoopTrust *trust);
+
+/* Whether droplets spill onto their neighbours in another way than the model's. Plans that look far ahead promise more
+ * than such a plant keeps. */
+bool is_plant_foreign(const LoopTrust *trust);
 
 /* Standard deviation of a droplet's volume, as a share of it, where it was taken to be `assumed`: what the residuals of
  * the layers show, the recent ones more; where those until half of the part are more than droplets explain, what they

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "shortest_plan.h"
 #include "stopwatch.h"
@@ -24,6 +25,7 @@ int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][
                            .seed = ((uint64_t)options->seed << 32) + (uint64_t)layer,
                            .seconds_max = fmax(0.0, options->seconds_max - (stopwatch_seconds() - began)),
                            .threads = 1};
+    memset(plan + problem.layers * cells, 0, (options->horizon - problem.layers) * cells * sizeof(int32_t));
     const int32_t status = plan_shortest(&problem, &work, plan, report);
     free(memory);
     return status;

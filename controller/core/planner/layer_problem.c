@@ -10,13 +10,13 @@ static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 b
 static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
 static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
 
-static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate *estimate, int32_t layer,
+static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate *estimate, int32_t layer, size_t layers,
                            uint16_t *choices) {
     const size_t cells = options->nx * options->ny;
     unsigned levels = 0;
     for (int32_t level = 0; level < options->drop_levels; level++)
         levels |= 1u << ((size_t)level * options->inks);
-    for (size_t place = 0; place < options->horizon * cells; place++) {
+    for (size_t place = 0; place < layers * cells; place++) {
         const bool is_dead = estimate->dead_evidence[place % cells] >= DEAD_EVIDENCE;
         const bool is_tried = place < cells && is_probe((int64_t)layer + 1);
         const bool is_reached =
@@ -46,13 +46,14 @@ static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *es
 
 HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4],
                              const SurfaceEstimate *estimate, int32_t layer, const ProblemMaps *maps) {
-    allow_droplets(options, estimate, layer, maps->choices);
+    const size_t layers = is_plant_foreign(&estimate->trust) ? options->foreign_horizon : options->horizon;
+    allow_droplets(options, estimate, layer, layers, maps->choices);
     weigh_cells(options, estimate, maps);
     const double droplet_std =
         options->droplet_std < 0.0 ? droplet_deviation(&estimate->trust, DROPLET_STD) : options->droplet_std;
     HorizonProblem problem = {.nx = options->nx,
                               .ny = options->ny,
-                              .layers = options->horizon,
+                              .layers = layers,
                               .height = estimate->height,
                               .target = options->target,
                               .ceiling = isinf(options->overshoot_limit) ? NULL : maps->ceiling,

@@ -9,6 +9,7 @@
 /* The goal of a print, and the work that a layer may take. */
 typedef struct {
     size_t nx, ny, horizon;
+    size_t foreign_horizon;   /* where the plant is not the model's, `horizon` at most */
     const double *target;     /* for the whole print [m] */
     const uint8_t *part;      /* cells whose heights count; at least one */
     const uint8_t *jettable;  /* cells of the part that droplets may fall on */

@@ -11,13 +11,14 @@
 /* In the order of Finish in variables.toml of LayerController. */
 enum { FINISH_EVEN = 1, FINISH_FAST = 2 };
 
-/* layer_worth: what a layer must gain, as a share of the height of a full layer of the smallest drops. */
+/* foreign_horizon: where the plant is not the model's (loop_trust.h); layer_worth: what a layer must gain, as a share
+ * of the height of a full layer of the smallest drops. */
 typedef struct {
-    int32_t horizon;
+    int32_t horizon, foreign_horizon;
     double layer_worth;
 } Finish;
 
-/* The horizon and the worth of a layer for a FINISH_.... */
+/* The horizons and the worth of a layer for a FINISH_.... */
 Finish finish_of(int32_t finish);
 
 /* The best plan for the whole horizon, then for one layer less, and so on, as long as that costs less of the objective

@@ -71,6 +71,7 @@ _ENTRY_POINTS = {
     "inkloop_no_registration": (None, (ctypes.POINTER(RegistrationStruct),)),
     "inkloop_displacement": (None, (ctypes.POINTER(RegistrationStruct), ctypes.POINTER(ScanDisplacementStruct))),
     "inkloop_untrusted_reasons": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
+    "inkloop_is_plant_foreign": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
     "inkloop_droplet_std": (ctypes.c_double, (ctypes.POINTER(LoopTrustStruct),)),
     "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, ctypes.c_int32, REALS, MARKS, _ESTIMATE)),
     **dict.fromkeys(

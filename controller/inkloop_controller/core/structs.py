@@ -130,7 +130,7 @@ class PlanReportStruct(ctypes.Structure):
 class FinishStruct(ctypes.Structure):
     """`Finish` of shortest_plan.h."""
 
-    _fields_ = (("horizon", ctypes.c_int32), ("layer_worth", ctypes.c_double))
+    _fields_ = (("horizon", ctypes.c_int32), ("foreign_horizon", ctypes.c_int32), ("layer_worth", ctypes.c_double))
 
 
 class RelaxationOptionsStruct(ctypes.Structure):
@@ -225,6 +225,7 @@ class LoopTrustStruct(ctypes.Structure):
         ("ground_wrong", ctypes.c_int32),
         ("unseen_cells", ctypes.c_int32),
         ("high_cells", ctypes.c_int64),
+        ("spill", ctypes.c_double),
     )
 
 

@@ -34,7 +34,8 @@ class LoopTrust:
     scan did not measure; excess: the most that a cell is higher by its droplets than by its scan [m], at number
     excess_cell in C order; rise: the most that a cell stands above its target and what its droplets explain [m], at
     rise_cell; layers: that count in the residuals; capped_cells, unseen_cells, high_cells: their numbers;
-    ground_wrong: whether the ground is not the flat one.
+    ground_wrong: whether the ground is not the flat one; spill: mean square of the residuals of cells that only
+    neighbours' droplets reached, recent ones counting more [variances].
     """
 
     ground_offset: float
@@ -54,11 +55,12 @@ class LoopTrust:
     ground_wrong: bool
     unseen_cells: int
     high_cells: int
+    spill: float
 
     @classmethod
     def full(cls) -> LoopTrust:
         """Before the first scan."""
-        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, False, 0, 0)
+        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, False, 0, 0, 1.0)
 
     @property
     def reasons(self) -> UntrustedReason:
@@ -71,6 +73,11 @@ class LoopTrust:
         return float(np.sqrt(self.residual))
 
     @property
+    def is_plant_foreign(self) -> bool:
+        """Whether droplets spill onto their neighbours in another way than the model's: plans look less far ahead."""
+        return bool(library().inkloop_is_plant_foreign(self.struct()))
+
+    @property
     def droplet_std(self) -> float:
         """Standard deviation of a droplet's volume, as a share of it, as the residuals show; 0 before there are any."""
         return float(library().inkloop_droplet_std(self.struct()))
@@ -81,9 +88,10 @@ class LoopTrust:
 
     @classmethod
     def of_sums(cls, sums: NDArray[np.float64]) -> LoopTrust:
-        """Restore the result of `sums`, bit by bit."""
-        types = [type(value) for value in vars(cls.full()).values()]
-        return cls(*(kind(value) for kind, value in zip(types, sums, strict=True)))
+        """Restore the result of `sums`, bit by bit; earlier versions had no `spill`."""
+        full = list(vars(cls.full()).values())
+        values = [*sums, full[-1]] if len(sums) == len(full) - 1 else list(sums)
+        return cls(*(type(known)(value) for known, value in zip(full, values, strict=True)))
 
     def struct(self) -> LoopTrustStruct:
         """The same for C."""
@@ -112,4 +120,5 @@ class LoopTrust:
             bool(struct.ground_wrong),
             struct.unseen_cells,
             struct.high_cells,
+            struct.spill,
         )

@@ -30,9 +30,12 @@ _RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of plan_work.h
 
 @dataclass(frozen=True)
 class Ending:
-    """What a `Finish` chooses: layers ahead, and what a layer must gain (Criterion)."""
+    """What a `Finish` chooses: layers ahead, those on a plant that is not the model's, and what a layer must gain
+    (Criterion).
+    """
 
     horizon: int
+    foreign_horizon: int
     layer_worth: float
 
 
@@ -42,7 +45,7 @@ def ending_of(finish: Finish) -> Ending:
         raise ValueError(f"finish is {finish!r}; needs one of {', '.join(_FINISHES)}")
     chosen = FinishStruct()
     library().inkloop_finish(1 + _FINISHES.index(finish), chosen)
-    return Ending(chosen.horizon, chosen.layer_worth)
+    return Ending(chosen.horizon, chosen.foreign_horizon, chosen.layer_worth)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,8 @@ class LayerMpc:
     height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
     they are tried again.
 
-    finish: how the print ends, "even" (horizon 5) or "fast" (horizon 4, and a layer must gain more to be printed);
+    finish: how the print ends, "even" (horizon 5) or "fast" (horizon 4, and a layer must gain more to be printed),
+    both with horizon 3 where LoopTrust.is_plant_foreign;
     horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
     of it; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
     one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
@@ -74,6 +75,7 @@ class LayerMpc:
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
         ending = ending_of(finish)
+        foreign_horizon = ending.foreign_horizon if horizon is None else horizon
         horizon = ending.horizon if horizon is None else horizon
         if not 1 <= horizon <= HORIZON_MAX:
             raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
@@ -81,7 +83,7 @@ class LayerMpc:
             raise ValueError(
                 f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
             )
-        self._job, self._criterion, self._horizon = job, criterion, horizon
+        self._job, self._criterion, self._horizon, self._foreign_horizon = job, criterion, horizon, foreign_horizon
         self._layer_worth = ending.layer_worth if criterion.layer_worth is None else criterion.layer_worth
         self._choices = choices or DropletChoices(job)
         self._relaxation, self._work, self._certified = relaxation, work, certified
@@ -89,7 +91,7 @@ class LayerMpc:
         self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
         self._weight = criterion.weight(job.mask) if criterion.fringe_weight > 0.0 else None
-        self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
+        self._programs: dict[tuple[bool, int], HorizonProgram] = {}  # without alpha the deviation falls out; layers
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
         if relaxation in ("ipopt", "highs"):
@@ -97,10 +99,11 @@ class LayerMpc:
 
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
         """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
-        job, numbers = self._job, range(layer + 1, layer + 1 + self._horizon)
+        job, horizon = self._job, self._foreign_horizon if estimate.trust.is_plant_foreign else self._horizon
+        numbers = range(layer + 1, layer + 1 + horizon)
         if estimate.height.shape != (job.nx, job.ny):
             raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
-        choices = self._choices.allowed(estimate.height, self._horizon)
+        choices = self._choices.allowed(estimate.height, horizon)
         choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
         choices[:, estimate.capped] = 0
         droplet_std = estimate.trust.droplet_std if self._droplet_std is None else self._droplet_std
@@ -139,7 +142,7 @@ class LayerMpc:
         pattern, drop_level = self._choices.split(found.plan[0])
         model = replace(self._model, inks=estimate.inks)
         return LayerPlan(
-            plan=found.plan,
+            plan=np.pad(found.plan, ((0, self._horizon - len(found.plan)), (0, 0), (0, 0))),
             pattern=pattern,
             drop_level=drop_level,
             objective=found.objective,
@@ -181,11 +184,11 @@ class LayerMpc:
         """The program for problems of this shape; built the first time."""
         from inkloop_controller.program.program import HorizonProgram
 
-        linear = problem.alpha == 1.0
-        if linear not in self._programs:
+        kind = (problem.alpha == 1.0, len(problem.choices))
+        if kind not in self._programs:
             assert self._relaxation in ("ipopt", "highs")
-            self._programs[linear] = HorizonProgram(problem, self._relaxation)
-        return self._programs[linear]
+            self._programs[kind] = HorizonProgram(problem, self._relaxation)
+        return self._programs[kind]
 
 
 def random_key(job: Job, layer: int) -> int:

@@ -93,7 +93,7 @@ def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
     """Exact scans of layers that are dense, sparse, hardly there, or of ink that runs out, past half of the height."""
     rng, estimator = np.random.default_rng(8), HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0)
     stated, surface, usual = estimator_numpy.Estimator(JOB, 0.0, "off"), np.zeros(SHAPE), 1.0
-    residual, reckoned = 1.0, surface
+    residual, spill, reckoned = 1.0, 1.0, surface
     early: list[float] = []
     estimate = estimator.first(surface, SEEN)
     dense, weak = (0.9, 0.3, 0.8, 0.02, 1.0, 1.0, 1.0, 0.7, 0.4), (0.9, 0.8, 0.4, 1.0, 1.1, 0.9, 0.9, 0.8, 1.0)
@@ -106,8 +106,12 @@ def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
         if enough:
             middle = float(np.median(growth[hit] / added[hit]))
             rest = growth[hit] - middle * added[hit]
-            variance = 0.1**2 * stated.squares(surface, pattern, stated.nominal)[hit]
-            found = float(np.median(rest**2 / variance)) / 0.4549
+            variance = 0.1**2 * stated.squares(surface, pattern, stated.nominal)
+            found = float(np.median(rest**2 / variance[hit])) / 0.4549
+            spilt = JOB.mask & (pattern == 0) & (added > 0.0)
+            if spilt.sum() >= 20:
+                wrong = (growth - middle * added)[spilt] ** 2
+                spill = 0.8 * spill + 0.2 * float(np.median(wrong)) / 0.4549 / float(variance[spilt].mean())
             residual, early = 0.8 * residual + 0.2 * found, early + [found] * int(is_early)
             if hit.sum() > 0.5 * JOB.mask.sum():
                 volume = middle
@@ -116,11 +120,42 @@ def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
         surface = surface + growth
         estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
         trust = estimate.trust
-        shown = (trust.residual, trust.early, trust.volume, trust.usual, trust.surprise)
-        expected = (residual, float(np.mean(early)), volume, usual, residual**0.5)
+        shown = (trust.residual, trust.early, trust.volume, trust.usual, trust.surprise, trust.spill)
+        expected = (residual, float(np.mean(early)), volume, usual, residual**0.5, spill)
         assert shown == pytest.approx(expected, rel=1e-9, abs=0.0), layer
         np.testing.assert_allclose(estimate.reckoned, reckoned, rtol=0.0, atol=1e-15)
     assert 2 < len(early) < trust.layers == 8
+    assert spill != 1.0
+
+
+@pytest.mark.parametrize(
+    ("real", "variation", "is_foreign"),
+    [
+        (Ink(), 0.2, False),
+        (Ink(), 0.4, False),
+        (Ink(5.5e-6, 0.75e-6, 0.25e-6), 0.2, False),
+        (Ink(3.2e-6, 0.9e-6, 0.2e-6), 0.2, True),
+        (Ink(6.0e-6, 0.4e-6, 0.0), 0.2, True),
+    ],
+)
+def test_droplets_of_another_shape_make_a_foreign_plant_and_varying_volumes_do_not(
+    real: Ink, variation: float, is_foreign: bool
+) -> None:
+    rng, estimator, plant = np.random.default_rng(3), HeightEstimator(JOB), LayerModel((real,))
+    surface, estimate = np.zeros(SHAPE), estimator.first(np.zeros(SHAPE), SEEN)
+    assert not estimate.trust.is_plant_foreign
+    for layer in range(1, 6):
+        pattern = (JOB.mask & (rng.random(SHAPE) < 0.7)).astype(np.int32)
+        surface = plant.layer(surface, pattern, layer, rng.uniform(1.0 - variation, 1.0, SHAPE))
+        estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
+    assert estimate.trust.is_plant_foreign is is_foreign
+
+
+def test_trust_of_earlier_versions_is_restored() -> None:
+    trust = LoopTrust.full()
+    assert LoopTrust.of_sums(trust.sums()[:-1]) == trust
+    with pytest.raises(ValueError, match=r"zip\(\)"):
+        LoopTrust.of_sums(trust.sums()[:-2])
 
 
 def test_misfit_of_droplets_counts_until_the_part_is_half_built() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -312,6 +313,21 @@ def test_droplets_vary_as_learnt_unless_they_are_told_to_or_a_bound_is_asked_for
         assert problem.droplet_std == 0.0
         assert problem.ceiling is None
         assert problem.weight is None
+
+
+@pytest.mark.parametrize(("options", "near", "far"), [({}, 3, 5), ({"finish": "fast"}, 3, 4), ({"horizon": 4}, 4, 4)])
+def test_plans_for_a_foreign_plant_look_less_far_ahead_unless_the_horizon_is_given(
+    options: Mapping[str, Any], near: int, far: int
+) -> None:
+    job, height = rough_job(layers=2.5)
+    planner, usual = LayerMpc(job, **options), known(height)
+    foreign = replace(usual, trust=replace(LoopTrust.full(), spill=6.1))
+    assert len(planner.problem(usual, 0).choices) == far
+    assert len(planner.problem(foreign, 0).choices) == near
+    plan = planner.plan(foreign, 0, none(job)).plan
+    assert plan.shape == (far, *height.shape)
+    assert plan[0].any()
+    assert not plan[near:].any()
 
 
 def test_surface_of_another_grid_is_refused() -> None:
