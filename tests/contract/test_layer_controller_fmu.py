@@ -14,6 +14,7 @@ from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
 from inkloop.errors import ComponentError
 from inkloop.geometry import PipeJunction
+from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, EVERY_FORM, OK, Driver
@@ -162,6 +163,7 @@ def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
         one, other = (controller.do_step(layer * SECOND, SECOND, inputs) for controller in controllers)
         for name in one.keys() - OF_PYTHON_ALONE:
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        assert isinstance(controllers[0], LayerController)
         with np.load(io.BytesIO(controllers[0].save())) as state:
             ahead.add((bool(state["trust"][-1] > 6.0), int(state["plan"].any(axis=(1, 2)).sum())))
         if other["status"] == Status.DONE:
