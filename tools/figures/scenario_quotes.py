@@ -124,7 +124,7 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "ends 28 µm uneven": (uneven(OPEN),),
         "up to 89 µm low": (lowest(OPEN),),
         "up to 29 µm high": (highest(OPEN),),
-        "missing: 0.2 µm high": (high(),),
+        "missing: 0.1 µm high": (high(),),
         "3.8 µm uneven": (uneven(),),
     },
     "tall-cylinder": {"125 µm after 132 layers": (low(OPEN), layers(OPEN))},
@@ -139,14 +139,14 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
     "wide-droplets": {
         "adds 7.6 µm": (reach_sum,),
         "0.5 µm uneven": (uneven(),),
-        "stops 1.2 µm low": (low("ink not adapted"),),
+        "stops 1.0 µm low": (low("ink not adapted"),),
     },
     "wu-chiu-plant": {
         "ends 0.4 µm high": (high(),),
-        "2.5 µm uneven": (uneven(),),
+        "1.9 µm uneven": (uneven(),),
         "ends 5.6 µm low": (low(OPEN),),
         "3.5 µm uneven": (uneven(OPEN),),
-        "up to 12.7 µm high": (highest(),),
+        "up to 9.7 µm high": (highest(),),
     },
 }
 """Scenario -> piece of its comment -> the numbers in it, in their order."""
