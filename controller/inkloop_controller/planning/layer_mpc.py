@@ -142,7 +142,7 @@ class LayerMpc:
         pattern, drop_level = self._choices.split(found.plan[0])
         model = replace(self._model, inks=estimate.inks)
         return LayerPlan(
-            plan=np.pad(found.plan, ((0, self._horizon - len(found.plan)), (0, 0), (0, 0))),
+            plan=_of_layers(found.plan, self._horizon),
             pattern=pattern,
             drop_level=drop_level,
             objective=found.objective,
@@ -189,6 +189,11 @@ class LayerMpc:
             assert self._relaxation in ("ipopt", "highs")
             self._programs[kind] = HorizonProgram(problem, self._relaxation)
         return self._programs[kind]
+
+
+def _of_layers(plan: IntPlan, layers: int) -> IntPlan:
+    """With empty layers after its own; the plan itself where it has as many."""
+    return plan if len(plan) == layers else np.pad(plan, ((0, layers - len(plan)), (0, 0), (0, 0)))
 
 
 def random_key(job: Job, layer: int) -> int:
