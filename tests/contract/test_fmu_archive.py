@@ -12,10 +12,10 @@ from pathlib import Path
 import fmpy
 import pytest
 from fmpy.build import build_platform_binary
-from fmpy.validation import validate_fmu
 from lxml import etree
 
 from inkloop.fmu_writer.export import export_fmu, find_fmu
+from support.fmus.fmpy_check import by_fmpy
 from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 from support.fmus.fmu_library import HEADERS, described
 from support.fmus.fmu_life import EVERY_MODEL
@@ -39,7 +39,7 @@ def binary_of(path: Path, folder: Path) -> Path:
 @pytest.mark.parametrize(("nx", "ny"), rest_is_long([(3, 2), (7, 4), (1, 1), (1, 12)], 1))
 def test_descriptions_are_valid(model, form, nx, ny, tmp_path) -> None:
     path = export_fmu(model, fmi=form[3], nx=nx, ny=ny, fixed=form != "fmi3", out=tmp_path / "it.fmu")
-    assert validate_fmu(str(path)) == []
+    assert by_fmpy(path) == []
 
 
 @pytest.mark.system
@@ -47,7 +47,22 @@ def test_descriptions_are_valid(model, form, nx, ny, tmp_path) -> None:
 @EVERY_MODEL
 def test_descriptions_of_the_built_set_are_valid(model, form) -> None:
     """FMI 2 repeats itself for each of its cells; another checker reads it with the tests of other masters."""
-    assert validate_fmu(str(find_fmu(model, form))) == []
+    assert by_fmpy(find_fmu(model, form)) == []
+
+
+@EVERY_FORM
+def test_illegal_name_is_an_error_in_every_description_that_has_it(form, tmp_path) -> None:
+    """FMPy's own check of names, which the checks above share among the descriptions."""
+    for number in range(2):
+        path = export_fmu(
+            "ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{number}.fmu"
+        )
+        folder = Path(fmpy.extract(str(path), str(tmp_path / str(number))))
+        description = folder / "modelDescription.xml"
+        description.write_text(description.read_text().replace('name="seed"', 'name="seed of noise"'))
+        (error,) = by_fmpy(folder)
+        assert '"seed of noise"' in error
+        assert "is not a legal variable name" in error
 
 
 @EVERY_FORM

@@ -22,7 +22,8 @@ from inkloop.exchange.job.baking import bake
 from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario
-from support.fmus.fmu_checkers import by_fmpy, by_fmutool
+from support.fmus.fmpy_check import by_fmpy
+from support.fmus.fmu_checkers import by_fmutool
 from support.fmus.fmu_driver import OK, Driver
 from support.fmus.layer_jobs import CUBOID, DONE, MODEL, finish, printed, unpacked
 from support.masters.other_programs import LIBCOSIM

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fmpy.validation import validate_fmu
 from fmu_manipulation_toolbox.checker import get_checkers
 from fmu_manipulation_toolbox.operations import FMU
 
+from support.fmus.fmpy_check import by_fmpy
 from support.masters.java_programs import VDM_CHECK
 from support.masters.other_programs import FMPY, FMUTOOL, Program
 
@@ -23,12 +23,6 @@ class _Kept(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.messages.append(record.getMessage())
-
-
-def by_fmpy(file: Path) -> list[str]:
-    """`fmpy validate`."""
-    problems: list[str] = validate_fmu(str(file))
-    return problems
 
 
 def by_fmutool(file: Path) -> list[str]:
