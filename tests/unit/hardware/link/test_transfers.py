@@ -330,7 +330,7 @@ def test_routine_that_has_failed_is_asked_for_once(bench: NodeBench) -> None:
         return frame._replace(data=frame.data[:3] + b"\x26" + frame.data[4:]) if is_refusal else frame
 
     link = FaultyWire(bench, alter=failed).link()
-    with pytest.raises(NodeRefused, match="home of .* it is ") as caught:
+    with pytest.raises(NodeRefused, match=r"home of .* it is ") as caught:
         link.routine(Routine.HOME, Key(JOB, 0), limit_s=30)
     assert (caught.value.code, link.counts.repeated) == (0x26, 0)
 
