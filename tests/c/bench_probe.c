@@ -81,6 +81,11 @@ uint32_t probe_count(Bench *bench, int what) {
     return counts[what];
 }
 
+/* The gate moves, whatever the head drives. */
+void probe_move_gate(Bench *bench, int open) {
+    world_set_gate(bench_world(bench), open != 0);
+}
+
 /* Gives a node other roles, until its next power-up. */
 void probe_roles(Bench *bench, int node, int roles) {
     bench_node(bench, node)->options.roles = (uint8_t)roles;

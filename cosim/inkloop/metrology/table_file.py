@@ -81,8 +81,8 @@ def _split(line: str, separator: str) -> list[str]:
 
 def _numbers(path: Path, rows: Sequence[str], separator: str, first_line: int) -> FloatMap:
     """The rows as an array, NaN where a field holds no number. Raises HeightMapError with line and column."""
-    if separator != " " and all(row.rstrip().endswith(separator.strip() or separator) for row in rows):
-        rows = [row.rstrip().removesuffix(separator) for row in rows]
+    if separator != " " and all(row.rstrip(" ").endswith(separator) for row in rows):
+        rows = [row.rstrip(" ").removesuffix(separator) for row in rows]
     text = "\n".join(rows)
     if separator != "," and "," in text:
         if "." in text:

@@ -45,7 +45,10 @@ class Learnt:
 
 @dataclass(frozen=True)
 class State:
-    """Maps (nx, ny) [m], [m^2], layers; heights of the inks for plans (inks, 3) [m]; what each model has learnt."""
+    """Maps (nx, ny) [m], [m^2], layers; heights of the inks for plans (inks, 3) [m]; what each model has learnt.
+
+    spread: (nx, ny) variance of the prediction of the last layer [m^2].
+    """
 
     height: Any
     variance: Any
@@ -54,6 +57,7 @@ class State:
     learnt: dict[str, Learnt]
     noise: float
     scans: int
+    spread: Any = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +195,7 @@ class Estimator:
         variance = np.where(valid, (1.0 - gain) * spread_of_seen, spread)
         unseen = np.where(valid, 0, before.unseen + 1)
         height = predicted + gain * (scan - predicted)
-        return State(height, variance, unseen, inks, learnt, noise, before.scans + 1)
+        return State(height, variance, unseen, inks, learnt, noise, before.scans + 1, spread)
 
     def _noise(self, before: State, shown: float | None) -> float:
         """Of a reading: the mean over the scans; the known heights, a mean of n scans, add 1 / n of it."""

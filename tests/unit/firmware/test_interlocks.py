@@ -215,6 +215,13 @@ def test_nothing_is_jetted_while_the_lamp_is_on(bench: NodeBench) -> None:
     assert bench.counted(LAMP_WITH_GATE) == bench.counted(GATE_OPENINGS) == 0
 
 
+def test_gate_that_leaves_its_stop_while_the_lamp_is_on_is_counted(bench: NodeBench) -> None:
+    """Also before it is open."""
+    begin_cure(bench)
+    bench.c.probe_move_gate(bench.bench, 1)
+    assert bench.counted(LAMP_WITH_GATE) == 1
+
+
 def test_lamp_that_comes_on_under_the_open_gate_ends_the_pass(bench: NodeBench) -> None:
     """Whatever lit it: a second later the nozzles would be full of cured ink."""
     begin_pass(bench)

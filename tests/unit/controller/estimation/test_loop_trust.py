@@ -49,6 +49,12 @@ def test_ground_that_is_not_the_flat_one_is_found_in_the_first_scan(scan: Any, i
     assert trust.reasons == (UntrustedReason.GROUND if is_wrong else UntrustedReason(0))
 
 
+def test_plane_that_noise_shows_by_chance_is_no_ground() -> None:
+    trust = first(np.random.default_rng(1).normal(0.0, 60e-6, SHAPE))
+    assert abs(trust.ground_offset) + 0.5 * abs(trust.ground_rise_x) + 0.5 * abs(trust.ground_rise_y) > 5e-6
+    assert not trust.reasons & UntrustedReason.GROUND
+
+
 def test_ground_counts_on_layer_0_and_where_it_is_called_flat_only() -> None:
     high = np.full(SHAPE, 5e-6)
     assert not any(first(high, layer=layer).reasons for layer in (1, 41))
@@ -89,10 +95,12 @@ def test_residuals_are_medians_of_what_a_common_volume_does_not_explain() -> Non
     assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9, abs=0.0)
 
 
-def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
+@pytest.mark.parametrize("adapt_ink", ["off", "scale"])
+def test_numbers_of_a_print_are_those_of_its_numpy_statement(adapt_ink: InkModel) -> None:
     """Exact scans of layers that are dense, sparse, hardly there, or of ink that runs out, past half of the height."""
-    rng, estimator = np.random.default_rng(8), HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0)
-    stated, surface, usual = estimator_numpy.Estimator(JOB, 0.0, "off"), np.zeros(SHAPE), 1.0
+    rng, estimator = np.random.default_rng(8), HeightEstimator(JOB, adapt_ink=adapt_ink, sensor_noise_std=0.0)
+    stated, surface, usual = estimator_numpy.Estimator(JOB, 0.0, adapt_ink), np.zeros(SHAPE), 1.0
+    state = stated.first(surface, SEEN)
     residual, spill, reckoned = 1.0, 1.0, surface
     early: list[float] = []
     estimate = estimator.first(surface, SEEN)
@@ -101,22 +109,24 @@ def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
         pattern = (JOB.mask & (rng.random(SHAPE) < share)).astype(np.int32)
         added, is_early = stated.printed(surface, pattern, stated.nominal) - surface, surface[JOB.mask].mean() < 30e-6
         growth = volume * added * rng.uniform(0.9, 1.1, SHAPE)
+        state = stated.next(state, pattern, surface + growth, SEEN)
+        ink, learnt = state.inks, float(np.sum(state.inks @ [1.0, 4.0, 4.0]) / stated.full)
+        added = stated.printed(surface, pattern, ink) - surface
         hit = (pattern > 0) & (added > 0.0)
-        volume, enough = usual, hit.sum() >= 20
+        volume, enough = usual / learnt, hit.sum() >= 20
         if enough:
             middle = float(np.median(growth[hit] / added[hit]))
             rest = growth[hit] - middle * added[hit]
-            variance = 0.1**2 * stated.squares(surface, pattern, stated.nominal)
-            found = float(np.median(rest**2 / variance[hit])) / 0.4549
+            found = float(np.median(rest**2 / state.spread[hit])) / 0.4549
             spilt = JOB.mask & (pattern == 0) & (added > 0.0)
             if spilt.sum() >= 20:
                 wrong = (growth - middle * added)[spilt] ** 2
-                spill = 0.8 * spill + 0.2 * float(np.median(wrong)) / 0.4549 / float(variance[spilt].mean())
+                spill = 0.8 * spill + 0.2 * float(np.median(wrong)) / 0.4549 / float(state.spread[spilt].mean())
             residual, early = 0.8 * residual + 0.2 * found, early + [found] * int(is_early)
             if hit.sum() > 0.5 * JOB.mask.sum():
                 volume = middle
-                usual = 0.8 * usual + 0.2 * middle if middle > 0.5 else usual
-        reckoned = reckoned + volume * (stated.printed(reckoned, pattern, stated.nominal) - reckoned)
+                usual = 0.8 * usual + 0.2 * middle * learnt if middle > 0.5 else usual
+        reckoned = reckoned + volume * (stated.printed(reckoned, pattern, ink) - reckoned)
         surface = surface + growth
         estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
         trust = estimate.trust

@@ -111,6 +111,12 @@ def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
     assert given["height"]["z"][0, 0] == pytest.approx(10.0, rel=1e-9, abs=0.0)
 
 
+def test_offset_alone_needs_a_real_variable_too() -> None:
+    option = {"pattern": {"variable": "U", "offset": 0.5}}
+    (error,) = mapped_ports([Port("U", shape=(2, 3), dtype="int32")], [], JOB, option)[2]
+    assert error.endswith("is 'U' of type int32; a unit, gain or offset needs a real one")
+
+
 def test_unit_of_a_signal_without_unit_is_an_error() -> None:
     (error,) = mapped_ports([Port("dose", shape=(2, 3))], [], JOB, {"pattern": {"variable": "dose", "unit": "m"}})[2]
     assert error.startswith("ports.pattern.unit is 'm', but this signal is a number without unit; leave it out")

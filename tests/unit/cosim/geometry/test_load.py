@@ -105,6 +105,8 @@ def test_placement_lists_all_that_is_wrong() -> None:
         Placement("floating", (0.0, np.nan, 0.0), 0.0, "w", (np.inf, 0.0))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="as-is, which moves nothing"):
         Placement("as-is", position=(0.0, 0.0))
+    with pytest.raises(ValueError, match="mirror is 'xx'; expected some of x, y and z"):
+        Placement(mirror="xx")
 
 
 def test_walls_on_rows_of_centres_are_found() -> None:

@@ -39,6 +39,7 @@ def comma(invalid: str) -> Callable[[float], str]:
 TABLES: dict[str, str | bytes] = {
     "semicolons, decimal comma, brackets": "dx [um];5,0\ndy [um];4,0\nHeight [um]\n" + rows(comma(""), ";"),
     "commas, suffixes": "dx_um,5\ndy_um,4\nz_um\n" + rows(plain("BAD"), ","),
+    "trailing tabs": "dx_um\t5\ndy_um\t4\nz_um\n" + rows(plain("NaN"), "\t").replace("\n", "\t \n"),
     "trailing commas": "dx_um,5\ndy_um,4\nz_um\n" + rows(plain("NaN"), ",").replace("\n", ",\n"),
     "commas and spaces": "# dx = 5 um\n# dy = 4e-3 mm\n# unit: um\n" + rows(plain("---"), ", "),
     "tabs, empty fields": "X step\t5\tum\nY step\t4\tum\nUnit\tum\n" + rows(plain(""), "\t"),

@@ -19,6 +19,7 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     z[0, :2] = np.nan  # outside the mask
     np.save(tmp_path / "map.npy", z * 1e6)
     np.save(tmp_path / "mask.npy", mask)
+    (tmp_path / "empty.npy").touch()
     command = ["metrology", str(tmp_path / "map.npy"), "--unit", "um", "--pixel-um", "10"]
     assert main([*command, "--mask", str(tmp_path / "mask.npy"), "--json", "--s-filter-um", "50"]) == 0
     shown = capsys.readouterr()
@@ -34,6 +35,7 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     for wrong, message in (
         (["--mask", "part"], "only a run knows its part"),
         (["--mask", str(tmp_path / "none.npy")], "is no mask that can be read"),
+        (["--mask", str(tmp_path / "empty.npy")], "is no mask that can be read"),
         (["--layer", "1"], "leave --layer out"),
         (["--l-filter-um", "-3"], "--l-filter-um is -3; expected a length above 0"),
     ):

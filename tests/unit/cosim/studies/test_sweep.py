@@ -256,7 +256,8 @@ def test_until_stops_where_the_standard_error_says(tmp_path: Path) -> None:
 
     own = study(tmp_path, text)
     few, _, _ = swept(own, tmp_path / "few", Shuffled(scattered, slots=1))
-    many, _, _ = swept(own, tmp_path / "many", Shuffled(scattered, slots=9, seed=4))
+    for engine in (Shuffled(scattered, slots=9, seed=4, interrupted_after=60), Shuffled(scattered, slots=9, seed=5)):
+        many, _, _ = swept(own, tmp_path / "many", engine)
     xr.testing.assert_identical(few, many)
     counts = []
     for values in few["std"].values.reshape(6, -1):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import can
 import pytest
 
+from inkloop_hardware.bus.adapter import has_carrier
 from inkloop_hardware.bus.process import BusProcess
 from inkloop_hardware.bus.reopening import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening
 from inkloop_hardware.bus.settings import BusSettings
@@ -124,3 +126,11 @@ def test_reopened_interface_counts_only_if_its_controller_is_on_the_bus(
     monkeypatch.setattr("inkloop_hardware.bus.process.PROOF", 0.0)
     process = BusProcess(BusSettings("socketcan", "can0"), 1, 1, None)  # type: ignore[arg-type]
     assert process._opened_again() is is_on
+
+
+@pytest.mark.parametrize(("text", "expected"), [("0\n", False), ("1\n", True), ("\n", True), (None, True)])
+def test_only_an_interface_that_says_so_has_no_carrier(text: str | None, expected: bool, tmp_path: Path) -> None:
+    (tmp_path / "can0").mkdir()
+    if text is not None:
+        (tmp_path / "can0" / "carrier").write_text(text)
+    assert has_carrier("can0", tmp_path) is expected

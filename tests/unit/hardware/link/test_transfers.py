@@ -322,6 +322,19 @@ def test_clear_that_a_stop_forbids_is_asked_for_once(bench: NodeBench) -> None:
     assert link.counts.repeated == 0
 
 
+def test_routine_that_has_failed_is_asked_for_once(bench: NodeBench) -> None:
+    """A second try is for a node that lacks conditions; what began and gave up may not begin again."""
+
+    def failed(frame: Frame) -> Frame:
+        is_refusal = frame.data[1:3] == b"\x7f\x31"
+        return frame._replace(data=frame.data[:3] + b"\x26" + frame.data[4:]) if is_refusal else frame
+
+    link = FaultyWire(bench, alter=failed).link()
+    with pytest.raises(NodeRefused, match=r"home of .* it is ") as caught:
+        link.routine(Routine.HOME, Key(JOB, 0), limit_s=30)
+    assert (caught.value.code, link.counts.repeated) == (0x26, 0)
+
+
 @pytest.mark.parametrize("routine", [Routine.PASS, Routine.PURGE])
 def test_routine_of_a_node_that_is_off_is_asked_for_once(bench: NodeBench, routine: Routine) -> None:
     bench.stop(True)

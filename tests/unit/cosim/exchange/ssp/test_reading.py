@@ -122,6 +122,11 @@ def test_ssp_without_a_scenario_asks_for_one(tmp_path: Path) -> None:
     assert "name a scenario with --job FILE" in errors_of(packed(tmp_path, job=""))
 
 
+def test_grid_that_is_no_number_is_an_error_of_the_job(tmp_path: Path) -> None:
+    path = packed(tmp_path, job=JOB.replace("nx = 4", 'nx = "four"'))
+    assert "grid.nx is 'four'; expected a whole number" in errors_of(path)
+
+
 def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
     elements = f"""{BOTH}<ssd:System name="inner"/><ssd:Component name="a.b" source="resources/amplifier2.fmu"/>
 <ssd:Component name="lost" source="resources/amplifier.fmu"/>

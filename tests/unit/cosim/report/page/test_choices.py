@@ -39,7 +39,7 @@ def described(block: int = 1, layers: int = 3) -> dict[str, Any]:
 
 def test_cell_says_which_ink_fell_and_whether_it_is_of_the_part() -> None:
     cells = [(0, 1), (1, 0), (1, 2), (1, 3)]
-    code = "return given.cells.map(([i, j]) => readout(run, 2, { i, j }));"
+    code = "run.target[1] = 7; return given.cells.map(([i, j]) => readout(run, 2, { i, j }));"
     found = drawn(described() | {"cells": cells}, code)
     assert [text.rsplit("; ", 1)[1] for text in found] == ["no droplet.", "ink A.", "no droplet.", "ink B."]
     assert [", outside the part;" in text for text in found] == [True, False, False, False]
@@ -61,10 +61,23 @@ def test_droplets_are_shown_by_ink_or_as_a_share_of_their_block() -> None:
     assert one[:4] == [["none", "droplet"], [0, 1], -0.5, 1.5]
     assert two[4] == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1], rel=1e-12, abs=0.0)
     assert two[5] == PATTERN[2].T.tolist()
-    (shares,) = drawn(described(block=2) | {"numbers": [2]}, code)
     jetted = (PATTERN[2] > 0).reshape(3, 2, 2, 2).mean(axis=(1, 3)) * 100.0
-    assert (shares[2], shares[3], shares[6]) == (0, 100, "cells with a droplet [%]")
-    np.testing.assert_allclose(shares[5], jetted.T, rtol=0.0, atol=0.5)
+    for shares in drawn(described(block=2) | {"numbers": [2, 1]}, code):
+        assert (shares[2], shares[3], shares[6]) == (0, 100, "cells with a droplet [%]")
+        np.testing.assert_allclose(shares[5], jetted.T, rtol=0.0, atol=0.5)
+
+
+def test_scales_are_those_of_the_whole_run_from_the_ground_up() -> None:
+    code = """
+        Object.assign(page, { runs: [run], layer: 1, scale: new ErrorScale([run]) });
+        await showLayer();
+        const top = find("surface").data[0].zmax, half = quantile(Float64Array.of(3, NaN, 1, NaN, 2, NaN, NaN), 0.5);
+        run.target.fill(8);
+        run.steps[2].fill(100);
+        const ground = solidChart(run, 2, page.scale, false).layout.scene.zaxis.range[0];
+        return [top, half, ground, plainText("<b> & </b>")];
+    """
+    assert drawn(described(), code) == [10, 2, 0, "&lt;b&gt; &amp; &lt;/b&gt;"]
 
 
 def test_scale_of_errors_has_round_numbers_on_both_sides() -> None:
@@ -132,3 +145,21 @@ def test_requests_during_a_drawing_end_in_one_more() -> None:
         return [during, after, count];
     """
     assert drawn(described(), code) == [1, 2, 3]
+
+
+def test_problem_of_the_server_is_shown() -> None:
+    code = """
+        let events;
+        globalThis.EventSource = class { constructor() { events = this; } };
+        globalThis.fetch = async () => ({ json: async () => ({ problem: "run.json cannot be read" }) });
+        follow();
+        events.onmessage();
+        await new Promise((rest) => setTimeout(rest, 0));
+        const problem = find("state").textContent;
+        globalThis.fetch = async () => { throw new Error("no answer"); };
+        events.onmessage();
+        await new Promise((rest) => setTimeout(rest, 0));
+        return [problem, find("state").textContent];
+    """
+    expected = ["run.json cannot be read", "The page could not be updated: no answer"]
+    assert drawn(described(), code) == expected

@@ -157,7 +157,7 @@ def test_page_draws_the_heights_and_errors_of_the_run() -> None:
         return {{
           surface: surface.data[0], ring: surface.layout.shapes[0], errors: error.data[0].customdata,
           droplets: dropletChart(run, 1, cell).data[0].z, final: finalChart(run, scale).data[0].customdata,
-          cuts: cuts.map(({{ data, layout }}) => ({{ title: layout.title.text, lines: data.slice(1) }})),
+          cuts: cuts.map(({{ data: [before, ...lines], layout }}) => ({{ title: layout.title.text, before, lines }})),
           body, tops, coarser: coarser(run, 2, 2), readouts: [1, 2].map((layer) => readout(run, layer, cell)),
           scale: [scale.width, scale.limit], wide: run.grid.map((cells) => [edges(cells, 5, 1), middles(cells, 5, 1)]),
         }};
@@ -181,6 +181,8 @@ def test_page_draws_the_heights_and_errors_of_the_run() -> None:
         strict=True,
     ):
         assert cut["title"] == title
+        earlier = np.array(cut["before"]["y"], float).reshape(2, -1)  # each layer ends in a gap
+        np.testing.assert_allclose(earlier[:, :-1], [0.0 * um[line], um[line] / 2], **half)
         for shown_line, values in zip(cut["lines"], (TARGET * 1e6, um, error), strict=True):
             np.testing.assert_allclose(shown_line["x"], place, rtol=0.0, atol=1e-12)
             np.testing.assert_allclose(np.array(shown_line["y"], float), values[line], **half)

@@ -23,13 +23,13 @@ from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
-from inkloop.printing.so_far import RunFolder, feed_of
+from inkloop.printing.so_far import RunFolder, feed_of, state_of
 from inkloop.report.page import page, server
 from inkloop.report.page.devices import devices
 from inkloop.report.page.feed import Feed
 from inkloop.report.page.maps import FINAL_CELLS
 from inkloop.results.recorder import LayerRow
-from inkloop.results.result import Result
+from inkloop.results.result import RUN_FILE, SCHEMA_VERSION, Result
 from inkloop.scenario.file import Scenario
 from support.once_per_run import once
 from support.pages import heights_of, unfinished, unpacked
@@ -139,6 +139,16 @@ def test_owner_of_a_run_is_looked_up_once_in_eight_looks(tmp_path: Path) -> None
     changed = [feed.refresh() for _ in range(17)]
     assert [number for number, is_new in enumerate(changed) if is_new] == [0, 8, 16]
     assert feed.content()["state"].endswith(": 0 layers. Being printed by process 2.")
+
+
+def test_only_a_run_that_has_not_ended_has_a_state(tmp_path: Path) -> None:
+    found = {}
+    for reason in ("running", "interrupted", "target reached"):
+        record = {"schema_version": SCHEMA_VERSION, "stop_reason": reason}
+        (tmp_path / RUN_FILE).write_text(json.dumps(record))
+        found[reason] = state_of(tmp_path)
+    unowned = f"No process of this machine prints it; `inkloop resume {tmp_path}` continues it."
+    assert found == {"running": unowned, "interrupted": unowned, "target reached": ""}
 
 
 def test_runs_that_are_compared_share_the_cells_of_the_last_maps(
