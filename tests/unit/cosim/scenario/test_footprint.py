@@ -226,11 +226,11 @@ def test_memory_is_within_a_quarter_of_what_a_print_takes(controller: str, optio
     text = CUBOID.read_text().partition("[compare.")[0].replace("alpha = 0.8\n", "")
     estimate = Scenario.of_text(text, str(CUBOID), keys).footprint.memory_of_a_cell
     found = {}
-    for side in (500, 900):
+    for side in (900, 1300):  # states of both are too large to be written after every layer
         code = f"from benchmarks.footprint import peak; print(peak({case}, {side}))"
         done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
         found[side] = json.loads(done.stdout)["memory"]
-    of_a_cell = (found[900] - found[500]) / (900**2 - 500**2)
+    of_a_cell = (found[1300] - found[900]) / (1300**2 - 900**2)
     assert of_a_cell == pytest.approx(estimate, rel=0.25, abs=0.0)
 
 
