@@ -235,6 +235,9 @@ def flawed(answers: list[bytes], flaw: tuple[int, int]) -> list[bytes]:
 @example(replies=[b"\0\x20\x00\x02", b"\0"])
 @example(replies=[b"\x7e\x05"])
 @example(replies=[b"\x7f"])
+@example(replies=(0, 60))  # past the ends of the answers, which are all right
+@example(replies=(1, 60))
+@example(replies=(2, 60))
 def test_answers_of_any_bytes_to_a_link_end_with_a_message(
     name: str, replies: list[bytes | Frame] | tuple[int, int], verdicts: Verdicts
 ) -> None:
@@ -263,6 +266,9 @@ PEER_RIGHT: dict[str, list[bytes]] = {
 @given(replies=st.lists(REPLIES | LENGTHS | FRAMES, min_size=1, max_size=6) | FLAWS)
 @example(replies=[b"\2"])
 @example(replies=[b"\0"])
+@example(replies=(0, 60))  # past the ends of the answers, which are all right
+@example(replies=(1, 60))
+@example(replies=(2, 60))
 def test_answers_of_any_bytes_to_a_peer_end_with_a_message(
     name: str, replies: list[bytes | Frame] | tuple[int, int], verdicts: Verdicts
 ) -> None:

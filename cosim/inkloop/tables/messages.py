@@ -28,7 +28,7 @@ _NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     """One error of the file whose tables `root` describes."""
     path, table, field, kind = _locate(detail["loc"], root)
-    place = ".".join(path)
+    place = ".".join(path) or "it"
     if detail["type"] == "missing":
         return f"{place} is missing; add it{_meaning(field)}"
     if detail["type"] == "extra_forbidden":
@@ -43,7 +43,7 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     for theirs, ours in _PLAIN.items():
         expected = expected.replace(theirs, ours)
     if detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        expected = f"expected a table, [[{path[-2]}]]" if path[-1].startswith("[") else f"expected a table, [{place}]"
+        expected = f"expected a table{_header(path)}"
     if detail["type"] in ("float_type", "int_type") and _NUMBER.match(repr(detail["input"])):
         expected += ", without quotes and without a unit"
     return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"
@@ -69,6 +69,13 @@ def _locate(
         kind = _without_none(kind)
         path.append(str(key) if isinstance(key, str) else f"[{key}]")
     return path, table, field, kind
+
+
+def _header(path: list[str]) -> str:
+    """How the table begins in a file of tables; nothing where the whole file should be one."""
+    if not path:
+        return ""
+    return f", [[{path[-2]}]]" if path[-1].startswith("[") else f", [{'.'.join(path)}]"
 
 
 def _kind_of(field: FieldInfo) -> Any:

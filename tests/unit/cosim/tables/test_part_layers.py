@@ -146,6 +146,9 @@ def test_changed_bitmaps_and_damaged_manifests_are_refused(tmp_path: Path) -> No
     (tmp_path / "out" / "manifest.json").write_bytes(b'{"format": "inkl')
     with pytest.raises(ScenarioError, match=r"manifest\.json: is not JSON"):
         with_part(PART, tmp_path)
+    (tmp_path / "out" / "manifest.json").write_bytes(b"1e308")
+    with pytest.raises(ScenarioError, match=r"manifest\.json: is no manifest of .*: it is 1e\+308; expected a table"):
+        with_part(PART, tmp_path)
 
 
 def test_pixels_of_a_manifest_may_be_oblong(tmp_path: Path) -> None:
