@@ -110,7 +110,7 @@ def test_layer_printed_by_the_image_measures_as_on_the_host(channel: str) -> Non
         bus.client(0) as head,
         bus.client(2) as lamp,
         bus.client(3) as profiler,
-        node_bench.NodeBench() as same,
+        node_bench.NodeBench(nx=FULL.shape[0], ny=FULL.shape[1]) as same,
     ):
         print_and_scan(head, lamp, profiler)
         same.ready().print_layer(FULL, 1)
