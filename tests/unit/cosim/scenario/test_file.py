@@ -13,6 +13,7 @@ from inkloop.commands.options import overrides_of
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import component_seed
+from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
 GOOD = """
@@ -313,3 +314,15 @@ def test_text_of_a_variant_states_what_it_prints(tmp_path: Path) -> None:
     path.write_text(Scenario.load(SCENARIOS / "cylinder.toml").variant("open loop").text, encoding="utf-8")
     again = Scenario.load(path).tables
     assert (again.label, again.components["controller"].kind, again.compare) == ("open loop", "OpenLoop", {})
+
+
+def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: Path) -> None:
+    """A run is resumed with the same part only."""
+    parts = [TWO_INKS, *(TWO_INKS.replace(*change) for change in (
+        ("height_um = 30.0", "height_um = 31.0"), ("height_um = 20.0", "height_um = 21.0"),
+        ("size_x_um = 400.0", "size_x_um = 200.0"), ('["A", "B"]', '["B", "A"]'),
+    ))]  # fmt: skip
+    hashes = [with_part(text, tmp_path).part_sha256 for text in (*parts, TWO_INKS)]
+    assert None not in hashes
+    assert len(set(hashes)) == len(parts)
+    assert hashes[0] == hashes[-1]
