@@ -326,3 +326,21 @@ def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: 
     assert None not in hashes
     assert len(set(hashes)) == len(parts)
     assert hashes[0] == hashes[-1]
+
+
+def test_classes_are_checked_on_a_whole_grid_where_the_part_covers_no_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The errors of the part are not followed by one of whoever takes the first of its cells."""
+    (tmp_path / "first_of_the_part.py").write_text("""class First:
+    def __init__(self, job):
+        self.first = [index[0] for index in job.mask.nonzero()]
+
+    def pattern(self, height, layer):
+        return (0 * height).astype(int)
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    text = GOOD.replace("height_um = 22.8", "height_um = 22.8\ncenter_x_um = -9e6")
+    found = errors_of(tmp_path, text.replace('"OpenLoop"', '"first_of_the_part:First"'))
+    assert [error.partition(" of the grid")[0] for error in found[:1]] == ["part covers no cell"]
+    assert all(error.startswith("part ") for error in found)
