@@ -241,7 +241,7 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
 def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: bool) -> None:
     """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers."""
     job = block(13, 13)
-    job = replace(job, target_height=2.0 * job.inks[0].layer_height * job.mask)
+    job = replace(job, target_height=np.where(job.mask, 2.0 * job.inks[0].layer_height, 0.0))
     mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth))
     plan = mpc.plan(known(np.zeros_like(job.target_height)), 0, none(job))
     assert (plan.status is PlanStatus.DONE) == is_done

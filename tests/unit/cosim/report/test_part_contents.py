@@ -17,6 +17,7 @@ from inkloop.report.mesh_holes import Hole
 from inkloop.report.model_difference import LayerDifference, ModelDifference
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.report.solid_picture import SOLID_UPRIGHT
+from inkloop.report.solid_view import view
 from inkloop.results.result import Result
 from support.parts import TWO_INKS, with_part
 from support.toys import toy_result
@@ -166,11 +167,10 @@ def test_solid_fills_its_picture_and_is_as_high_as_wide_at_most(
     height_um: float, upright: float, title: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[tuple[tuple[int, ...], float]] = []
-    seen = part_picture.view
 
     def kept(filled: Any, upright: float) -> Any:
         shown.append((filled.shape, upright))
-        return seen(filled, upright)
+        return view(filled, upright)
 
     monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 20)
     monkeypatch.setattr("inkloop.report.solid_view.STEPS", 20)
