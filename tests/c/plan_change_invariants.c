@@ -38,7 +38,7 @@ static HorizonProblem random_problem(uint64_t seed) {
                               .kinds = 1 + (seed / 2) % 3,
                               .alpha = 0.3,
                               .overshoot = 1.0 + (double)(seed % 5),
-                              .ceiling_cost = 10.0,
+                              .ceiling_cost = seed % 4 == 1 ? 10.0 : 1e5,
                               .droplet_std = (seed / 6) % 2 ? 0.2 : 0.0,
                               .passes = (seed / 3) % 2 ? 4 : 1};
     memcpy(problem.kind, KINDS, sizeof KINDS);

@@ -287,8 +287,12 @@ def test_step_that_leads_nowhere_or_back_is_refused(model, form, time, size) -> 
 @EVERY_FORM
 @EVERY_MODEL
 def test_unknown_references_and_wrong_types_are_errors(model, form) -> None:
+    real, integer = ("Real", "Integer") if form == "fmi2" else ("Float64", "Int32")
+    with Driver(model, form) as fmu:
+        length = fmu.get(FIXED_REALS[model])
+        assert fmu.call(f"set{integer}", fmu.references[FIXED_REALS[model]], [1]) == ERROR
+        assert fmu.get(FIXED_REALS[model]) == length
     with Driver(model, form).start() as fmu:
-        real, integer = ("Real", "Integer") if form == "fmi2" else ("Float64", "Int32")
         assert fmu.call(f"get{real}", [10**6]) == ERROR
         assert fmu.call(f"get{integer}", fmu.references[FIXED_REALS[model]]) == ERROR
         assert fmu.call(f"set{real}", fmu.references["status"], [0.0]) == ERROR

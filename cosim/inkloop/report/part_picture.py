@@ -67,7 +67,7 @@ def _solid(axes: Axes, part: Columns) -> None:
     axes.set_axis_off()
     draw_scales(axes, seen, width, part.height / upright)
     stretched = upright * width / part.height
-    axes.set_title("solid" if stretched < 1.05 else f"solid, height x {stretched:.2g}")
+    axes.set_title("solid" if 0.95 < stretched < 1.05 else f"solid, height x {stretched:.2g}")
 
 
 def _cut(axes: Axes, part: Columns, job: Job) -> None:

@@ -46,10 +46,14 @@ def test_names_for_type_checkers_are_those_of_the_running_program(package: str) 
     assert set(declared) == set(module.__all__)
 
 
-def test_public_names_are_imported_when_they_are_used() -> None:
-    code = "import sys, inkloop, inkloop_controller; print(sorted(m for m in sys.modules if m.startswith('inkloop')))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert ast.literal_eval(loaded) == ["inkloop", "inkloop_controller"]
+def test_public_names_are_listed_before_and_imported_when_they_are_used() -> None:
+    code = """import sys, inkloop, inkloop_controller
+print([[name for name in package.__all__ if name not in dir(package)] for package in (inkloop, inkloop_controller)])
+print(sorted(name for name in sys.modules if name.startswith("inkloop")))"""
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    missing, loaded = map(ast.literal_eval, shown.splitlines())
+    assert missing == [[], []]
+    assert loaded == ["inkloop", "inkloop_controller"]
 
 
 @pytest.mark.system

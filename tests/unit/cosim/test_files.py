@@ -51,6 +51,13 @@ def test_other_files_are_not_waited_for(tmp_path: Path, happenings: list[str]) -
     assert happenings == ["rename"]
 
 
+@pytest.mark.parametrize("name", ["file/a.txt", "file/folder/a.txt"])
+def test_file_in_the_way_of_a_folder_is_named(name: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="cannot be made: a file is in the way; name another place"):
+        write_text(tmp_path / name, "a")
+
+
 def test_file_that_failed_is_neither_synced_nor_there(tmp_path: Path, happenings: list[str]) -> None:
     with pytest.raises(ValueError, match="no"), replaced(tmp_path / "a.txt", durable=True):
         raise ValueError("no")

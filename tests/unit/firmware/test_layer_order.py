@@ -442,7 +442,9 @@ def test_pattern_of_a_dry_run_is_not_confirmed_after_it(bench: NodeBench) -> Non
     assert bench.run(DRY_RUN, option=b"\1") == DONE
     assert bench.download(blob, 1) == 0
     assert bench.raw(exit_)[0] == 0x77
+    assert bench.state().pattern_loaded
     assert bench.run(DRY_RUN, option=b"\0") == DONE
+    assert not bench.state().pattern_loaded, "no pass jets it"
     assert bench.raw(exit_) == bytes((0x7F, 0x37, NRC_SEQUENCE))
 
 

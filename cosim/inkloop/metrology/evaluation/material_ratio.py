@@ -52,8 +52,8 @@ def _core(z: NDArray[np.float64]) -> dict[str, float]:
     top = float(heights.mean() - slope * share[window].mean())
     bottom = top + slope
     peaks, pits = float(np.maximum(z - top, 0.0).mean()), float(np.maximum(bottom - z, 0.0).mean())
-    smr1 = float(np.interp(-top, -z, share, left=0.0)) if peaks > 0.0 else 0.0
-    smr2 = float(np.interp(-bottom, -z, share, right=1.0)) if pits > 0.0 else 1.0
+    smr1 = float(np.interp(-top, -z, share)) if peaks > 0.0 else 0.0
+    smr2 = float(np.interp(-bottom, -z, share)) if pits > 0.0 else 1.0
     return {
         "Sk": top - bottom,
         "Spk": 2.0 * peaks / smr1 if peaks > 0.0 else 0.0,

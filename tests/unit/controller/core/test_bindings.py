@@ -170,7 +170,9 @@ def test_same_seed_gives_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-@pytest.mark.parametrize(("shape", "layers", "passes", "alpha"), [((150, 70), 2, 1, 1.0), ((65, 200), 1, 4, 0.6)])
+@pytest.mark.parametrize(
+    ("shape", "layers", "passes", "alpha"), [((150, 70), 2, 1, 1.0), ((65, 200), 1, 4, 0.6), ((20, 180), 2, 1, 0.8)]
+)
 def test_any_number_of_threads_gives_the_same_bits(
     threads: int, shape: tuple[int, int], layers: int, passes: int, alpha: float
 ) -> None:

@@ -83,6 +83,14 @@ def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_take
     np.testing.assert_array_equal(exact.height, scan)
 
 
+def test_noise_learnt_so_far_is_kept_where_a_scan_shows_no_unprinted_cells() -> None:
+    job = cylinder()
+    estimator = HeightEstimator(job)
+    estimate, _, scan = printed(job, estimator, 4, 1e-6)
+    blind = estimator.next(estimate, job.mask.astype(np.int32), 5, scan, job.mask)
+    assert blind.noise_variance == estimate.noise_variance > 0.0
+
+
 def test_noise_that_is_common_to_a_scan_is_not_taken_for_ink() -> None:
     job = cylinder()
     for common in (0.5, 1.0):

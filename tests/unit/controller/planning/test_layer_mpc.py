@@ -237,6 +237,17 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
     assert lost.objective.error == pytest.approx(5e-6 / 49, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize(("worth", "is_done"), [(0.7, False), (1.5, True)])
+def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: bool) -> None:
+    """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers."""
+    job = block(13, 13)
+    job = replace(job, target_height=np.where(job.mask, 2.0 * job.inks[0].layer_height, 0.0))
+    mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth))
+    plan = mpc.plan(known(np.zeros_like(job.target_height)), 0, none(job))
+    assert (plan.status is PlanStatus.DONE) == is_done
+    assert plan.plan.any() == (not is_done)
+
+
 def test_given_horizon_and_worth_stand_instead_of_those_of_the_finish() -> None:
     job, height = rough_job(2)
     endings: dict[Finish, int] = {"even": 5, "fast": 4}

@@ -99,7 +99,7 @@ def test_plan_without_time_is_sound_and_reports_what_was_left_out() -> None:
 def found_and_taken() -> tuple[list[FoundPlan], list[float]]:
     """For each limit of 0 to 400 looks: the plan, and the looks that it took beyond the limit."""
     plans, taken = [], []
-    for limit in range(0, 400, 10):
+    for limit in range(0, 400, 2):
         began = looks()
         plans.append(found(float(limit)))
         taken.append(looks() - began - limit)
@@ -114,13 +114,24 @@ def test_every_limit_gives_a_plan_better_than_nothing_and_more_time_leaves_out_l
         assert plan.plan[0].any()
         assert plan.objective == bindings.objective(problem(), plan.plan)
         assert plan.objective.value < nothing
-        assert (plan.status is PlanStatus.FALLBACK) <= bool(plan.left_out & LeftOut.REPAIR)
+        assert (plan.status in (PlanStatus.FALLBACK, PlanStatus.TIME_LIMIT)) <= bool(plan.left_out & LeftOut.REPAIR)
     for stage in ALL:
         first = next(index for index, plan in enumerate(plans) if not plan.left_out & stage)
         assert 0 < first < len(plans)
     assert plans[-1].left_out == LeftOut.NOTHING
     whole = found(inf)
     assert all(same(plan, whole) for plan in plans if plan.left_out == LeftOut.NOTHING)
+
+
+@pytest.mark.usefixtures("counting")
+def test_each_stage_reports_itself_what_it_left_out() -> None:
+    """Whatever the others report: a start after its repair, and the stages of a shorter plan, not of the first one."""
+    plans, _ = found_and_taken()
+    assert any(plan.left_out == ALL & ~LeftOut.REPAIR for plan in plans)
+    assert any(plan.left_out == ALL & ~LeftOut.FEWER_LAYERS for plan in plans)
+    last = np.ones((3, 14, 13), np.int32)
+    even = best_plan(problem(), WORK, relaxed=None, last=last, layer_worth=0.001, seed=1, seconds_max=0.0)
+    assert even.left_out == ALL & ~LeftOut.RELAXATION
 
 
 @pytest.mark.usefixtures("counting")

@@ -305,6 +305,19 @@ def test_model_exchange_only_is_reported(folder: Path, tmp_path: Path) -> None:
 
 
 @BOTH
+def test_fmu_that_gives_its_state_but_cannot_serialize_it_is_not_resumed(
+    folder: Path, tmp_path: Path, fmi: int
+) -> None:
+    path = tmp_path / "it.fmu"
+    with zipfile.ZipFile(build(folder, fmi)) as source, zipfile.ZipFile(path, "w") as target:
+        text, count = re.subn(r'canSerializeFMU[sS]tate="true"', "", source.read("modelDescription.xml").decode())
+        for name in source.namelist():
+            target.writestr(name, text if name == "modelDescription.xml" else source.read(name))
+    assert count == 1
+    assert (describe(build(folder, fmi)).can_serialize, describe(path).can_serialize) == (True, False)
+
+
+@BOTH
 def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -> None:
     text = "\n".join(describe(build(folder, fmi)).lines())
     assert text.startswith(f"Amplifier  FMI {fmi} co-simulation")

@@ -91,6 +91,11 @@ def test_conserved_volume_is_that_of_the_droplets_of_a_plant_of_another_kind() -
 def test_volume_that_scans_do_not_show_is_refused_with_a_message() -> None:
     with pytest.raises(IdentificationError, match=r"within 2 cells of the edge .*leave 2 empty cells"):
         identify_ink([made_up(LU, random_layers(12, 12, 2, 0, margin=1))], 0.0, reach=2, conserve=True)
+    for cell in ((6, 1), (6, 10), (1, 6), (10, 6)):
+        pattern = np.zeros((12, 12), np.int32)
+        pattern[cell] = pattern[6, 6] = 1
+        with pytest.raises(IdentificationError, match="within 2 cells of the edge"):
+            identify_ink([made_up(LU, [pattern])], 0.0, reach=2, conserve=True)
     record = made_up(LU, random_layers(14, 14, 3, 0, margin=3))
     record.measured[0, 7, 7] = np.nan
     with pytest.raises(IdentificationError, match="takes scans of all cells that droplets reach"):

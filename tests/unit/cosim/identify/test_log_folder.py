@@ -13,7 +13,7 @@ from inkloop.models import LayerDeposition, VolumeAreaDeposition
 from support.logged_print import CELL, PITCH, log, made_up, random_layers
 
 FINE = "pixel_um = 65.814\noffset_x_um = -98.721\noffset_y_um = -98.721"
-PEAKS = "pixel_um = 20.0\noffset_x_um = -40.0\noffset_y_um = -40.0\nmiddle_share = 0.2\n"
+PEAKS = "pitch_um = 100.0\nunit = 'um'\n"
 
 
 def test_logged_print_is_the_print(tmp_path: Path) -> None:
@@ -49,13 +49,20 @@ def test_covered_area_is_the_share_of_pixels_above_the_threshold(tmp_path: Path)
     assert np.array_equal(moved, area)
 
 
-def test_peak_heights_are_those_of_the_middle_of_a_cell(tmp_path: Path) -> None:
-    record = made_up(LayerDeposition(), random_layers(6, 6, 1, 1))
-    folder = log(tmp_path / "print", record, "pitch_um = 100.0\nunit = 'um'\n" + PEAKS, 5)
-    peak = np.zeros((5, 5))
-    peak[2, 2] = 1e-6
+@pytest.mark.parametrize(
+    ("pixels", "share", "parts"), [(5, 0.2, 5), (15, 0.2, 5), (7, 0.16, 7), (9, 0.3, 3), (3, 0.9, 1)]
+)
+def test_peak_heights_are_those_of_the_middle_of_so_many_parts(
+    pixels: int, share: float, parts: int, tmp_path: Path
+) -> None:
+    """The number of parts is odd, and its inverse the share or near to it."""
+    record, size = made_up(LayerDeposition(), random_layers(6, 6, 1, 1)), 100.0 / pixels
+    place = "".join(f"offset_{axis}_um = {(size - 100.0) / 2}\n" for axis in "xy")
+    folder = log(tmp_path / "print", record, f"{PEAKS}middle_share = {share}\npixel_um = {size}\n{place}", pixels)
+    peak = np.zeros((pixels, pixels))
+    peak[pixels // 2, pixels // 2] = (pixels / parts) ** 2 * 1e-6
     for layer, scan in enumerate(record.measured):
-        fine = np.kron(scan, np.ones((5, 5))) + np.tile(peak, (6, 6))
+        fine = np.kron(scan, np.ones((pixels, pixels))) + np.tile(peak, (6, 6))
         np.savetxt(folder / f"layer_{layer:04d}.csv", fine.T * 1e6, fmt="%.9f", delimiter=",")
     assert read_log(folder).measured == pytest.approx(record.measured + 1e-6, abs=1e-13)
 

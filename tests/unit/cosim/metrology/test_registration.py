@@ -195,6 +195,18 @@ def test_fit_finds_a_known_shift_and_turn(u: float, v: float, turn_deg: float) -
     assert fit.explained > 0.7
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_fit_begins_where_the_search_found_the_part(turned: bool) -> None:
+    """Of ribs no slope of the residuals leads over the gap between two of them."""
+    ribs, cells = np.zeros((20, 18)), (0.2, -2.1)
+    for begin, end in ((3, 4), (5, 7), (9, 10), (12, 14), (15, 16)):
+        ribs[4:16, begin:end] = 8 * M_PER_UM
+    surface, (u, v) = (ribs.T, cells[::-1]) if turned else (ribs, cells)
+    scan = fine_map(surface, PITCH, Registration(u * PITCH, v * PITCH), (160, 160), 36e-6)
+    found = fit_to_surface(scan, surface, PITCH, Registration(), reach=3 * PITCH).registration
+    assert (found.offset_x, found.offset_y) == pytest.approx((u * PITCH, v * PITCH), abs=0.06 * PITCH)
+
+
 @pytest.mark.parametrize("softness", [0.0, 0.2, 0.35])
 def test_fit_is_not_led_astray_by_soft_flanks_that_are_seen_in_part(softness: float) -> None:
     """Where ink runs, flanks are soft, and where they are steepest little light comes back."""

@@ -16,6 +16,8 @@ from inkloop.report import part_picture, pdf, plot
 from inkloop.report.mesh_holes import Hole
 from inkloop.report.model_difference import LayerDifference, ModelDifference
 from inkloop.report.part_report import MeshReport, PartReport
+from inkloop.report.solid_picture import SOLID_UPRIGHT
+from inkloop.report.solid_view import view
 from inkloop.results.result import Result
 from support.parts import TWO_INKS, with_part
 from support.toys import toy_result
@@ -155,6 +157,31 @@ def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
     assert same_color(colours[10, columns[0]], plot.MATERIAL_COLOURS(1))
     assert same_color(colours[10, columns[-1]], plot.MATERIAL_COLOURS(2))
     assert colours[-1, columns[-1], 3] == 0.0  # B is lower
+
+
+@pytest.mark.parametrize(
+    ("height_um", "upright", "title"),
+    [(30.0, SOLID_UPRIGHT, "solid, height x 4.5"), (240.0, 0.8, "solid"), (600.0, 1.0, "solid, height x 0.5")],
+)
+def test_solid_fills_its_picture_and_is_as_high_as_wide_at_most(
+    height_um: float, upright: float, title: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[tuple[int, ...], float]] = []
+
+    def kept(filled: Any, upright: float) -> Any:
+        shown.append((filled.shape, upright))
+        return view(filled, upright)
+
+    monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 20)
+    monkeypatch.setattr("inkloop.report.solid_view.STEPS", 20)
+    monkeypatch.setattr(part_picture, "view", kept)
+    block = f'shape = "cuboid"\nsize_x_um = 300.0\ncenter_x_um = 600.0\nsize_y_um = 200.0\nheight_um = {height_um}'
+    axes = Figure().subplots()
+    part_picture._solid(axes, PartReport.of(with_part(block, tmp_path), None).part)
+    ((shape, found),) = shown
+    assert shape[:2] == (3, 2)
+    assert found == pytest.approx(upright, rel=1e-6, abs=0.0)
+    assert axes.get_title() == title
 
 
 def test_difference_has_a_row_for_each_layer_in_micrometres() -> None:

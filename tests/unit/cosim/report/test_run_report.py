@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,11 @@ def test_runs_of_one_label_are_distinguished_by_their_folders(
     assert main(["compare", *runs, "--no-pictures"]) == 0
     shown = capsys.readouterr().out.replace("\n", "")
     assert all(run in shown for run in runs)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("inkloop.report.pictures.draw_comparison", lambda *_: [Path("both.png")])
+        assert main(["compare", *runs, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (sorted(found["runs"]), found["pictures"]) == (runs, ["both.png"])
 
 
 @pytest.mark.parametrize(("change", "message"), [({"nx": 14}, "14 x 12 cells"), ({"pitch_um": 250.0}, "of 250 µm")])

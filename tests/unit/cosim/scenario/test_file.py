@@ -13,6 +13,7 @@ from inkloop.commands.options import overrides_of
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import component_seed
+from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
 GOOD = """
@@ -313,3 +314,33 @@ def test_text_of_a_variant_states_what_it_prints(tmp_path: Path) -> None:
     path.write_text(Scenario.load(SCENARIOS / "cylinder.toml").variant("open loop").text, encoding="utf-8")
     again = Scenario.load(path).tables
     assert (again.label, again.components["controller"].kind, again.compare) == ("open loop", "OpenLoop", {})
+
+
+def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: Path) -> None:
+    """A run is resumed with the same part only."""
+    parts = [TWO_INKS, *(TWO_INKS.replace(*change) for change in (
+        ("height_um = 30.0", "height_um = 31.0"), ("height_um = 20.0", "height_um = 21.0"),
+        ("size_x_um = 400.0", "size_x_um = 200.0"), ('["A", "B"]', '["B", "A"]'),
+    ))]  # fmt: skip
+    hashes = [with_part(text, tmp_path).part_sha256 for text in (*parts, TWO_INKS)]
+    assert None not in hashes
+    assert len(set(hashes)) == len(parts)
+    assert hashes[0] == hashes[-1]
+
+
+def test_classes_are_checked_on_a_whole_grid_where_the_part_covers_no_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The errors of the part are not followed by one of whoever takes the first of its cells."""
+    (tmp_path / "first_of_the_part.py").write_text("""class First:
+    def __init__(self, job):
+        self.first = [index[0] for index in job.mask.nonzero()]
+
+    def pattern(self, height, layer):
+        return (0 * height).astype(int)
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    text = GOOD.replace("height_um = 22.8", "height_um = 22.8\ncenter_x_um = -9e6")
+    found = errors_of(tmp_path, text.replace('"OpenLoop"', '"first_of_the_part:First"'))
+    assert [error.partition(" of the grid")[0] for error in found[:1]] == ["part covers no cell"]
+    assert all(error.startswith("part ") for error in found)

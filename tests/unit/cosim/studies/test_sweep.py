@@ -120,6 +120,7 @@ def test_value_that_fits_with_another_key_only_is_no_error_of_the_study(tmp_path
     "text",
     [
         "__import__('os')",
+        "mae_um + True",
         "mae_um.real",
         "(lambda: 1)()",
         "[mae_um]",

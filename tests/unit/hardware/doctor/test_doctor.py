@@ -280,6 +280,12 @@ def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check
     assert message in errors(list(assess([one], expected())))[check]
 
 
+def test_device_that_is_head_and_stage_in_one_is_no_error() -> None:
+    both = [report(Node.HEAD), report(Node.STAGE)]
+    both = [replace(one, state=replace(one.state, roles=Roles.HEAD | Roles.STAGE)) for one in both]
+    assert errors(list(assess(both, expected()))) == {}
+
+
 def test_what_is_just_enough_is_no_error() -> None:
     least = replace(report().limits, block=16, alive=0.2)
     fresh = replace(report(Node.PROFILER), map_shape=(0, 0))

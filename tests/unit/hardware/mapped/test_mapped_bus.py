@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from e2e import p01
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job as small_job
@@ -148,6 +149,23 @@ def test_newest_frame_is_kept_and_what_is_no_message_of_the_file_is_left_out(tmp
     bus.forget()
     assert not bus.inbox
     assert bus.readings["PlcState"].values["LayersDone"] == 4
+
+
+def test_frame_with_a_wrong_check_byte_is_no_reading(
+    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervised = 'BA_DEF_ BO_ "E2EDataId" INT 0 65535;\nBA_DEF_DEF_ "E2EDataId" 0;\nBA_ "E2EDataId" BO_ 544 5;\n'
+    monkeypatch.setattr(foreign_rig, "DBC", foreign_rig.DBC + supervised)
+    bus, wire = opened(tmp_path, clock)
+    good = bytearray(state(READY, 4).data)
+    p01.e2e_p01_protect(good, 5, increment_counter=False)
+    wire.others.append((0.0, Frame(544, bytes([good[0] ^ 1, *good[1:]]))))
+    bus.take()
+    assert not bus.readings
+    assert not bus.inbox
+    wire.others.append((0.0, Frame(544, bytes(good))))
+    bus.take()
+    assert list(bus.readings) == ["PlcState"]
 
 
 @pytest.mark.parametrize(

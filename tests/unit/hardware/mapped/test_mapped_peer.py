@@ -63,6 +63,10 @@ def test_upload_ends_with_its_size_and_its_checksum() -> None:
     pieces(made, b"abc", b"defgh", b"too much", end=zlib.crc32(data).to_bytes(4, "big"))
     assert made.upload(PLACE, 8, True) == data
     assert made._client.transfer_data.mock_calls == [call(1), call(2)]
+    long = peer()
+    pieces(long, *[b"a"] * 300)
+    assert long.upload(PLACE, 300, False) == b"a" * 300
+    assert long._client.transfer_data.mock_calls == [call(number % 256) for number in range(1, 301)]
     short = peer()
     pieces(short, b"abc", b"", b"never")
     assert short.upload(PLACE, 8, False) == b"abc"

@@ -22,7 +22,7 @@ from inkloop_hardware.protocol.pattern_bytes import PatternBytes, first_differen
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
 from inkloop_hardware.replay.recorded_exchanges import Exchange, exchanges
-from inkloop_hardware.replay.recorded_nodes import RecordedNodes
+from inkloop_hardware.replay.recorded_nodes import RecordedNodes, described
 from inkloop_hardware.replay.traffic_reading import Reassembly, Seen, parts_of, read_traffic
 
 CODEC = Codec()
@@ -113,6 +113,21 @@ def test_failed_transfer_counts_only_if_it_was_not_begun_again() -> None:
     between = ((Node.HEAD, True, step), (Node.HEAD, False, answer))
     kinds = [(one.answer[:1], one.blob) for one in exchanges(seen(*altered, *between, *download(bytes(35))), CODEC)]
     assert kinds == [(b"", None), (b"\x71", None), (b"\x74", bytes(35))]
+
+
+@pytest.mark.parametrize(
+    ("node", "request_", "text"),
+    [
+        (Node.HEAD, routine(Routine.PASS, 7, 1)[0], f"head for pass of {Key(9, 7, 1)}"),
+        (Node.HEAD, pack(">BBBII", 0x34, 0, 0x44, 7, 100), "head to take the pattern of layer 7"),
+        (Node.PROFILER, pack(">BBBII", 0x35, 0, 0x44, 8, 100), "profiler to give the map of layer 8"),
+        (Node.STAGE, b"\x22\x01\x02", "stage for identifier 0102 (limits)"),
+        (Node.STAGE, b"\x22\x77\x02", "stage for identifier 7702 (unknown)"),
+        (Node.CURE, b"\x3e\x80", "cure with 3e 80"),
+    ],
+)
+def test_request_is_described_by_what_it_asks_of_the_node(node: Node, request_: bytes, text: str) -> None:
+    assert described(node, request_) == text
 
 
 @given(arrays(np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40)), elements=st.integers(0, 2)))

@@ -186,6 +186,15 @@ def test_growth_of_a_scan_that_jumps_is_that_of_all_layers_between() -> None:
     assert float(outputs["growth_divergence"]) == pytest.approx(0.5 * DROPLET, rel=1e-9, abs=0.0)
 
 
+def test_divergences_are_unknown_until_a_scan_is_compared() -> None:
+    job = toy_job()
+    shadow = Shadow(job, StartingPrinter)
+    starts = {port.name: port.start_value() for port in shadow.outputs}
+    begun = shadow.initialize(0, inputs(job, 0, 0, 0))
+    for name in ("growth_divergence", "surface_divergence"):
+        assert np.isnan([starts[name], begun[name]]).all()
+
+
 def test_scan_of_an_older_layer_is_held_against_the_surface_of_that_layer() -> None:
     job = toy_job()
     ones = np.ones((job.nx, job.ny))

@@ -124,7 +124,8 @@ def test_value_that_is_none_is_reported(name: str, text: str, message: str) -> N
 
 
 def test_file_that_is_no_parameter_set_is_reported() -> None:
-    files = {"a b.ssv": "<x/>", "good.ssv": f"<ssv:ParameterSet {NAMES}><ssv:Parameters>{entry('a.count', '4')}"
+    other = f"<x {NAMES}><ssv:Parameters>{entry('a.length', '3')}</ssv:Parameters></x>"
+    files = {"a b.ssv": other, "good.ssv": f"<ssv:ParameterSet {NAMES}><ssv:Parameters>{entry('a.count', '4')}"
              "</ssv:Parameters></ssv:ParameterSet>"}  # fmt: skip
     more = '<ssd:ParameterBinding source="a%20b.ssv"/><ssd:ParameterBinding source="./good.ssv"/>'
     found, errors = read(files=files, more=more)
@@ -257,6 +258,20 @@ def test_connectors_carry_units_of_lengths_only() -> None:
     assert [each.attrib for each in moved] == [{"factor": "1.0", "offset": "2.5"}]
     assert len(plain) == 0
     assert plain.attrib == {"startConnector": "steps", "endElement": "a", "endConnector": "x"}
+
+
+def test_scalars_of_a_wire_to_the_outside_have_the_name_of_its_signal() -> None:
+    parts = [Part(name, Path(f"{name}.fmu"), description, {}) for name, description in PORTS.items()]
+    both = System("it", "It", parts, (), {}, 0.5, 9.0, "")
+    found = [
+        list(both.pairs(Wire(source, target, 1.0, 0.0, Transfer())))
+        for source, target in ((("a", "y"), ("b", "x")), (("a", "y"), ("", "seen")), (("", "given"), ("b", "x")))
+    ]
+    assert found == [
+        [("y[1]", "x[1]"), ("y[2]", "x[2]")],
+        [("y[1]", "seen[1]"), ("y[2]", "seen[2]")],
+        [("given[1]", "x[1]"), ("given[2]", "x[2]")],
+    ]
 
 
 def test_parameters_are_written_as_their_types_have_them() -> None:
