@@ -105,7 +105,9 @@ def patched() -> SimpleNamespace:
 def serve(requests: socket.socket) -> None:
     """Fork a bus process at each request until the requests end."""
     from inkloop_hardware.bus import process
+    from inkloop_hardware.protocol.codec import Codec
 
+    Codec()  # keeps the DBC
     gc.freeze()
     children = set[int]()
     while True:
