@@ -17,6 +17,7 @@ from inkloop.contract import DROP_LEVEL, HEIGHT, LAYER_UNKNOWN, MEASURED_HEIGHT,
 from inkloop.results.metrics import SIGN
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 CONVENTIONS = "CF-1.11"
@@ -148,7 +149,15 @@ def variable(
 
     array = np.asarray(values)
     unknown = Meaning(f"output {name} of the {giver}" if giver else name.replace("_", " "))
-    return xr.Variable(dims, array, _attributes(meaning or MEANINGS.get(name, unknown), str(unit), array.dtype))
+    attributes = _attributes(meaning or MEANINGS.get(name, unknown), str(unit), array.dtype)
+    return xr.Variable(dims, as_index(array) if dims == (name,) else array, attributes)
+
+
+def as_index(values: np.ndarray) -> np.ndarray | pd.Index:
+    """Numbers along a dimension as xarray keeps them; to make its index of an array, it would import pint if it can."""
+    import pandas as pd
+
+    return pd.Index(values) if values.dtype.kind in "iuf" else values
 
 
 def _attributes(meaning: Meaning, unit: str, dtype: np.dtype[Any]) -> dict[str, Any]:

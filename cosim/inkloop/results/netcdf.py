@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from inkloop.results.attributes import as_index
+
 if TYPE_CHECKING:
     import h5py
     import xarray as xr
@@ -136,7 +138,7 @@ def _restored(stored: h5py.Dataset, name: str, names: Mapping[int, str]) -> tupl
         del attributes["dtype"]
         values = values.astype(np.bool_)
     if stored.is_scale:
-        return (name,), values, attributes
+        return (name,), as_index(values), attributes
     scales = stored.attrs["DIMENSION_LIST"] if stored.ndim else ()
     targets = [h5py.h5r.dereference(references[0], stored.id) for references in scales]
     return tuple(names[_address(target)] for target in targets), values, attributes
