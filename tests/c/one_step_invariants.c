@@ -152,6 +152,38 @@ static const char *bound_fails(const HorizonProblem *problem, uint64_t seed) {
     return broken;
 }
 
+/* The bounds of whole tiles against trials of single flips; what is known of a tile is not read again. */
+static const char *reading_fails(const HorizonProblem *problem) {
+    PlanSurface surface;
+    Window window;
+    FlipBounds flips;
+    if (!surface_open(&surface, problem, plan) || !window_open(&window, &surface) ||
+        !flip_bounds_open(&flips, &surface))
+        return "there is memory";
+    const char *broken = NULL;
+    const double rounded = 0.01 * (double)flips.sure;
+    flip_bounds_read(&flips, &surface, &TILES[1]);
+    for (size_t k = 0; k < CELLS; k++) {
+        const double least = flips.least[surface_cell(&surface, k / NY, k % NY)];
+        const double found = flip_cost(&surface, k / NY, k % NY, &window);
+        if (k % NY < TILE ? !isnan(least) : !(fabs(least - fmin(found, (double)flips.most)) < rounded))
+            broken = "bounds that were read are the costs of the flips of their tile";
+    }
+    const size_t own = surface_cell(&surface, 0, TILE);
+    flips.least[own] = NAN;
+    flip_bounds_read(&flips, &surface, &TILES[1]);
+    if (!isnan(flips.least[own]))
+        broken = "a tile is read once";
+    flip_bounds_clear(&flips, &surface);
+    flip_bounds_read(&flips, &surface, &TILES[1]);
+    if (isnan(flips.least[own]))
+        broken = "and again when all has been forgotten";
+    flip_bounds_close(&flips);
+    window_close(&window);
+    surface_close(&surface);
+    return broken;
+}
+
 int main(void) {
     for (uint64_t seed = 0; seed < PROBLEMS; seed++) {
         HorizonProblem problem = random_problem(seed);
@@ -160,6 +192,8 @@ int main(void) {
         problem.alpha = 1.0;
         for (size_t cell = 0; cell < CELLS; cell++)
             plan[cell] = plan[cell] > 0;
+        if (!broken)
+            broken = reading_fails(&problem);
         if (!broken && seed % 2 == seed / 24)
             broken = bound_fails(&problem, seed);
         if (broken) {

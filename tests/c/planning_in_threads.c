@@ -8,7 +8,8 @@
 #include "horizon_planner.h"
 #include "tiled_sweep.h"
 
-enum { WIDTH = 2 * TILE + 10, CELLS = WIDTH * WIDTH, LAYERS = 2, PLACES = LAYERS * CELLS };
+/* Three cells from the last column of a row on are the first column of the next one, which is another tile's. */
+enum { WIDTH = 2 * TILE + 9, CELLS = WIDTH * WIDTH, LAYERS = 2, PLACES = LAYERS * CELLS };
 
 static double height[CELLS], target[CELLS], weight[CELLS];
 static uint8_t part[CELLS];

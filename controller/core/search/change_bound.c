@@ -71,21 +71,30 @@ static size_t least_of(size_t a, size_t b) {
     return a < b ? a : b;
 }
 
-/* The largest height of the cells of the part in rows and columns of the grid, above or below the reference, or a
- * larger one. */
+/* How far a cell of the part is above or below the reference; 0 outside. */
+static INLINED double height_off(const PlanSurface *surface, const double *last, size_t cell) {
+    return surface->inside[cell] * fabs(last[cell] - surface->reference);
+}
+
+/* The largest height of the cells of the part in rows and columns of the grid, above or below the reference. No other
+ * cells are read: threads of other tiles may write them. */
 static INLINED double highest(const PlanSurface *surface, size_t top, size_t bottom, size_t left, size_t right) {
-    enum { WIDTH = MAP_MARGIN };
+    enum { WIDTH = 4 }; /* columns that are read together */
     const double *last = surface_height(surface, surface->steps);
-    const double reference = surface->reference;
     double most[WIDTH] = {0.0};
-    for (size_t row = top; row < bottom; row++)
-        for (size_t column = left; column < right; column += WIDTH) {
-            const size_t cell = surface_cell(surface, row, column);
+    for (size_t row = top; row < bottom; row++) {
+        size_t cell = surface_cell(surface, row, left);
+        const size_t end = surface_cell(surface, row, right);
+        for (; cell + WIDTH <= end; cell += WIDTH)
             for (size_t k = 0; k < WIDTH; k++) {
-                const double height = surface->inside[cell + k] * fabs(last[cell + k] - reference);
+                const double height = height_off(surface, last, cell + k);
                 most[k] = height > most[k] ? height : most[k];
             }
+        for (size_t k = 0; cell + k < end; k++) {
+            const double height = height_off(surface, last, cell + k);
+            most[k] = height > most[k] ? height : most[k];
         }
+    }
     return fmax(fmax(most[0], most[1]), fmax(most[2], most[3]));
 }
 

@@ -1,5 +1,6 @@
 #include "one_step_sweep.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "instruction_sets.h"
@@ -74,8 +75,11 @@ static inline Sums sums_of(const TileWork *work) {
     return work->cost_alone ? (Sums){0.0, 0.0, 0.0} : sums_after(work->before, &work->tally->change);
 }
 
+/* What a change does to the objective; infinity where the cost alone counts and falls by nothing. */
 static inline double cost_of(const TileWork *work, const Sums *sums, const Sums *added) {
     const Weighting *weighting = &work->surface->weighting;
+    if (work->cost_alone && added->cost >= 0.0)
+        return INFINITY; /* most are in vain: no division for them */
     return work->cost_alone ? added->cost / weighting->count : objective_change(sums, added, weighting);
 }
 
@@ -257,6 +261,7 @@ void one_step_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, cons
     work.cost_alone = is_cost_enough(surface);
     work.left = tile->left;
     first_open(&work.first);
+    flip_bounds_read(flips, surface, tile);
     for (size_t k = 0; k < SHARE_ROWS; k++)
         memset(work.row[k].row, UINT8_MAX, sizeof work.row[k].row);
     sweep_tile(&work, tile, sweep);
