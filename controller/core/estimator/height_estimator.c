@@ -7,6 +7,7 @@
 #include "estimate_doubts.h"
 #include "layer_surface.h"
 #include "map_memory.h"
+#include "near_cells.h"
 #include "scan_drift.h"
 
 static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
@@ -261,15 +262,31 @@ static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *be
     dead_evidence(cells, before->dead_evidence, own, grown, work->increments.rates, part_cells, after->dead_evidence);
 }
 
+/* Cells of the part whose growth tells of droplets: measured, and out of reach of the trials of dead cells, from which
+ * nothing is expected. */
+static void mark_telling(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                         const Workspace *work) {
+    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
+    uint8_t *telling = work->marks, *trial = work->marks + cells;
+    size_t trials = 0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        trial[cell] = layer->pattern[cell] > 0 && before->dead_evidence[cell] >= DEAD_EVIDENCE;
+        trials += trial[cell];
+        telling[cell] = options->part[cell] && work->registered.clear[cell];
+    }
+    for (size_t cell = 0; trials > 0 && cell < cells; cell++)
+        telling[cell] = telling[cell] && !is_near_marked(trial, nx, ny, cell);
+}
+
 /* How well the prediction explains what the cells of the part grew by. */
-static void look_at_growth(const EstimatorOptions *options, const JettedLayer *layer, const Workspace *work,
-                           SurfaceEstimate *after) {
+static void look_at_growth(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                           const Workspace *work, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
     double built = 0.0, wanted = 0.0, *rates = work->increments.rates;
     size_t part_cells = 0;
+    mark_telling(options, before, layer, work);
     for (size_t cell = 0; cell < cells; cell++) {
         part_cells += options->part[cell] != 0;
-        work->marks[cell] = options->part[cell] && work->registered.clear[cell];
         built += options->part[cell] ? work->registered.before[cell] : 0.0;
         wanted += options->part[cell] ? options->target[cell] : 0.0;
     }
@@ -311,7 +328,7 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
     after->trust = before->trust;
     after->trust.volume = 1.0;
     if (!is_unknown)
-        look_at_growth(options, layer, &work, after);
+        look_at_growth(options, before, layer, &work, after);
     correct_cells(options, before, &work, after);
     after->noise_variance = noise;
     after->scans = before->scans + 1;

@@ -8,7 +8,7 @@ static const double CHANCE = 5.0;    /* standard deviations of the droplets give
 static const double ROUNDING = 1e-9; /* of a layer: a target of whole layers needs no further one */
 static const double RESERVE = 1.0;   /* layers: a nozzle that was cleaned or ink that fades needs no cap (by trial) */
 static const double HIGH = 0.4;      /* layers above target and reckoning: sound prints show 0.3 (by trial) */
-static const double RISEN = 1.2;     /* layers above target and reckoning: no droplets explain it (by trial) */
+static const double RISEN = 0.9;     /* layers above target and reckoning: no droplets explain it (by trial) */
 
 double ink_limit_at(const InkLimit *limit, size_t cell) {
     const double layers = fmax(1.0, ceil(limit->target[cell] / limit->layer - ROUNDING));

@@ -66,7 +66,7 @@ def test_cell_that_does_not_answer_is_capped_as_soon_as_its_next_droplet_would_p
 def test_neighbours_of_a_cell_higher_than_droplets_explain_are_capped(drops: int) -> None:
     """In layers of the largest droplets."""
     estimator = HeightEstimator(JOB, drop_levels=drops, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
-    for rise, expected in ((1.1 * LAYER, 0), (1.3 * LAYER, 6)):
+    for rise, expected in ((0.8 * LAYER, 0), (1.0 * LAYER, 6)):
         surface = np.zeros(SEEN.shape)
         surface[2, 6] = 30e-6 + drops * rise  # at the edge of the part: six of the nine cells belong to it
         assert np.count_nonzero(estimator.first(surface, SEEN).capped) == expected

@@ -161,6 +161,36 @@ def test_droplets_of_another_shape_make_a_foreign_plant_and_varying_volumes_do_n
     assert estimate.trust.is_plant_foreign is is_foreign
 
 
+def trust_after_trials(trials: bool, disturbed: bool) -> LoopTrust:
+    """Of the layer after four dead nozzles were found, in which they may be tried; its scan near them is another one
+    where it is disturbed."""
+    rng, model = np.random.default_rng(7), LayerModel.of(JOB)
+    estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    dead, near = np.zeros(SHAPE, np.bool_), np.zeros(SHAPE, np.bool_)
+    for row, column in ((6, 5), (6, 12), (13, 5), (13, 12)):
+        dead[row, column] = near[row - 1 : row + 2, column - 1 : column + 2] = True
+    surface = np.zeros(SHAPE)
+    estimate = estimator.first(surface, SEEN)
+    for layer in range(1, 6):
+        pattern = (JOB.mask & (rng.random(SHAPE) < 0.7)).astype(np.int32)
+        pattern[dead] = layer < 5 or trials
+        growth = model.layer(surface, np.where(dead, 0, pattern), layer) - surface
+        surface = surface + growth * rng.uniform(0.9, 1.1, SHAPE)
+        if layer == 5:
+            np.testing.assert_array_equal(estimate.dead, dead)
+            surface = surface + near * disturbed * rng.normal(0.0, 3e-6, SHAPE)
+        estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
+    return estimate.trust
+
+
+def test_trials_of_dead_nozzles_tell_nothing_of_droplets() -> None:
+    def told(trust: LoopTrust) -> tuple[float, ...]:
+        return trust.residual, trust.early, trust.volume, trust.spill
+
+    assert told(trust_after_trials(trials=True, disturbed=True)) == told(trust_after_trials(True, disturbed=False))
+    assert told(trust_after_trials(trials=False, disturbed=True)) != told(trust_after_trials(False, disturbed=False))
+
+
 def test_trust_of_earlier_versions_is_restored() -> None:
     trust = LoopTrust.full()
     assert LoopTrust.of_sums(trust.sums()[:-1]) == trust
