@@ -13,6 +13,7 @@ void probe_tear(Bench *bench, int node, int32_t bytes);
 void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
 void probe_refuse_work(Bench *bench, int node);
+void probe_light_while_recording(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
 void probe_join(Bench *bench, int node);
@@ -73,6 +74,21 @@ void probe_refuse_work(Bench *bench, int node) {
     faulty = *refused->hal;
     faulty.begin = begin_nothing;
     refused->hal = refused->journal.hal = &faulty;
+}
+
+static bool write_and_light(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    Board *board = context;
+    board->world->broken |= BROKEN_LAMP_STAYS_ON;
+    return sound.storage_write(context, offset, from, length);
+}
+
+/* From now on the lamp comes on by itself while a node writes a record, and stays on. */
+void probe_light_while_recording(Bench *bench, int node) {
+    Node *surprised = bench_node(bench, node);
+    sound = *surprised->hal;
+    faulty = sound;
+    faulty.storage_write = write_and_light;
+    surprised->hal = surprised->journal.hal = &faulty;
 }
 
 uint32_t probe_count(Bench *bench, int what) {

@@ -16,7 +16,7 @@ import inkloop
 from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.results.lock import sole_writer
-from inkloop.results.result import RESULT_FILE, Result
+from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, Result
 from support.long_proofs import rest_is_long
 from support.other_process import HOLDING, other_process
 
@@ -79,6 +79,19 @@ def test_run_that_has_not_ended_is_described(
         for command in ("info", "report", "compare"):
             assert main([command, str(tmp_path)]) == 1
             assert f"being printed by process {process.pid} since" in capsys.readouterr().err
+
+
+def test_compared_run_is_being_printed_by_the_process_that_prints_the_whole(tmp_path: Path) -> None:
+    """Its lock is that of the folder in which `compare` stands."""
+    compared = tmp_path / COMPARE_FOLDER / "open loop"
+    Result.begin(compared, "", {"process": -1})
+    with pytest.raises(ResultError, match="Continue with `inkloop resume"):
+        Result.load(compared)
+    with (
+        other_process(HOLDING, str(tmp_path)) as process,
+        pytest.raises(ResultError, match=f"being printed by process {process.pid} since"),
+    ):
+        Result.load(compared)
 
 
 def test_process_that_prints_can_ask_for_its_own_run_and_keeps_the_lock(tmp_path: Path) -> None:

@@ -366,6 +366,10 @@ class NodeBench:
         """From now on the devices of a node cannot begin anything."""
         self.c.probe_refuse_work(self.bench, node)
 
+    def light_while_recording(self, node: int = HEAD) -> None:
+        """From now on the lamp comes on by itself while a node writes a record, and stays on."""
+        self.c.probe_light_while_recording(self.bench, node)
+
     def counted(self, what: int) -> int:
         return int(self.c.probe_count(self.bench, what))
 

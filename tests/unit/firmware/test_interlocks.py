@@ -215,6 +215,14 @@ def test_nothing_is_jetted_while_the_lamp_is_on(bench: NodeBench) -> None:
     assert bench.counted(LAMP_WITH_GATE) == bench.counted(GATE_OPENINGS) == 0
 
 
+def test_gate_stays_closed_where_the_lamp_comes_on_between_the_request_and_the_opening(bench: NodeBench) -> None:
+    """An intent is recorded in between, which takes as long as the flash does."""
+    bench.light_while_recording()
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_FAILED
+    assert bench.counted(GATE_OPENINGS) == 0
+    assert bench.state().state == "FAULT"
+
+
 def test_gate_that_leaves_its_stop_while_the_lamp_is_on_is_counted(bench: NodeBench) -> None:
     """Also before it is open."""
     begin_cure(bench)

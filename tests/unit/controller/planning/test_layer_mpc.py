@@ -20,10 +20,11 @@ from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import InkRegions
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.planning.horizon_planner import Finish, ending_of
+from inkloop_controller.planning.horizon_planner import Finish, best_plan, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc, random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import Work
 from support.closed_loop import block
 from support.half_spaces import Above
@@ -128,6 +129,19 @@ def test_plan_made_where_the_last_one_has_led_is_not_worse(horizon: int) -> None
             plan = mpc.plan(known(height), layer, last)
             assert plan.objective.value <= before + ROUNDING
             height, last, before = plan.predicted_height, plan.plan, plan.objective.value
+
+
+@pytest.mark.parametrize("seed", [16, 56, 66])
+def test_start_wins_nothing_by_leaving_an_empty_layer_at_the_end(seed: int) -> None:
+    """Such a layer hides what the last droplets leave to chance. The rounded droplets begin with an empty one here,
+    and moved to the first layer they would seem better than the same ones repaired.
+    """
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (4, 4))
+    choices, everywhere = np.ones((2, 4, 4), np.uint16), np.ones((4, 4), np.bool_)
+    problem = HorizonProblem(height, np.full((4, 4), 10e-6), everywhere, choices, (Ink(),), 0.8, droplet_std=0.4)
+    work, nothing = Work(sweeps=2, annealing_sweeps=0), np.zeros((0, 4, 4), np.int32)
+    plan = best_plan(problem, work, last=nothing, layer_worth=0.0, seed=1, seconds_max=np.inf)
+    assert plan.status is PlanStatus.BUDGET
 
 
 def test_no_layer_is_left_that_its_own_droplets_can_do_without() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import shutil
 import sys
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from math import inf
 
 import numpy as np
@@ -151,14 +151,14 @@ def test_more_time_gives_no_worse_plan_than_none() -> None:
     assert max(values) == values[0]
 
 
-def looks_after_hold_up(after: float, limit: float, of: HorizonProblem) -> tuple[FoundPlan, float]:
+def looks_after_hold_up(after: float, make: Callable[[], FoundPlan]) -> tuple[FoundPlan, float]:
     """A plan during which the machine is held up after so many looks, and the looks from there on."""
     core = library()
     core.stopwatch_looks.restype = ctypes.c_double
     core.hold_up_after.argtypes = (ctypes.c_double,)
     began = core.stopwatch_looks()
     core.hold_up_after(after)
-    plan = found(limit, of)
+    plan = make()
     core.hold_up_after(inf)
     return plan, core.stopwatch_looks() - began - after
 
@@ -167,9 +167,20 @@ def looks_after_hold_up(after: float, limit: float, of: HorizonProblem) -> tuple
 def test_whatever_is_under_way_ends_with_the_time() -> None:
     tall = problem((384, 16))
     nothing = bindings.objective(tall, no_droplets(tall)).value
-    first, whole = (looks_after_hold_up(0.0, limit, tall)[1] for limit in (1.0, inf))
+    first, whole = (looks_after_hold_up(0.0, partial(found, limit, tall))[1] for limit in (1.0, inf))
     for after in range(0, int(whole), 20):
-        plan, late = looks_after_hold_up(float(after), 1e5, tall)
+        plan, late = looks_after_hold_up(float(after), partial(found, 1e5, tall))
         ending = ENDING + (EVALUATION if LeftOut.STARTS in plan.left_out else 0.0)
         assert plan.objective.value < nothing
         assert late <= max(first - after, ending)
+
+
+@pytest.mark.usefixtures("counting")
+def test_rest_of_the_last_plan_that_is_cut_off_while_it_is_postponed_is_reported() -> None:
+    """Put off, the rest is the best of these starts, so a plan from another one is there because time was lacking."""
+    last = np.ones((3, 14, 13), np.int32)
+    make = partial(best_plan, problem(), WORK, relaxed=None, last=last, layer_worth=0.0, seed=1, seconds_max=1e5)
+    plans = [looks_after_hold_up(float(after), make)[0] for after in range(40)]
+    unrepaired = [plan for plan in plans if plan.status is PlanStatus.FALLBACK]
+    assert {plan.start for plan in unrepaired} == {"full layers", "last plan"}
+    assert all(LeftOut.STARTS in plan.left_out for plan in unrepaired)

@@ -59,6 +59,13 @@ def test_inks_go_by_object_or_material(tmp_path: Path, inks: dict[str, str]) -> 
     np.testing.assert_array_equal((regions["A"] | regions["B"]).tops, whole.tops)
 
 
+def test_ink_of_an_object_comes_before_that_of_its_material(tmp_path: Path) -> None:
+    both_stiff = mesh_object(2, LOW, "ground", 0) + mesh_object(3, HIGH, "cover", 0)
+    path = written(tmp_path, model_xml(both_stiff, ITEMS, materials="stiff soft"))
+    regions = load_inks(path, 40, 30, 1e-4, {"stiff": "A", "cover": "B"})
+    assert (regions["A"].height, regions["B"].height) == pytest.approx((1e-3, 2e-3), rel=1e-9, abs=0.0)
+
+
 def test_objects_without_ink_and_names_without_object_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"))
     message = "object 'cover' of material 'soft' has no ink.*inks: no object or material is called 'grond'.*'?ground"

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from inkloop.report import solid_view
-from inkloop.report.solid_view import FRAME, SMOOTHING_VOXELS, view
+from inkloop.report.solid_view import FRAME, LIGHT, SMOOTHING_VOXELS, view
 
 PIXELS, STEPS = 40, 60
 RANDOM = gaussian_filter(np.random.default_rng(0).random((9, 7, 24)), (1.0, 1.0, 3.0)) > 0.5
@@ -38,3 +38,18 @@ def test_every_pixel_is_that_of_a_ray_marched_through_the_whole_box(
     expected = np.where(inside.any(axis=-1)[..., None], found, 0).clip(0, np.array(solid.shape) - 1)
     np.testing.assert_array_equal(np.isfinite(seen.brightness), inside.any(axis=-1))
     np.testing.assert_array_equal(seen.voxel, expected)
+
+
+@pytest.mark.parametrize("rise", [1, 2])
+def test_brightness_of_a_slope_is_that_of_its_angle_in_the_part_not_in_voxels(rise: int) -> None:
+    """Of a plane that rises by so many voxels with each cell, seen from above."""
+    cells, upright = 32, 0.4
+    i, _, k = np.indices((cells, cells, (rise + 1) * cells))
+    solid = k < cells // 2 + rise * i
+    x, _, z = (np.array(solid.shape) + 2 * FRAME - 1) / (1.0, 1.0, upright)
+    normal = np.array([-rise * x / z, 0.0, 1.0])
+    light = np.array(LIGHT)
+    expected = 0.3 + 0.7 * normal @ light / np.linalg.norm(normal) / np.linalg.norm(light)
+    middle = slice(solid_view.PIXELS * 2 // 5, solid_view.PIXELS * 3 // 5)
+    seen = view(solid, upright, azimuth_deg=0.0, elevation_deg=90.0).brightness[middle, middle]
+    assert seen.mean() == pytest.approx(expected, rel=0.01, abs=0.0)

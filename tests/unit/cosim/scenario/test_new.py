@@ -12,7 +12,10 @@ from inkloop.commands.new import SHAPES
 from inkloop.printing.run import print_part
 from inkloop.scenario import new
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.part_file import PartFile, fit
+from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.schema import ScenarioFile
+from support import meshes
 from support.prints import LITTLE_WORK
 
 
@@ -56,3 +59,12 @@ def test_new_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["new", str(tmp_path / "mine")]) == 1
     assert "not overwritten" in capsys.readouterr().err
     assert (tmp_path / "mine.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("cells", [3, 6, 7, 12, 24])
+def test_part_of_whole_cells_gets_no_cell_more_by_rounding(cells: int, tmp_path: Path) -> None:
+    """Its sides are 100 um each in mm, of which most have no exact double."""
+    path = tmp_path / "part.stl"
+    path.write_bytes(meshes.binary_stl(meshes.box((0, 0, 0), (cells / 10, (cells + 1) / 10, 0.2))))
+    grid = fit(PartFile(path), 100.0).grid
+    assert (grid.nx, grid.ny) == (cells + 2 * EMPTY_CELLS, cells + 1 + 2 * EMPTY_CELLS)

@@ -150,6 +150,14 @@ def test_newest_layer_is_that_of_patterns_and_passes(tmp_path: Path) -> None:
     assert written.layer == known
 
 
+def test_layer_of_another_job_is_another_one_whatever_its_number() -> None:
+    written = MasterJournal()
+    written.intend(Asked.PASS, Key(JOB, 1, 0), 0x1234)
+    written.done(Asked.PASS, Key(JOB, 1, 0), 0x1234)
+    written.intend(Asked.PATTERN, Key(JOB + 1, 1), 0x5678)
+    assert written.layer == LayerAsked(1, pattern_crc=0x5678)
+
+
 def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | None:
     return (STEPS[routine], key) if routine in STEPS else None
 

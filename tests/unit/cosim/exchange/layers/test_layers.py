@@ -58,6 +58,7 @@ def planes(folder: Path, form: str = "tiff") -> list[tuple[dict[str, Any], np.nd
         assert entry["sha256"] == hashlib.sha256(content).hexdigest()
         bits = stored_bits(content, form).T
         assert entry["pixels"] == bits.sum()
+        assert entry["drops"] == entry["drops_per_pixel"] * bits.sum()
         found.append((entry, bits))
     assert len(list(folder.iterdir())) == len(found) + 1
     return found
