@@ -156,7 +156,7 @@ class Checkpoints:
         gc.collect(1)  # ctypes leaves maps in reference cycles; the collector counts objects, not their bytes
 
     def _state_is_due(self) -> bool:
-        is_cheap = self._state_size < LARGE_STATE or self._durable or not self._holds_state
+        is_cheap = self._state_size < LARGE_STATE or self._durable
         return is_cheap or self._clock() - self._state_at >= _STATE_SHARE * self._state_s
 
     def _write_state(self, path: Path, point: Checkpoint) -> None:
