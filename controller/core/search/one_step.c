@@ -44,7 +44,8 @@ static void apply_change(PlanSurface *surface, const Change *change) {
     const CellsChange made = cells_change(surface, change, raised);
     const size_t top = change->i > 0 ? 0 : 1, bottom = change->i + 1 < surface->nx ? 2 : 1;
     const size_t left = change->j > 0 ? 0 : 1, right = change->j + 1 < surface->ny ? 2 : 1;
-    surface->left_to_chance[made.first + surface->stride + 1] = surface_chance(surface, made.kept);
+    if (surface->chance > 0.0) /* else the map stays 0, and its memory untouched */
+        surface->left_to_chance[made.first + surface->stride + 1] = surface_chance(surface, made.kept);
     for (size_t row = top; row <= bottom; row++)
         for (size_t column = left; column <= right; column++) {
             const size_t cell = made.first + row * surface->stride + column;
