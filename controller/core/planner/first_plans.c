@@ -140,7 +140,15 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
     first->value[START_LAST_PLAN] = value;
 }
 
-static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
+static void take_full_layers(FirstPlans *first, PlanSurface *surface) {
+    if (!has_time(first))
+        return;
+    full_layers(first->problem, first->plan[START_FULL_LAYERS]);
+    (void)take_start(first, surface, START_FULL_LAYERS);
+}
+
+/* The rounded droplets, or full layers where there are none to round, and how long the rounding took [s]. */
+static int32_t take_sound(FirstPlans *first, PlanSurface *surface, double *rounding) {
     const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
     const double began = stopwatch_seconds();
     int32_t rounded = CORE_DONE;
@@ -151,16 +159,30 @@ static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
         full_layers(first->problem, first->plan[START_FULL_LAYERS]);
     if (rounded != CORE_DONE)
         return rounded;
-    const double rounding = stopwatch_seconds() - began;
-    if (!take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS, first->first_ends_at))
-        return CORE_TIME;
-    take_rest(first, surface);
-    if (is_limited(first) && can_relax(first) && take_relaxed(first, surface, rounding) == CORE_NO_MEMORY)
-        return CORE_NO_MEMORY;
-    if (is_rounded && has_time(first)) {
-        full_layers(first->problem, first->plan[START_FULL_LAYERS]);
-        (void)take_start(first, surface, START_FULL_LAYERS);
+    *rounding = stopwatch_seconds() - began;
+    return take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS, first->first_ends_at) ? CORE_DONE
+                                                                                                         : CORE_TIME;
+}
+
+/* With a limit a sound plan comes first. Without one it comes last: it is mostly the best one, and its surface is there
+ * then for the repair. */
+static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
+    const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
+    double rounding;
+    if (!is_limited(first)) {
+        take_rest(first, surface);
+        if (is_rounded)
+            take_full_layers(first, surface);
+        return take_sound(first, surface, &rounding);
     }
+    const int32_t status = take_sound(first, surface, &rounding);
+    if (status != CORE_DONE)
+        return status;
+    take_rest(first, surface);
+    if (can_relax(first) && take_relaxed(first, surface, rounding) == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    if (is_rounded)
+        take_full_layers(first, surface);
     return CORE_DONE;
 }
 

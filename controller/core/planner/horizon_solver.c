@@ -45,9 +45,11 @@ int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options
 int32_t improve_plan_on(PlanSurface *surface, const SearchOptions *options, int32_t *plan, SearchReport *report) {
     *report = UNKNOWN;
     const double began = stopwatch_seconds();
-    surface_set_plan(surface, plan);
-    if (!surface_evaluate_until(surface, began + options->seconds_max))
-        return CORE_TIME;
+    if (!isinf(options->seconds_max) || !surface_holds(surface, plan)) { /* a limit needs the time of an evaluation */
+        surface_set_plan(surface, plan);
+        if (!surface_evaluate_until(surface, began + options->seconds_max))
+            return CORE_TIME;
+    }
     return improve(surface, options, began, plan, report);
 }
 

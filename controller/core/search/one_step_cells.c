@@ -7,6 +7,8 @@
 /* 1 for the cell in the middle. */
 static const double MIDDLE_LANES[THREE] = {[MIDDLE] = 1.0};
 
+const double NO_SHARES[THREE] = {0.0};
+
 /* LANES cells of each of three rows of a map. */
 static INLINED void load_cells(const double *map, size_t stride, double *restrict cells) {
     for (size_t row = 0; row < 3; row++) /* by name: a copy of bytes is done in pieces that do not fit a vector */
@@ -79,15 +81,20 @@ static INLINED void costs_of(const PlanSurface *surface, size_t first, const dou
         cost[k] *= weight[k];
 }
 
+static INLINED void raise_of(const CellsChange *change, double *restrict raised) {
+    for (size_t k = 0; k < THREE; k++)
+        raised[k] = change->come[k] - change->gone[k];
+}
+
 /* Adds the change of heights and their squares to the sums. */
-static INLINED void add_heights(const PlanSurface *surface, const CellsChange *change, const double *was,
+static INLINED void add_heights(const PlanSurface *surface, size_t first, const double *raised, const double *was,
                                 double *restrict height, double *restrict square) {
     double inside[THREE];
-    load_cells(surface->inside + change->first, surface->stride, inside);
+    load_cells(surface->inside + first, surface->stride, inside);
     for (size_t k = 0; k < THREE; k++) {
         const double above = was[k] - surface->reference;
-        height[k] = inside[k] * change->raised[k];
-        square[k] = height[k] * (above + change->raised[k] + above);
+        height[k] = inside[k] * raised[k];
+        square[k] = height[k] * (above + raised[k] + above);
     }
 }
 
@@ -98,10 +105,23 @@ static inline double square_of_chance(const PlanSurface *surface, const CellsCha
     return surface->inside[cell] * (chance * chance - was * was) / 3.0;
 }
 
+/* Takes what a change raises and what it adds to the costs of its cells. */
+static INLINED void put_first(const double *raised, const double *cost, double chance, FirstChange *restrict first) {
+    for (size_t row = 0; row < 3; row++) {
+        for (size_t k = 0; k < LANES; k++)
+            first->raised[(row + 1) * REACH_LANES + 1 + k] = raised[row * LANES + k];
+        for (size_t k = 0; k < LANES; k++)
+            first->cost[(row + 1) * REACH_LANES + 1 + k] = cost[row * LANES + k];
+    }
+    first->chance = chance;
+}
+
 static INLINED Sums change_alone(const PlanSurface *surface, const CellsChange *change, const Asked asked,
-                                 double *restrict cost) {
-    double was[THREE], is[THREE], chance[THREE], cost_was[THREE], height[THREE], square[THREE];
-    const double own = surface_chance(surface, change->kept);
+                                 FirstChange *restrict first) {
+    double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], height[THREE], square[THREE];
+    double cost[THREE];
+    const double own = surface_chance(surface, change->come[MIDDLE]);
+    raise_of(change, raised);
     load_cells(surface_height(surface, 1) + change->first, surface->stride, was);
     load_cells(surface->cost + change->first, surface->stride, cost_was);
     if (asked.chance) {
@@ -110,21 +130,24 @@ static INLINED Sums change_alone(const PlanSurface *surface, const CellsChange *
             chance[k] = MIDDLE_LANES[k] > 0.0 ? own : chance[k];
     }
     for (size_t k = 0; k < THREE; k++)
-        is[k] = was[k] + change->raised[k];
+        is[k] = was[k] + raised[k];
     costs_of(surface, change->first, is, chance, cost, asked);
     for (size_t k = 0; k < THREE; k++)
         cost[k] -= cost_was[k];
+    if (first)
+        put_first(raised, cost, own, first);
     if (asked.cost_alone)
         return (Sums){sum_of(cost), 0.0, 0.0};
-    add_heights(surface, change, was, height, square);
+    add_heights(surface, change->first, raised, was, height, square);
     return (Sums){sum_of(cost), sum_of(height), sum_of(square) + square_of_chance(surface, change, own)};
 }
 
 static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *earlier, size_t near,
                                  const CellsChange *change, const Asked asked) {
     double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], added[THREE], is_own[THREE];
-    double cost[THREE], height[THREE], square[THREE];
-    const double own = surface_chance(surface, change->kept);
+    double own_raised[THREE], cost[THREE], height[THREE], square[THREE];
+    const double own = surface_chance(surface, change->come[MIDDLE]);
+    raise_of(change, own_raised);
     load_cells(surface_height(surface, 1) + change->first, surface->stride, was);
     load_cells(surface->cost + change->first, surface->stride, cost_was);
     load_cells(earlier->raised + near, REACH_LANES, raised);
@@ -139,14 +162,14 @@ static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *
     }
     for (size_t k = 0; k < THREE; k++) {
         was[k] += raised[k];
-        is[k] = was[k] + change->raised[k];
+        is[k] = was[k] + own_raised[k];
     }
     costs_of(surface, change->first, is, chance, cost, asked);
     for (size_t k = 0; k < THREE; k++)
         cost[k] -= cost_was[k] + added[k];
     if (asked.cost_alone)
         return (Sums){earlier->sums.cost + sum_of(cost), 0.0, 0.0};
-    add_heights(surface, change, was, height, square);
+    add_heights(surface, change->first, own_raised, was, height, square);
     return (Sums){earlier->sums.cost + sum_of(cost), earlier->sums.height + sum_of(height),
                   earlier->sums.squared_height + sum_of(square) + square_of_chance(surface, change, own)};
 }
@@ -163,20 +186,37 @@ void take_shares(const PlanSurface *surface, size_t first, unsigned value, doubl
     (HAS_AVX2 ? shares_avx2 : shares_plain)(surface, first, value, shares);
 }
 
-static Sums alone_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
+static Sums alone_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, cost)
-                                 : change_alone(surface, change, asked, cost);
+    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, NULL)
+                                 : change_alone(surface, change, asked, NULL);
 }
 
-static WITH_AVX2 Sums alone_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
+static WITH_AVX2 Sums alone_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, cost)
-                                 : change_alone(surface, change, asked, cost);
+    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, NULL)
+                                 : change_alone(surface, change, asked, NULL);
 }
 
-Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost) {
-    return (HAS_AVX2 ? alone_avx2 : alone_plain)(surface, change, cost_alone, cost);
+Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
+    return (HAS_AVX2 ? alone_avx2 : alone_plain)(surface, change, cost_alone);
+}
+
+static void first_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone, FirstChange *first) {
+    const Asked asked = asked_of(surface, cost_alone);
+    first->sums = is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, first)
+                                        : change_alone(surface, change, asked, first);
+}
+
+static WITH_AVX2 void first_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone,
+                                 FirstChange *first) {
+    const Asked asked = asked_of(surface, cost_alone);
+    first->sums = is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, first)
+                                        : change_alone(surface, change, asked, first);
+}
+
+void look_at_first(const PlanSurface *surface, const CellsChange *change, bool cost_alone, FirstChange *first) {
+    (HAS_AVX2 ? first_avx2 : first_plain)(surface, change, cost_alone, first);
 }
 
 static Sums after_plain(const PlanSurface *surface, const FirstChange *earlier, size_t near, const CellsChange *change,

@@ -14,9 +14,10 @@ enum { LANES = 4, THREE = 3 * LANES, MIDDLE = LANES + 1 };
 /* A change; first: the map's cell that is the first of its cells. */
 typedef struct {
     size_t first;
-    const double *raised; /* of its cells [m] */
-    double kept;          /* what the new droplet leaves in the middle; 0 without one [m] */
+    const double *gone, *come; /* what the old droplet gave to its cells and what the new one gives, or NO_SHARES [m] */
 } CellsChange;
+
+extern const double NO_SHARES[THREE];
 
 enum { REACH_ROWS = 5, REACH_LANES = 8, REACH_MIDDLE = 2 };
 
@@ -37,23 +38,14 @@ static inline void first_open(FirstChange *first) {
     *first = (FirstChange){.is_own = {[REACH_MIDDLE * REACH_LANES + REACH_MIDDLE] = 1.0}};
 }
 
-/* Takes a change, what it adds to the costs of its cells, and to the sums. */
-static inline void first_put(const PlanSurface *surface, const CellsChange *change, const double *cost,
-                             const Sums *sums, FirstChange *first) {
-    for (size_t row = 0; row < 3; row++)
-        for (size_t k = 0; k < LANES; k++) {
-            first->raised[(row + 1) * REACH_LANES + 1 + k] = change->raised[row * LANES + k];
-            first->cost[(row + 1) * REACH_LANES + 1 + k] = cost[row * LANES + k];
-        }
-    first->chance = surface_chance(surface, change->kept);
-    first->sums = *sums;
-}
-
 /* What a droplet on the middle of the cells from `first` on gives to each of them [m]. */
 void take_shares(const PlanSurface *surface, size_t first, unsigned value, double *shares);
 
-/* What a change alone adds to the sums, and in `cost` to those of its cells [m]; cost_alone: the other sums stay 0. */
-Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone, double *cost);
+/* What a change alone adds to the sums; cost_alone: the other sums stay 0. */
+Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone);
+
+/* The same of one that another one follows. */
+void look_at_first(const PlanSurface *surface, const CellsChange *change, bool cost_alone, FirstChange *first);
 
 /* What a first change and another one in addition, whose cells begin at `near` among those of the first, add to the
  * sums. */

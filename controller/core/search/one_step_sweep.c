@@ -30,6 +30,7 @@ typedef struct {
     bool cost_alone;
     size_t left; /* column of the tile */
     FirstChange first;
+    double gone[THREE];
     ShareRow row[SHARE_ROWS];
 } TileWork;
 
@@ -45,20 +46,15 @@ static const double *kept_shares(TileWork *work, size_t i, size_t j, unsigned va
     return row->shares[column];
 }
 
-/* The change of cell (i, j) from one value to another, with room for what it raises. */
-static CellsChange change_of(TileWork *work, size_t i, size_t j, unsigned from, unsigned to, double *restrict raised) {
-    CellsChange change = {i * work->surface->stride + j, raised, 0.0};
-    const double *gone = from ? kept_shares(work, i, j, from) : NULL;
-    for (size_t k = 0; from && k < THREE; k++)
-        raised[k] = -gone[k];
-    if (!to)
-        return change;
-    const double *come = kept_shares(work, i, j, to);
-    change.kept = come[MIDDLE];
-    if (!from)
-        change.raised = come;
-    for (size_t k = 0; from && k < THREE; k++)
-        raised[k] += come[k];
+/* The change of cell (i, j) from one value to another, until the next one. */
+static CellsChange change_of(TileWork *work, size_t i, size_t j, unsigned from, unsigned to) {
+    CellsChange change = {i * work->surface->stride + j, NO_SHARES, NO_SHARES};
+    if (from)
+        change.gone = kept_shares(work, i, j, from);
+    if (from && to) /* the new droplet's are kept in the same place */
+        change.gone = memcpy(work->gone, change.gone, sizeof work->gone);
+    if (to)
+        change.come = kept_shares(work, i, j, to);
     return change;
 }
 
@@ -110,11 +106,10 @@ static void flip(TileWork *work, size_t i, size_t j) {
     const Sums sums = sums_of(work);
     Best best = no_better(work);
     for (unsigned value = 0; value <= surface->problem->kinds; value++) {
-        double raised[THREE], costs[THREE];
         if (value == own || !surface_allows(surface, 0, i, j, value))
             continue;
-        const CellsChange change = change_of(work, i, j, own, value, raised);
-        const Sums added = look_at_change(surface, &change, work->cost_alone, costs);
+        const CellsChange change = change_of(work, i, j, own, value);
+        const Sums added = look_at_change(surface, &change, work->cost_alone);
         const double cost = cost_of(work, &sums, &added);
         *work->work += FOOTPRINT;
         work->tally->evaluations++;
@@ -168,12 +163,10 @@ static size_t partners(const TileWork *work, size_t i, size_t j, unsigned own, s
 
 /* Puts another droplet, or none, on the cell before its own goes to a neighbour. */
 static void begin_swap(TileWork *work, size_t i, size_t j, unsigned own, unsigned other) {
-    double raised[THREE], costs[THREE];
-    const CellsChange change = change_of(work, i, j, own, other, raised);
-    const Sums added = look_at_change(work->surface, &change, work->cost_alone, costs);
-    first_put(work->surface, &change, costs, &added, &work->first);
+    const CellsChange change = change_of(work, i, j, own, other);
+    look_at_first(work->surface, &change, work->cost_alone, &work->first);
     flip_bounds_put(work->flips, surface_cell(work->surface, i, j),
-                    added.cost); /* the other is 0 if there are bounds */
+                    work->first.sums.cost); /* the other is 0 if there are bounds */
 }
 
 /* The cell's droplet against what one of its neighbours has. */
@@ -191,14 +184,13 @@ static void swap(TileWork *work, size_t i, size_t j) {
     for (size_t k = 0; k < count; k++) {
         const size_t row = partner[k] / 3, column = partner[k] % 3, its_i = i + row - 1, its_j = j + column - 1;
         const unsigned other = plan[surface_cell(surface, its_i, its_j)];
-        double raised[THREE];
         if (other != given)
             begin_swap(work, i, j, own, other);
         given = other; /* and while the cell's flip has become known: */
         if (is_swap_in_vain(work->flips, surface_cell(surface, i, j), surface_cell(surface, its_i, its_j), row != 1,
                             column != 1))
             continue;
-        const CellsChange change = change_of(work, its_i, its_j, other, own, raised);
+        const CellsChange change = change_of(work, its_i, its_j, other, own);
         const Sums added = look_at_second(surface, &work->first, near_of(row, column), &change, work->cost_alone);
         const double cost = cost_of(work, &sums, &added);
         if (cost < best.cost)

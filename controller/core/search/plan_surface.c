@@ -110,7 +110,21 @@ void surface_close(PlanSurface *surface) {
     surface->memory = NULL;
 }
 
+bool surface_holds(const PlanSurface *surface, const int32_t *plan) {
+    bool found = surface->is_evaluated;
+    for (size_t layer = 0; layer < surface->problem->layers; layer++)
+        for (size_t i = 0; found && i < surface->nx; i++) {
+            const uint8_t *row = surface_layer(surface, layer) + surface_cell(surface, i, 0);
+            unsigned others = 0;
+            for (size_t j = 0; j < surface->ny; j++)
+                others += row[j] != *plan++;
+            found = others == 0;
+        }
+    return found;
+}
+
 void surface_set_plan(PlanSurface *surface, const int32_t *plan) {
+    surface->is_evaluated = false;
     for (size_t layer = 0; layer < surface->problem->layers; layer++)
         for (size_t i = 0; i < surface->nx; i++)
             for (size_t j = 0; j < surface->ny; j++)
@@ -233,7 +247,7 @@ static INLINED bool print_band(const RowShare *share, size_t left, size_t count)
     const size_t stride = surface->stride;
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1), kept[BAND];
-    const bool is_last = step + 1 == surface->steps;
+    const bool is_uncertain = step + 1 == surface->steps && surface->chance > 0.0; /* else the map stays 0 */
     DropletRow rows[3];
     for (size_t k = 0; k < 3; k++)
         rows[k].is_jetted = true; /* nothing is known */
@@ -249,7 +263,7 @@ static INLINED bool print_band(const RowShare *share, size_t left, size_t count)
         load_row(surface, step, row + 1, left, count, below);
         if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
             memcpy(after + cell, own, count * sizeof *own);
-            for (size_t k = 0; is_last && k < count; k++)
+            for (size_t k = 0; is_uncertain && k < count; k++)
                 surface->left_to_chance[cell + k] = surface_chance(surface, 0.0);
             continue;
         }
@@ -265,7 +279,7 @@ static INLINED bool print_band(const RowShare *share, size_t left, size_t count)
         exchange(here, below, CORNER, 0, count, own, under - 1, kept, after + cell);
         exchange(here, below, SIDE, 1, count, own, under, kept, after + cell);
         exchange(here, below, CORNER, 2, count, own, under + 1, kept, after + cell);
-        for (size_t k = 0; is_last && k < count; k++)
+        for (size_t k = 0; is_uncertain && k < count; k++)
             surface->left_to_chance[cell + k] = surface_chance(surface, kept[k]);
     }
     return true;
@@ -319,6 +333,7 @@ void surface_add_up(PlanSurface *surface) {
 }
 
 bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
+    surface->is_evaluated = false;
     for (size_t step = 0; step < surface->steps; step++) {
         if (!run_rows(print_share, surface, step, ends_at))
             return false;
@@ -326,6 +341,7 @@ bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
     }
     run_rows(take_costs, surface, surface->steps, ends_at);
     surface_add_up(surface);
+    surface->is_evaluated = true;
     return true;
 }
 

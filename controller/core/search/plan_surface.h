@@ -35,6 +35,7 @@ typedef struct {
     double chance;                  /* bound of what a droplet's volume differs by, as a share of it; 0: not counted */
     double least_chance;            /* w of the smallest droplet on level ground [m] */
     double reference;               /* what heights count from in the sums [m] */
+    bool is_evaluated;              /* the surfaces are those of the plan */
     Weighting weighting;
     Sums sums;
     double droplet_worth; /* what one cell nearer by the height of a droplet is worth in the objective [m] */
@@ -69,6 +70,9 @@ void surface_add_up(PlanSurface *surface);
 
 /* Objective of the present plan, in its parts, from scratch. */
 Objective surface_objective(const PlanSurface *surface);
+
+/* Whether the surfaces are evaluated, and those of this plan. */
+bool surface_holds(const PlanSurface *surface, const int32_t *plan);
 
 /* Sets every value of the plan, or writes them out: layers * nx * ny. The surfaces want an evaluation afterwards. */
 void surface_set_plan(PlanSurface *surface, const int32_t *plan);
