@@ -56,7 +56,7 @@ def measure() -> Table:
     layers = len(scans)
     spent = {name: _replay(job, make(job), scans, patterns) for name, make in PLANNERS.items()}
     table = Table(title=f"processor time of the controller per layer, cylinder of {layers - 1} layers, 20 % variation")
-    for heading in ("plans", "estimate", "plan", "both", "relative to version 0.1.0's plans"):
+    for heading in ("plans", "estimate", "plan", "both", "relative to the last row"):
         table.add_column(heading, justify="left" if heading == "plans" else "right")
     for name, found in spent.items():
         times = (scaled(each / layers) for each in (found.estimator, found.planner, found.total))
