@@ -88,7 +88,15 @@ void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before
         outside[cell] = !options->part[cell];
     for (size_t cell = 0; cell < cells; cell++)
         inside[cell] = revives(before, after, cell) && !is_near_marked(outside, nx, ny, cell);
+    for (size_t added = 1; added > 0;) {
+        added = 0;
+        for (size_t cell = 0; cell < cells; cell++)
+            if (!inside[cell] && revives(before, after, cell) && is_near_marked(inside, nx, ny, cell)) {
+                inside[cell] = 1;
+                added++;
+            }
+    }
     for (size_t cell = 0; cell < cells; cell++)
-        if (revives(before, after, cell) && is_near_marked(inside, nx, ny, cell))
+        if (inside[cell])
             after->reckoned[cell] = after->height[cell];
 }

@@ -12,7 +12,7 @@ void begin_trust(const EstimatorOptions *options, int32_t layer, const double *m
 void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
 
 /* Takes out of the reckoning what did not come while a cell was dead and is alive now; at a wall, where a displaced
- * scan shows cells that are neither, only next to such a cell inside. `marks` holds two maps. */
+ * scan shows cells that are neither, only where such cells reach from inside to it. `marks` holds two maps. */
 void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *marks,
                   SurfaceEstimate *after);
 

@@ -174,3 +174,20 @@ def test_dead_cells_are_left_out_of_the_plan_and_tried_in_every_fifth_layer() ->
         choices = mpc.problem(estimate, layer - 1).choices
         assert choices[:, 4, 4].tolist() == [int(layer % 5 == 0), 0, 0]
         assert choices[:, 4, 5].all()
+
+
+def test_ink_that_never_came_is_forgotten_up_to_the_ends_of_a_line_that_jets_again() -> None:
+    """Here the last two cells at both ends touch the outside; no scan can show a displaced wall."""
+    job, column = cylinder(), 5
+    plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
+    pattern, seen, line = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_), job.mask[:, column]
+    assert job.mask[np.ix_([8, 9], [4, 5])].tolist() == [[False, True], [False, True]]
+    surface = np.zeros(seen.shape)
+    estimate = estimator.first(surface, seen)
+    for layer, volume in enumerate([NOTHING] * 5 + [1.0], start=1):
+        factor = np.ones(seen.shape)
+        factor[:, column] = volume
+        surface = plant.layer(surface, pattern, layer, factor)
+        estimate = estimator.next(estimate, pattern, layer, surface, seen)
+        assert estimate.dead[line, column].all() == (3 <= layer <= 5)
+    np.testing.assert_array_equal(estimate.reckoned[line, column], estimate.height[line, column])
