@@ -183,6 +183,15 @@ def test_unseen_surface_at_the_height_of_a_thin_region_is_planned_alike() -> Non
     assert_twins(job, chosen, set(), unseen, layers=3)
 
 
+def test_limit_with_a_margin_is_planned_alike_where_scans_are_corrected() -> None:
+    """What is not known of their displacement makes the margin wider. All nozzles are dead from layer 3 on."""
+    target = 12e-6 + np.random.default_rng(0).uniform(0.0, 5e-6, 10).reshape(2, 5)[1:]
+    job = Job(1, 5, PITCH, target, np.ones((1, 5), np.bool_), inks=TWO_INKS, region=Above(5e-6))
+    chosen = {"annealing_sweeps": 1, "overshoot_limit_um": 0.0, "chance_margin": 2.0}
+    world = World(0, noise=1e-6, tilt=0.0, holes=0.0, volume=0.6, dead_row=0, unknown=frozenset(), first_layer=41)
+    assert_twins(job, chosen, set(), world, layers=12)
+
+
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
 @settings(max_examples=15)
 def test_controller_fmu_answers_every_scan_as_the_python_controller(

@@ -5,6 +5,7 @@
 
 #include "dead_cells.h"
 #include "near_cells.h"
+#include "scan_registration.h"
 
 static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 below the target (assumed) */
 static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
@@ -27,15 +28,28 @@ static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate 
     }
 }
 
+/* Of the height of a cell after one more layer, whose droplets add `of_droplets` [m^2]. */
+static double predicted_variance_at(const SurfaceEstimate *estimate, double of_droplets, size_t cells, size_t cell) {
+    const double variance = estimate->variance[cell] + of_droplets;
+    if (!is_displaced(&estimate->registration))
+        return variance;
+    double response[DISPLACEMENTS];
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        response[k] = estimate->response[k * cells + cell];
+    return variance + displacement_variance(&estimate->registration, response);
+}
+
 /* Weights of the cells' errors, and what the surface is not to exceed. */
 static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *estimate, const ProblemMaps *maps) {
+    const size_t cells = options->nx * options->ny;
     double squares = 0.0;
     for (size_t k = 0; k < options->inks; k++) {
         const Ink ink = estimate->ink[k];
         squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
     }
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
-        const double deviation = sqrt(estimate->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double deviation =
+            sqrt(predicted_variance_at(estimate, DROPLET_STD * DROPLET_STD * squares, cells, cell));
         const bool is_fringe = is_near_marked(options->part, options->nx, options->ny, cell);
         maps->weight[cell] = options->part[cell] ? 1.0 : is_fringe ? options->fringe_weight : 0.0;
         maps->ceiling[cell] =

@@ -87,7 +87,11 @@ class Estimate:
         squares = max(ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3) for ink in self.inks)
         variance = self.height_variance + DROPLET_STD * DROPLET_STD * squares
         if self.registration.is_applied:
-            variance += np.einsum("kij,kl,lij->ij", self.response, self.registration.covariance, self.response)
+            of_displacement, covariance = np.zeros(variance.shape), self.registration.covariance
+            for k, each in enumerate(self.response):
+                for m, other in enumerate(self.response):  # in the order in which C adds them
+                    of_displacement += each * covariance[k, m] * other
+            variance += of_displacement
         return variance
 
     def arrays(self) -> dict[str, Any]:
