@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -112,8 +113,9 @@ def wait_until(holds: Callable[[], bool], process: subprocess.Popen[str]) -> Non
 def wait_for_changes(out: Path, count: int, process: subprocess.Popen[str]) -> None:
     """Until so many layers or records have been written, or the study has ended: moments that no clock decides."""
 
-    def look() -> set[object]:
-        return {*out.glob("prints/*/layers/*.npz"), *(path.stat().st_size for path in out.glob("records.jsonl"))}
+    def look() -> set[object]:  # by the module: pathlib raises where a folder goes meanwhile
+        states = glob(str(out / "prints/*/layers/*.npz"))
+        return {*states, *(path.stat().st_size for path in out.glob("records.jsonl"))}
 
     seen = look()
     while count > 0 and process.poll() is None:
