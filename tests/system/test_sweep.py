@@ -113,8 +113,9 @@ def wait_until(holds: Callable[[], bool], process: subprocess.Popen[str]) -> Non
 def wait_for_changes(out: Path, count: int, process: subprocess.Popen[str]) -> None:
     """Until so many layers or records have been written, or the study has ended: moments that no clock decides."""
 
-    def look() -> set[object]:  # by the module: pathlib raises where a folder goes meanwhile
-        states = glob(str(out / "prints/*/layers/*.npz"))
+    def look() -> set[object]:
+        # pathlib's raises where a folder goes meanwhile
+        states = glob(str(out / "prints/*/layers/*.npz"))  # noqa: PTH207
         return {*states, *(path.stat().st_size for path in out.glob("records.jsonl"))}
 
     seen = look()
