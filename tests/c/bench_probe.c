@@ -53,13 +53,18 @@ static bool write_with_a_dead_bit(void *context, uint32_t offset, const uint8_t 
     return written;
 }
 
+/* From now on a node writes its records by this function. */
+static void replace_write(Bench *bench, int number, bool (*write)(void *, uint32_t, const uint8_t *, uint32_t)) {
+    Node *node = bench_node(bench, number);
+    sound = *node->hal;
+    faulty = sound;
+    faulty.storage_write = write;
+    node->hal = node->journal.hal = &faulty;
+}
+
 /* From now on the flash of a node reports that it has written a record, and holds another one. */
 void probe_wear(Bench *bench, int node) {
-    Node *worn = bench_node(bench, node);
-    sound = *worn->hal;
-    faulty = sound;
-    faulty.storage_write = write_with_a_dead_bit;
-    worn->hal = worn->journal.hal = &faulty;
+    replace_write(bench, node, write_with_a_dead_bit);
 }
 
 static bool begin_nothing(void *context, const Work *work) {
@@ -84,11 +89,7 @@ static bool write_and_light(void *context, uint32_t offset, const uint8_t *from,
 
 /* From now on the lamp comes on by itself while a node writes a record, and stays on. */
 void probe_light_while_recording(Bench *bench, int node) {
-    Node *surprised = bench_node(bench, node);
-    sound = *surprised->hal;
-    faulty = sound;
-    faulty.storage_write = write_and_light;
-    surprised->hal = surprised->journal.hal = &faulty;
+    replace_write(bench, node, write_and_light);
 }
 
 uint32_t probe_count(Bench *bench, int what) {

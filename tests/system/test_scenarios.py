@@ -144,6 +144,7 @@ def test_controller_that_takes_scans_as_exact_ends_uneven() -> None:
         printed("noisy-sensor", 1, variant, as_shipped=True).metrics() for variant in ("", "scans taken as exact")
     )
     assert taken["std"] > 2 * filtered["std"]
+    assert taken["mae"] > 2 * filtered["mae"]
 
 
 def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:

@@ -331,7 +331,7 @@ def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: 
 def test_classes_are_checked_on_a_whole_grid_where_the_part_covers_no_cell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The errors of the part are not followed by one of whoever takes the first of its cells."""
+    """The errors of the part come alone, without one more from a component that reads its first cell."""
     (tmp_path / "first_of_the_part.py").write_text("""class First:
     def __init__(self, job):
         self.first = [index[0] for index in job.mask.nonzero()]
