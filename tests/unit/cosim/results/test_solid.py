@@ -65,3 +65,9 @@ def test_error_of_ink_a_is_what_is_missing_or_too_much_at_its_top(boundary: floa
     error = ink_error(run, reach_m=3e-6)[1, 1] * 1e6
     assert error[19] == pytest.approx(boundary - 20.0, rel=1e-6, abs=0.0)  # missing is positive
     assert error[10] == 0.0  # far below
+
+
+@pytest.mark.parametrize(("boundary", "first", "after"), [(16.0, 16, 20), (24.0, 20, 24)])
+def test_error_of_ink_a_is_shown_within_its_reach_below_and_above(boundary: float, first: int, after: int) -> None:
+    shown = ink_error(printed([20.0, 40.0], [1, 2], boundary), reach_m=3e-6)[1, 1] != 0.0
+    np.testing.assert_array_equal(np.flatnonzero(shown), np.arange(first - 3, after + 3))
