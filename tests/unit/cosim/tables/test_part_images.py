@@ -14,6 +14,8 @@ from PIL import Image
 
 from inkloop.errors import ScenarioError
 from inkloop.exchange.layers import bitmap
+from inkloop.metrology import map_writing
+from inkloop.metrology.height_map import HeightMap
 from inkloop.units import M_PER_UM
 from support.parts import NX, NY, PITCH_UM, with_part
 
@@ -194,6 +196,18 @@ def test_volume_under_a_height_map_is_kept(pixel_um: float, turn: float, tmp_pat
     job = with_part(part, tmp_path).job()
     expected = heights.sum() * pixel_um**2
     assert job.target_height.sum() / M_PER_UM * PITCH_UM**2 == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("cells", [(1, 4), (4, 1)])
+def test_every_cell_below_an_oblong_pixel_has_its_height(cells: tuple[int, int], tmp_path: Path) -> None:
+    """2 x 2 pixels, a cell wide and four long."""
+    heights = np.array([[10.0, 20.0], [30.0, 40.0]]) * M_PER_UM
+    dx, dy = (count * PITCH_UM * M_PER_UM for count in cells)
+    map_writing.write(tmp_path / "map.sdf", HeightMap(heights, dx, dy), "sdf")
+    target = with_part('shape = "height-map"\nfile = "map.sdf"', tmp_path).job().target_height
+    i, j = (slice(size // 2 - count, size // 2 + count) for size, count in zip((NX, NY), cells, strict=True))
+    np.testing.assert_allclose(target[i, j], heights.repeat(cells[0], axis=0).repeat(cells[1], axis=1), rtol=1e-9)
+    assert np.count_nonzero(target) == 4 * 4
 
 
 def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed(tmp_path: Path) -> None:
