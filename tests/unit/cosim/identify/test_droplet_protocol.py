@@ -15,6 +15,7 @@ from inkloop.identify.print_record import noise_of
 from inkloop.identify.volume_area_coefficients import (
     TWO_PRIOR,
     DropSample,
+    _ratio,
     _relative_rms,
     drop_samples,
     height_differences,
@@ -94,6 +95,13 @@ def test_finer_noise_gives_the_coefficients_with_their_spread() -> None:
     for name, true in GAINS.items():
         assert found.coefficients[name] == pytest.approx(true, abs=max(3.0 * found.half_widths[name], 60.0))
     assert found.half_widths["mv_minus"] < 300.0
+
+
+def test_interval_of_equal_differences_is_that_of_a_mean() -> None:
+    """Of 1 and 3: standard error 1, and 12.706 for one degree of freedom in any table of Student's t."""
+    ratio, half_width = _ratio(np.array([1.0, 3.0]), np.ones(2))
+    assert ratio == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert half_width == pytest.approx(12.706, rel=1e-4, abs=0.0)
 
 
 def test_small_differences_do_not_carry_the_coefficients_away() -> None:
