@@ -124,10 +124,13 @@ def test_one_layer_is_not_enough_and_cells_without_a_command_give_no_information
     assert evidence[5] < DEAD_EVIDENCE
 
 
-def test_layer_without_any_ink_says_nothing_about_nozzles() -> None:
+@pytest.mark.parametrize("width", [16, 6])
+def test_layer_without_any_ink_says_nothing_about_nozzles(width: int) -> None:
+    """Whatever share of the grid the part has."""
     job, seen = block(20, 20), np.ones((20, 20), np.bool_)
+    job.mask[:, 2 + width :] = False
     plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
-    pattern, dead, surface = job.mask.astype(np.int32), (10, 10), np.zeros(seen.shape)
+    pattern, dead, surface = job.mask.astype(np.int32), (10, 5), np.zeros(seen.shape)
     estimate = estimator.first(surface, seen)
     for layer in (1, 2):
         factor = np.ones(seen.shape)
