@@ -90,3 +90,14 @@ def test_noise_of_a_reading_is_what_is_left_about_the_plane_though_the_first_sca
         before = estimator.first(first, SEEN)
         found.append(estimator.next(before, np.zeros(PART.shape, np.int32), 1, second + PLANE, SEEN).noise_variance)
     assert np.sqrt(np.mean(found)) == pytest.approx(1e-6, rel=0.05, abs=0.0)
+
+
+def test_noise_that_few_cells_show_is_that_of_what_an_offset_leaves_them() -> None:
+    """Twelve cells in a row, which carry an offset, 1 um above and below by turns: eleven are left for the noise."""
+    part, seen = np.ones((20, 12), np.bool_), np.ones((20, 12), np.bool_)
+    part[:2] = False
+    job = replace(cylinder(), nx=20, ny=12, mask=part, target_height=np.where(part, 400e-6, 0.0))
+    estimator, scan = HeightEstimator(job), np.where(np.indices(part.shape)[1] % 2, 3e-6, 1e-6)
+    before = estimator.first(np.zeros(part.shape), seen)
+    found = estimator.next(before, np.zeros(part.shape, np.int32), 1, scan, seen).noise_variance
+    assert found == pytest.approx(0.5 * 12.0 / 11.0 * 1e-12, rel=1e-9, abs=0.0)
