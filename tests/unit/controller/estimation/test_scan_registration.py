@@ -299,20 +299,21 @@ def test_shift_is_never_more_than_four_cells_and_no_response_is_kept_where_none_
 
 
 @pytest.mark.parametrize(
-    ("shift", "spot", "passes", "found"),
+    ("shift", "spot", "passes", "ny", "found"),
     [
-        ((1.3, -1.6), 0.0, 1, (True, True)),
-        ((-0.7, 1.4), 0.0, 4, (True, False)),
-        ((0.0, 0.0), 0.8, 1, (True, True)),
-        ((0.0, 0.045), 0.0, 1, (False, False)),
+        ((1.3, -1.6), 0.0, 1, 21, (True, True)),
+        ((-0.7, 1.4), 0.0, 4, 21, (True, False)),
+        ((0.0, 0.0), 0.8, 1, 21, (True, True)),
+        ((0.0, 0.045), 0.0, 1, 21, (False, False)),
+        ((-0.3, 0.8), 0.0, 1, 45, (True, False)),
     ],
-    ids=["shift", "passes", "spot", "little"],
+    ids=["shift", "passes", "spot", "little", "back"],
 )
 def test_registration_is_that_of_its_numpy_statement(
-    shift: tuple[float, float], spot: float, passes: int, found: tuple[bool, bool]
+    shift: tuple[float, float], spot: float, passes: int, ny: int, found: tuple[bool, bool]
 ) -> None:
     """Tilted, noisy scans of a rough block on an oblong grid beside an older one, shifted from the second scan on."""
-    job, rng = block(26, 21, passes=passes, inks=(Ink(4.1e-6, 0.7e-6, 0.3e-6),)), np.random.default_rng(4)
+    job, rng = block(26, ny, passes=passes, inks=(Ink(4.1e-6, 0.7e-6, 0.3e-6),)), np.random.default_rng(4)
     job.mask[:12] = False
     ours = HeightEstimator(job, adapt_ink="off", sensor_noise_std=0.4e-6)
     stated = registration_numpy.Estimator(job, 0.16e-12)
