@@ -1,14 +1,16 @@
 """Run the notebooks of docs/notebooks and keep their outputs: python -m tools.notebooks [NAME ...].
 
-A notebook is run in its own folder, from the first cell to the last. Times of day and of cells are left out, so that
-the same outputs are the same file.
+A notebook is run from the first cell to the last, in a copy of its folder beside one of the scenarios, so that the tree
+stays as it is. Times of day and of cells are left out, so that the same outputs are the same file.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +21,8 @@ from nbclient import NotebookClient
 
 from inkloop.files import write_text
 
-FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "docs" / "notebooks"
 NOTEBOOKS = tuple(sorted(path.stem for path in FOLDER.glob("*.ipynb")))
 nbformat: Any = untyped
 CELL_S = 1800
@@ -34,8 +37,12 @@ def read(name: str) -> Any:
 
 def executed(notebook: Any) -> Any:
     """The notebook with the outputs of a run. Raises nbclient's CellExecutionError."""
-    client = NotebookClient(notebook, timeout=CELL_S, resources={"metadata": {"path": str(FOLDER)}})
-    return normal(asyncio.run(client.async_execute()))
+    with tempfile.TemporaryDirectory() as copy:
+        for folder in (FOLDER, ROOT / "scenarios"):
+            shutil.copytree(folder, copy / folder.relative_to(ROOT))
+        place = str(copy / FOLDER.relative_to(ROOT))
+        client = NotebookClient(notebook, timeout=CELL_S, resources={"metadata": {"path": place}})
+        return normal(asyncio.run(client.async_execute()))
 
 
 def normal(notebook: Any) -> Any:
