@@ -6,6 +6,13 @@
 #include <stddef.h>
 
 enum { MAX_PARALLEL = 64 };
+enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
+
+/* How many of `threads` are worth starting for maps of so many cells. */
+static inline size_t useful_threads(size_t threads, size_t cells) {
+    const size_t most = 1 + cells / SHARE_CELLS < MAX_PARALLEL ? 1 + cells / SHARE_CELLS : MAX_PARALLEL;
+    return threads < most ? threads : most;
+}
 
 /* Calls `work` with each of `count` shares of `size` bytes, at most MAX_PARALLEL; returns when all are done. */
 void run_parallel(void *(*work)(void *share), void *shares, size_t size, size_t count);

@@ -128,16 +128,13 @@ typedef struct {
     bool is_done;
 } Share;
 
-enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
-
 /* Calls `work` for all rows of the maps in shares like this one; false if one of them has run out of time. */
 static bool run_shares(void *(*work)(void *share), const Share *like) {
     const RelaxedSurface *surface = like->surface;
-    const size_t rows = surface->problem->nx + 2, most = 1 + surface->framed / SHARE_CELLS;
-    size_t threads = surface->threads < most ? surface->threads : most;
+    const size_t rows = surface->problem->nx + 2;
+    size_t threads = useful_threads(surface->threads, surface->framed);
     Share shares[MAX_PARALLEL];
     bool is_done = true;
-    threads = threads < MAX_PARALLEL ? threads : MAX_PARALLEL;
     threads = threads < rows ? threads : rows;
     for (size_t k = 0; k < threads; k++) {
         shares[k] = *like;

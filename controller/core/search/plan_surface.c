@@ -218,15 +218,11 @@ typedef struct {
     bool is_done;
 } RowShare;
 
-enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
-
 /* Calls `work` for all rows; false if one of the threads has run out of time. */
 static bool run_rows(void *(*work)(void *share), PlanSurface *surface, size_t step, double ends_at) {
-    const size_t most = 1 + surface->framed / SHARE_CELLS;
-    size_t threads = surface->threads < most ? surface->threads : most;
+    size_t threads = useful_threads(surface->threads, surface->framed);
     RowShare shares[MAX_PARALLEL];
     bool is_done = true;
-    threads = threads < MAX_PARALLEL ? threads : MAX_PARALLEL;
     threads = threads < surface->nx ? threads : surface->nx;
     for (size_t k = 0; k < threads; k++)
         shares[k] = (RowShare){.surface = surface,
