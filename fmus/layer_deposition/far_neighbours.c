@@ -35,6 +35,7 @@ static double add_far_droplet(const double *before, double *after, size_t nx, si
 double deposit_far_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern,
                         const FarInk ink[2], int reach, const double *factor, int colour) {
     double lost = 0.0;
+    memcpy(after, before, nx * ny * sizeof *after);
     for (size_t i = 0; i < nx; i++) {
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;

@@ -19,9 +19,9 @@ enum {
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);
 
-/* One pass: every droplet of `pattern` (0 none, 1 ink[0], 2 ink[1]) on a cell of `colour` acts on `before`, and the sum
- * of their shares is added to `after` (a copy of `before` at entry; all heights are finite). `factor` scales each
- * cell's droplet, NULL: all 1. Returns what fell outside the grid [m]. */
+/* Surface `after` one pass on `before`, another map: every droplet of `pattern` (0 none, 1 ink[0], 2 ink[1]) on a cell
+ * of `colour` acts on `before`, and their shares are added up (all heights are finite). `factor` scales each cell's
+ * droplet, NULL: all 1. Returns what fell outside the grid [m]. */
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour);
 

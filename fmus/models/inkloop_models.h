@@ -29,8 +29,8 @@ INKLOOP_MODELS_API int32_t inkloop_models_interface(void);
 INKLOOP_MODELS_API void inkloop_droplet_volumes(size_t nx, size_t ny, const VolumeVariation *how, int32_t layer,
                                                 double *volumes);
 
-/* One pass of the layer map over the cells of `colour` (-1: all) onto `after`, which holds `before`; `volume` scales
- * each droplet. Returns the heights that left the grid. */
+/* Surface `after` one pass of the layer map on `before` over the cells of `colour` (-1: all); `volume` scales each
+ * droplet. Returns the heights that left the grid. */
 INKLOOP_MODELS_API double inkloop_layer_pass(size_t nx, size_t ny, const double *before, double *after,
                                              const int32_t *pattern, const FarInk ink[2], int32_t reach,
                                              const double *volume, int32_t colour);

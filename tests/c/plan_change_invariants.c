@@ -79,7 +79,7 @@ static bool same_surfaces(const PlanSurface *one, const PlanSurface *other) {
 /* The surface after all layers by the layer map, which knows two inks: one pass for each kind and colour. */
 static double distance_to_layer_map(const PlanSurface *surface) {
     const HorizonProblem *problem = surface->problem;
-    double after[CELLS], before[CELLS];
+    double after[CELLS], before[CELLS], one[CELLS];
     memcpy(after, problem->height, sizeof after);
     for (size_t step = 0; step < surface->steps; step++) {
         const size_t passes = (size_t)problem->passes, layer = step / passes;
@@ -88,8 +88,10 @@ static double distance_to_layer_map(const PlanSurface *surface) {
             int32_t pattern[CELLS];
             for (size_t cell = 0; cell < CELLS; cell++)
                 pattern[cell] = plan[layer * CELLS + cell] == (int32_t)kind + 1;
-            deposit_pass(before, after, NX, NY, pattern, &problem->kind[kind], NULL,
+            deposit_pass(before, one, NX, NY, pattern, &problem->kind[kind], NULL,
                          passes == 1 ? COLOUR_ALL : problem->colours[layer][step % passes]);
+            for (size_t cell = 0; cell < CELLS; cell++)
+                after[cell] += one[cell] - before[cell];
         }
     }
     double furthest = 0.0;

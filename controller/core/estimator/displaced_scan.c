@@ -42,17 +42,62 @@ double spot_radius(double spread) {
     return 0.5 * (low + high);
 }
 
-/* Weighted mean over the neighbours of place `at` in a line of `length` values, `stride` apart. */
-static double line_mean(const double *line, size_t length, size_t stride, size_t at, const double *weights,
-                        size_t reach) {
-    const size_t first = at > reach ? at - reach : 0, last = at + reach < length ? at + reach : length - 1;
+/* Weighted mean over the neighbours of a column that a row has. */
+static double row_mean(const double *row, size_t ny, size_t j, const Spot *spot) {
+    const size_t first = j > spot->reach ? j - spot->reach : 0, last = j + spot->reach < ny ? j + spot->reach : ny - 1;
     double sum = 0.0, total = 0.0;
     for (size_t k = first; k <= last; k++) {
-        const double weight = weights[k > at ? k - at : at - k];
-        sum += weight * line[k * stride];
+        const double weight = spot->weights[k > j ? k - j : j - k];
+        sum += weight * row[k];
         total += weight;
     }
     return sum / total;
+}
+
+/* The same for columns that have all their neighbours. */
+static void inner_means(const double *row, const Spot *spot, size_t left, size_t right, double *restrict mean) {
+    const size_t reach = spot->reach;
+    double total = 0.0;
+    for (size_t j = left; j < right; j++)
+        mean[j] = 0.0;
+    for (size_t tap = 0; tap <= 2 * reach; tap++) {
+        const double weight = spot->weights[tap > reach ? tap - reach : reach - tap], *read = row + tap;
+        for (size_t j = left; j < right; j++)
+            mean[j] += weight * read[j - reach];
+        total += weight;
+    }
+    for (size_t j = left; j < right; j++)
+        mean[j] /= total;
+}
+
+/* Mean of the spot along a row. */
+static void mean_of_row(const double *row, size_t ny, const Spot *spot, const Patch *patch, double *mean) {
+    const size_t reach = spot->reach, last = ny > reach ? ny - reach : 0;
+    const size_t from = patch->left > reach ? patch->left : reach, end = patch->right < last ? patch->right : last;
+    for (size_t j = patch->left; j < patch->right; j++) {
+        if (j == from && j < end) {
+            inner_means(row, spot, from, end, mean);
+            j = end - 1;
+        } else
+            mean[j] = row_mean(row, ny, j, spot);
+    }
+}
+
+/* Mean of the spot over the rows about row i. */
+static void mean_of_rows(Rows lines, size_t nx, size_t ny, size_t i, const Spot *spot, const Patch *patch,
+                         double *restrict mean) {
+    const size_t first = i > spot->reach ? i - spot->reach : 0, last = i + spot->reach < nx ? i + spot->reach : nx - 1;
+    double total = 0.0;
+    for (size_t j = patch->left; j < patch->right; j++)
+        mean[j] = 0.0;
+    for (size_t k = first; k <= last; k++) {
+        const double weight = spot->weights[k > i ? k - i : i - k], *line = row_of(lines, ny, k);
+        for (size_t j = patch->left; j < patch->right; j++)
+            mean[j] += weight * line[j];
+        total += weight;
+    }
+    for (size_t j = patch->left; j < patch->right; j++)
+        mean[j] /= total;
 }
 
 static Spot spot_of(double spread) {
@@ -83,12 +128,9 @@ static void average(size_t nx, size_t ny, const double *height, const Spot *spot
     }
     const Patch read = patch_widened(patch, nx, ny, spot->reach);
     for (size_t i = read.top; i < read.bottom; i++)
-        for (size_t j = patch->left; j < patch->right; j++)
-            row_of(lines, ny, i)[j] = line_mean(height + i * ny, ny, 1, j, spot->weights, spot->reach);
+        mean_of_row(height + i * ny, ny, spot, patch, row_of(lines, ny, i));
     for (size_t i = patch->top; i < patch->bottom; i++)
-        for (size_t j = patch->left; j < patch->right; j++)
-            row_of(mean, ny, i)[j] =
-                line_mean(lines.values + j, nx - lines.top, ny, i - lines.top, spot->weights, spot->reach);
+        mean_of_rows(lines, nx, ny, i, spot, patch, row_of(mean, ny, i));
 }
 
 /* The cell before a place on a line of `length` cells, and how far beyond it the place is. */
@@ -99,16 +141,67 @@ static size_t cell_before(double place, size_t length, double *beyond) {
     return cell;
 }
 
+enum { COLUMNS = 64 }; /* that are moved together */
+
+/* Where some columns are read: by straight lines between a cell and the next one on the grid. */
+typedef struct {
+    size_t cell[COLUMNS], next[COLUMNS];
+    double beyond[COLUMNS]; /* the former */
+    size_t from, end;       /* of those that are read as many columns further as the one in the middle */
+} MovedColumns;
+
+static void moved_columns(size_t ny, double y, size_t left, size_t count, MovedColumns *columns) {
+    const size_t middle = count / 2;
+    for (size_t k = 0; k < count; k++) {
+        columns->cell[k] = cell_before((double)(left + k) + y, ny, &columns->beyond[k]);
+        columns->next[k] = columns->cell[k] + 1 < ny ? columns->cell[k] + 1 : columns->cell[k];
+    }
+    const size_t ahead = columns->cell[middle] - middle; /* of the first one, beyond any number if it lies behind */
+    columns->from = columns->end = middle;
+    while (columns->from > 0 && columns->cell[columns->from - 1] == columns->from - 1 + ahead)
+        columns->from--;
+    while (columns->end < count && columns->cell[columns->end] == columns->end + ahead &&
+           columns->next[columns->end] > columns->cell[columns->end])
+        columns->end++;
+}
+
+/* Those at the ends, where the grid may go no further. */
+static void move_outer(const MovedColumns *columns, size_t from, size_t end, const double *here, const double *there,
+                       double up, double *moved) {
+    for (size_t k = from; k < end; k++) {
+        const size_t cell = columns->cell[k], next = columns->next[k];
+        const double right = columns->beyond[k];
+        const double near = (1.0 - right) * here[cell] + right * here[next];
+        const double far = (1.0 - right) * there[cell] + right * there[next];
+        moved[k] = (1.0 - up) * near + up * far;
+    }
+}
+
+/* The others, next to each other. */
+static void move_inner(const MovedColumns *columns, const double *here, const double *there, double up,
+                       double *restrict moved) {
+    const size_t from = columns->from, cell = columns->cell[from];
+    for (size_t k = from; k < columns->end; k++) {
+        const double right = columns->beyond[k];
+        const double near = (1.0 - right) * here[cell + k - from] + right * here[cell + k - from + 1];
+        const double far = (1.0 - right) * there[cell + k - from] + right * there[cell + k - from + 1];
+        moved[k] = (1.0 - up) * near + up * far;
+    }
+}
+
 static void move(size_t nx, size_t ny, Rows height, double x, double y, const Patch *patch, Rows moved) {
-    for (size_t i = patch->top; i < patch->bottom; i++) {
-        double right, up, *row_moved = row_of(moved, ny, i);
-        const size_t row = cell_before((double)i + x, nx, &up), next_row = row + 1 < nx ? row + 1 : row;
-        const double *here = row_of(height, ny, row), *there = row_of(height, ny, next_row);
-        for (size_t j = patch->left; j < patch->right; j++) {
-            const size_t column = cell_before((double)j + y, ny, &right), next = column + 1 < ny ? column + 1 : column;
-            const double near = (1.0 - right) * here[column] + right * here[next];
-            const double far = (1.0 - right) * there[column] + right * there[next];
-            row_moved[j] = (1.0 - up) * near + up * far;
+    MovedColumns columns;
+    for (size_t left = patch->left; left < patch->right; left += COLUMNS) {
+        const size_t count = patch->right - left < COLUMNS ? patch->right - left : COLUMNS;
+        moved_columns(ny, y, left, count, &columns);
+        for (size_t i = patch->top; i < patch->bottom; i++) {
+            double up;
+            const size_t row = cell_before((double)i + x, nx, &up), next = row + 1 < nx ? row + 1 : row;
+            const double *here = row_of(height, ny, row), *there = row_of(height, ny, next);
+            double *its = row_of(moved, ny, i) + left;
+            move_outer(&columns, 0, columns.from, here, there, up, its);
+            move_inner(&columns, here, there, up, its);
+            move_outer(&columns, columns.end, count, here, there, up, its);
         }
     }
 }

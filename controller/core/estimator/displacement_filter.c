@@ -16,6 +16,7 @@ static const double WALL = 4.0;
  * trial).
  */
 static const double OUTLIER = 3.0, STRANGE = 6.0;
+static const double BELOW_OUTLIER = 2.999; /* whatever the rounding, a reading below is none */
 static const double CONVERGED = 1e-4; /* [cells] */
 enum { ROUNDS = 8, REWEIGHTINGS = 2, ROUNDS_WITH_OUTLIERS = 3 };
 _Static_assert((int)UNKNOWNS <= (int)UNKNOWNS_MAX, "they are solved for together");
@@ -145,27 +146,51 @@ static size_t next_wall(const Room *room, size_t ny, size_t i, size_t from) {
     return found ? (size_t)(found - row) : ny;
 }
 
-/* Walls one after the other: what is read about them is little while the scan is not displaced. */
-static void take_columns_of_walls(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
-    const size_t nx = evidence->nx, ny = evidence->ny;
-    size_t wall = 0;
-    for (size_t i = 0; i < nx; i++) {
-        const size_t top = i > STRIP_REACH ? i - STRIP_REACH : 0;
-        const Scratch strip = {room->strip, top, STRIP};
-        Rows rows[GROWTH];
+static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
+    for (size_t i = patch->top; i < patch->bottom; i++)
+        if (memchr(room->is_wall + i * ny + patch->left, 1, patch->right - patch->left))
+            return true;
+    return false;
+}
+
+/* Takes the columns of some rows where there are walls, together with those of cells next to them. */
+static void take_columns_of_rows(const ScanEvidence *evidence, const DisplacedView *left, const Scratch *scratch,
+                                 const Room *room, size_t top, size_t bottom, const Rows columns[GROWTH]) {
+    const size_t ny = evidence->ny;
+    for (size_t j = 0; j < ny; j += BLOCK) {
+        const Patch patch = {top, bottom, j, j + BLOCK < ny ? j + BLOCK : ny};
+        if (has_wall(room, ny, &patch))
+            take_columns(evidence, left, &patch, scratch, room, columns, columns + STEP);
+    }
+}
+
+/* The columns of the walls of row i behind those of the walls before; their number, too. */
+static size_t pack_row(const Room *room, size_t ny, size_t i, const Rows columns[GROWTH], size_t walls) {
+    for (size_t j = next_wall(room, ny, i, 0), end; j < ny; j = next_wall(room, ny, i, end)) {
+        for (end = j + 1; end < ny && room->is_wall[i * ny + end];)
+            end++;
         for (size_t k = 0; k < GROWTH; k++)
-            rows[k] = scratch_map(&strip, ny, SCRATCH_MAPS + k);
-        for (size_t j = next_wall(room, ny, i, 0), end; j < ny; j = next_wall(room, ny, i, end)) {
-            for (end = j + 1; end < ny && room->is_wall[i * ny + end];)
-                end++;
-            const Patch run = {i, i + 1, j, end};
-            take_columns(evidence, left, &run, &strip, room, rows, rows + STEP);
-            for (size_t k = 0; k < GROWTH; k++)
-                memcpy(room->columns.of[k] + wall, row_of(rows[k], ny, i) + j, (end - j) * sizeof(double));
-            wall += end - j;
-            if (end == ny)
-                break;
-        }
+            memcpy(room->columns.of[k] + walls, row_of(columns[k], ny, i) + j, (end - j) * sizeof(double));
+        walls += end - j;
+        if (end == ny)
+            break;
+    }
+    return walls;
+}
+
+/* The columns of walls alone: those of a few rows at a time stand in maps. */
+static void pack_columns(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    size_t walls = 0;
+    for (size_t top = 0; top < nx; top += STRIP_ROWS) {
+        const size_t bottom = top + STRIP_ROWS < nx ? top + STRIP_ROWS : nx;
+        const Scratch strip = {room->strip, top > STRIP_REACH ? top - STRIP_REACH : 0, STRIP};
+        Rows columns[GROWTH];
+        for (size_t k = 0; k < GROWTH; k++)
+            columns[k] = scratch_map(&strip, ny, SCRATCH_MAPS + k);
+        take_columns_of_rows(evidence, left, &strip, room, top, bottom, columns);
+        for (size_t i = top; i < bottom; i++)
+            walls = pack_row(room, ny, i, columns, walls);
     }
 }
 
@@ -184,28 +209,16 @@ static bool open_columns(Room *room, size_t cells) {
     return true;
 }
 
-static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
-    for (size_t i = patch->top; i < patch->bottom; i++)
-        if (memchr(room->is_wall + i * ny + patch->left, 1, patch->right - patch->left))
-            return true;
-    return false;
-}
-
-/* Walls together with their surroundings, which overlap. */
-static void take_columns_of_patches(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
-    enum { SIDE = 32 };
-    const size_t nx = evidence->nx, ny = evidence->ny;
+/* Of a scan that is displaced the columns stand in maps. */
+static void map_columns(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
+    const size_t nx = evidence->nx;
     const Scratch scratch = {room->moved.scratch, 0, nx};
-    Rows maps[GROWTH];
+    Rows columns[GROWTH];
     room->columns = (WallColumns){.is_wall = room->is_wall};
     for (size_t k = 0; k < GROWTH; k++)
-        maps[k] = (Rows){room->columns.of[k] = room->moved.columns[k], 0};
-    for (size_t i = 0; i < nx; i += SIDE)
-        for (size_t j = 0; j < ny; j += SIDE) {
-            const Patch patch = {i, i + SIDE < nx ? i + SIDE : nx, j, j + SIDE < ny ? j + SIDE : ny};
-            if (has_wall(room, ny, &patch))
-                take_columns(evidence, left, &patch, &scratch, room, maps, maps + STEP);
-        }
+        columns[k] = (Rows){room->columns.of[k] = room->moved.columns[k], 0};
+    for (size_t top = 0; top < nx; top += BLOCK)
+        take_columns_of_rows(evidence, left, &scratch, room, top, top + BLOCK < nx ? top + BLOCK : nx, columns);
 }
 
 /* Where the scan is linearised: the prediction itself if nothing moves it. */
@@ -248,29 +261,16 @@ static bool linearise(const ScanEvidence *evidence, const Registration *registra
     weigh_readings(evidence, registration, room);
     if (!room->is_moved && !open_columns(room, nx * ny))
         return false;
-    (room->is_moved ? take_columns_of_patches : take_columns_of_walls)(evidence, &view, room);
+    (room->is_moved ? map_columns : pack_columns)(evidence, &view, room);
     return true;
 }
 
-/* How the readings of some cells go with the growth: in a map, or in `values`. */
-static const double *growth_column(const ScanEvidence *evidence, const Room *room, size_t first, size_t count,
-                                   double *restrict values) {
-    if (room->is_moved)
-        return room->moved.displaced_growth + first;
+/* How the readings of some cells go with the growth. */
+static void take_growth(const ScanEvidence *evidence, const Room *room, size_t first, size_t count,
+                        double *restrict growth) {
+    const double *displaced = room->moved.displaced_growth;
     for (size_t k = 0; k < count; k++)
-        values[k] = evidence->predicted[first + k] - evidence->before[first + k];
-    return values;
-}
-
-/* How the reading of a cell goes with the unknowns; returns the first one that it goes with. */
-static size_t columns_of_cell(const Room *room, size_t cell, double growth, size_t *wall, double column[UNKNOWNS]) {
-    const size_t place = column_place(&room->columns, cell, wall);
-    column[GROWTH] = growth;
-    if (!room->is_wall[cell])
-        return GROWTH;
-    for (size_t k = 0; k < GROWTH; k++)
-        column[k] = room->columns.of[k][place];
-    return 0;
+        growth[k] = room->is_moved ? displaced[first + k] : evidence->predicted[first + k] - evidence->before[first + k];
 }
 
 /* Weight of a reading that a move leaves so far off, in standard deviations. */
@@ -279,61 +279,105 @@ static double robust_weight(double off, bool with_strange) {
     return off > STRANGE && !with_strange ? 0.0 : kept;
 }
 
-/* Adds a cell to the normal equations, with a robust weight after the move `last`. */
-static void add_cell(const Room *room, size_t cell, double growth, const double last[UNKNOWNS], bool with_strange,
-                     size_t *wall, double *matrix, double side[UNKNOWNS]) {
-    double column[UNKNOWNS], left = room->rest[cell];
-    const size_t begin = columns_of_cell(room, cell, growth, wall, column);
-    for (size_t k = begin; k < UNKNOWNS; k++)
-        left -= last[k] * column[k];
-    const double off = fabs(left) * sqrt(room->weight[cell]);
-    const double weight = room->weight[cell] * robust_weight(off, with_strange);
-    for (size_t i = begin; i < UNKNOWNS; i++) {
-        const double weighted = weight * column[i];
-        side[i] += weighted * room->rest[cell];
-        for (size_t j = begin; j <= i; j++)
-            matrix[i * UNKNOWNS + j] += weighted * column[j];
+/* Weights of some readings, of which a move leaves `left`; most blocks have no outlier, and need no root. */
+static void robust_weights(size_t count, const double *left, const double *weights, bool with_strange,
+                           double *restrict robust) {
+    size_t outliers = 0;
+    for (size_t k = 0; k < count; k++)
+        outliers += left[k] * left[k] * weights[k] > BELOW_OUTLIER * BELOW_OUTLIER;
+    for (size_t k = 0; k < count; k++)
+        robust[k] = weights[k];
+    for (size_t k = 0; outliers > 0 && k < count; k++)
+        robust[k] *= robust_weight(fabs(left[k]) * sqrt(weights[k]), with_strange);
+}
+
+enum { REST = UNKNOWNS, LANES = 8 };
+
+/* The normal equations by their lower triangle and, in lane REST, their right side. */
+typedef struct {
+    double of[UNKNOWNS][LANES];
+} NormalSums;
+
+/* How the readings of some cells go with the unknowns, and what is left of them: first the move, later that. */
+typedef struct {
+    double growth[BLOCK], left[BLOCK], weight[BLOCK], at_wall[BLOCK][LANES];
+} ReadingBlock;
+
+/* Takes the columns of the walls among some cells, and what the move `last` leaves there. */
+static void take_walls(const Room *room, size_t first, size_t count, const double last[UNKNOWNS], size_t *wall,
+                       ReadingBlock *block) {
+    for (size_t k = 0; k < count; k++) {
+        const size_t place = column_place(&room->columns, first + k, wall);
+        double *column = block->at_wall[k], left = room->rest[first + k];
+        if (!room->is_wall[first + k])
+            continue;
+        for (size_t i = 0; i < GROWTH; i++)
+            column[i] = room->columns.of[i][place];
+        column[GROWTH] = block->growth[k];
+        column[REST] = left;
+        column[REST + 1] = 0.0;
+        for (size_t i = 0; i < UNKNOWNS; i++)
+            left -= last[i] * column[i];
+        block->left[k] = left;
     }
 }
 
-/* Adds cells that no displacement moves: their growth is the only unknown. */
-static void add_block(const Room *room, size_t first, size_t count, const double *growth, double move,
-                      bool with_strange, double *matrix, double *side) {
-    const double *rest = room->rest + first, *weights = room->weight + first;
-    double off[BLOCK], product[BLOCK], square[BLOCK];
+static void add_wall(double weight, const double column[LANES], NormalSums *sums) {
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        const double weighted = weight * column[i];
+        for (size_t j = 0; j < LANES; j++)
+            sums->of[i][j] += weighted * column[j];
+    }
+}
+
+/* Adds some cells: where there is no wall, growth is the only unknown. */
+static void add_block(const Room *room, size_t first, size_t count, const double last[UNKNOWNS], bool with_strange,
+                      size_t *wall, ReadingBlock *block, NormalSums *sums) {
+    const double *rest = room->rest + first, *growth = block->growth;
+    const uint8_t *is_wall = room->is_wall + first;
+    const bool has_walls = memchr(is_wall, 1, count);
+    double product[BLOCK], square[BLOCK], *own = sums->of[GROWTH];
     for (size_t k = 0; k < count; k++)
-        off[k] = fabs(rest[k] - move * growth[k]) * sqrt(weights[k]);
+        block->left[k] = rest[k] - last[GROWTH] * growth[k];
+    if (has_walls)
+        take_walls(room, first, count, last, wall, block);
+    robust_weights(count, block->left, room->weight + first, with_strange, block->weight);
     for (size_t k = 0; k < count; k++) {
-        const double weighted = weights[k] * robust_weight(off[k], with_strange) * growth[k];
+        const double weighted = block->weight[k] * growth[k];
         product[k] = weighted * rest[k];
         square[k] = weighted * growth[k];
     }
     for (size_t k = 0; k < count; k++) {
-        *side += product[k];
-        *matrix += square[k];
+        if (has_walls && is_wall[k]) {
+            add_wall(block->weight[k], block->at_wall[k], sums);
+            continue;
+        }
+        own[REST] += product[k];
+        own[GROWTH] += square[k];
     }
 }
 
-/* The normal equations of a move with robust weights after the move `last`. */
+/* Adds the readings to the normal equations of a move, with robust weights after the move `last`. */
 static void normal_equations(const ScanEvidence *evidence, const Room *room, const double last[UNKNOWNS],
                              bool with_strange, double *matrix, double side[UNKNOWNS]) {
     const size_t cells = evidence->nx * evidence->ny;
-    double values[BLOCK];
+    NormalSums sums = {{{0.0}}};
+    ReadingBlock block;
     size_t wall = 0;
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        memcpy(sums.of[i], matrix + i * UNKNOWNS, UNKNOWNS * sizeof *matrix);
+        sums.of[i][REST] = side[i];
+    }
     for (size_t first = 0; first < cells; first += BLOCK) {
         const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
-        const double *growth = growth_column(evidence, room, first, count, values);
-        if (!memchr(room->is_wall + first, 1, count)) {
-            add_block(room, first, count, growth, last[GROWTH], with_strange, &matrix[GROWTH * UNKNOWNS + GROWTH],
-                      &side[GROWTH]);
-            continue;
-        }
-        for (size_t k = 0; k < count; k++)
-            add_cell(room, first + k, growth[k], last, with_strange, &wall, matrix, side);
+        take_growth(evidence, room, first, count, block.growth);
+        add_block(room, first, count, last, with_strange, &wall, &block, &sums);
     }
-    for (size_t i = 0; i < UNKNOWNS; i++)
-        for (size_t j = i + 1; j < UNKNOWNS; j++)
-            matrix[i * UNKNOWNS + j] = matrix[j * UNKNOWNS + i];
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        side[i] = sums.of[i][REST];
+        for (size_t j = 0; j < UNKNOWNS; j++)
+            matrix[i * UNKNOWNS + j] = j > i ? sums.of[j][i] : sums.of[i][j];
+    }
 }
 
 /* Precision of the unknowns before the scan. */

@@ -49,8 +49,8 @@ enum { STEP = DISPLACEMENTS, SHIFTS = 2, GROWTH = STEP + SHIFTS, UNKNOWNS };
 
 enum { BLOCK = 64 }; /* cells that are looked at together, so that what is calculated of them stays in the cache */
 
-/* Rows about a wall that its columns are taken from while the scan is not displaced. */
-enum { STRIP_REACH = 2, STRIP = 2 * STRIP_REACH + 1 };
+/* Rows whose columns are taken together while the scan is not displaced, and those that they are taken from. */
+enum { STRIP_ROWS = 8, STRIP_REACH = 2, STRIP = STRIP_ROWS + 2 * STRIP_REACH };
 
 /* What only a registration that moves the scan needs, and a scan that is corrected; NULL before. */
 typedef struct {

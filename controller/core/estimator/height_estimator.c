@@ -106,9 +106,10 @@ static double reading_noise(const EstimatorOptions *options, const SurfaceEstima
     return fmax((1.0 - weight) * before->noise_variance + weight * of_reading, options->steps_variance);
 }
 
-/* Takes the drift out of the scan in `work`, and the variance of its readings. False if there is no memory. */
-static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
-                       Workspace *work, const SurfaceEstimate *after, double *noise) {
+/* The scan without its drift, in `work`, and the variance of its readings. False if there is no memory. */
+static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                       const double *measured, const uint8_t *valid, Workspace *work, const SurfaceEstimate *after,
+                       double *noise) {
     const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
     const double *known = before->height;
     double *rates = work->increments.rates;
@@ -117,14 +118,16 @@ static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *b
     if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
         const Patch grid = {0, nx, 0, ny};
         const DisplacedView view = displaced_view(expected_displacement(&before->registration));
+        const Ink both[2] = {before->ink[0], before->ink[options->ink.inks - 1]};
         if (!open_moved(&work->room, cells))
             return false;
+        layer_surface(layer, before->height, both, work->scratch, work->predicted);
         displaced_scan(nx, ny, work->predicted, &view, &grid, &(Scratch){work->room.moved.scratch, 0, nx},
                        (Rows){work->room.moved.surface, 0});
         known = work->room.moved.surface;
     }
-    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, known, valid, scratch);
-    take_drift_off(&drift, nx, ny, work->scan);
+    const ScanDrift drift = scan_drift(nx, ny, options->part, measured, known, valid, scratch);
+    take_drift_off(&drift, nx, ny, measured, valid, work->scan);
     *noise = reading_noise(options, before, drift.residual_variance);
     return true;
 }
@@ -133,13 +136,11 @@ static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *b
 static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                       bool is_unknown, const double *measured, const uint8_t *valid, Workspace *work,
                       SurfaceEstimate *after, double *noise) {
-    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
-    const Ink both[2] = {before->ink[0], before->ink[inks - 1]};
-    for (size_t cell = 0; cell < cells; cell++)
-        work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
-    layer_surface(layer, before->height, both, work->scratch, work->predicted);
+    const size_t cells = options->nx * options->ny;
     *noise = 0.0;
-    if (!options->take_as_read && !level_scan(options, before, valid, work, after, noise))
+    for (size_t cell = 0; options->take_as_read && cell < cells; cell++)
+        work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
+    if (!options->take_as_read && !level_scan(options, before, layer, measured, valid, work, after, noise))
         return false;
     const bool is_second = before->scans == 1 && options->noise_variance < 0.0; /* it shows what the first was worth */
     work->variance = (PredictionVariance){.before = before->variance,
@@ -166,7 +167,8 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
         take_as_read(&evidence, &work->registered);
         return true;
     }
-    droplet_increments(layer, before->height, inks, before->ink, work->scratch, &work->increments);
+    droplet_increments(layer, before->height, options->ink.inks, before->ink, work->scratch, &work->increments,
+                       work->predicted);
     const bool is_done = register_scan(&evidence, &work->room, &after->registration, &work->registered);
     work->variance.misread = work->registered.misread;
     work->has_increments = work->registered.before == before->height;

@@ -37,7 +37,7 @@ static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_M
 static void take_increments(const LearntLayer *learnt, const Ink ink[], size_t inks) {
     if (memcmp(learnt->held, ink, inks * sizeof *ink) == 0)
         return;
-    droplet_increments(learnt->layer, learnt->before, inks, ink, learnt->scratch, &learnt->increments);
+    droplet_increments(learnt->layer, learnt->before, inks, ink, learnt->scratch, &learnt->increments, NULL);
     memcpy(learnt->held, ink, inks * sizeof *ink);
 }
 

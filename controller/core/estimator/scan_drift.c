@@ -33,14 +33,19 @@ static double plane_at(const double coefficients[PLANE_TERMS], const double term
     return coefficients[0] + coefficients[1] * term[1] + coefficients[2] * term[2];
 }
 
-void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, double *scan) {
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, const double *measured, const uint8_t *valid,
+                    double *scan) {
     const double longer = (double)(nx > ny ? nx : ny);
     const double *coefficients = drift->coefficients;
     for (size_t i = 0; i < nx; i++) {
         const double along_row = coefficients[0] + coefficients[1] * ((double)i / longer - 0.5);
-        double *row = scan + i * ny;
-        for (int32_t j = 0; j < (int32_t)ny; j++)
-            row[j] -= along_row + coefficients[2] * ((double)j / longer - 0.5);
+        const double *reading = measured + i * ny;
+        const uint8_t *seen = valid + i * ny;
+        double *restrict row = scan + i * ny;
+        for (int32_t j = 0; j < (int32_t)ny; j++) {
+            const double read = seen[j] ? reading[j] : 0.0;
+            row[j] = read - (along_row + coefficients[2] * ((double)j / longer - 0.5));
+        }
     }
 }
 

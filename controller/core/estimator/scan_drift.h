@@ -22,7 +22,8 @@ typedef struct {
 ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
                      const uint8_t *valid, double *const scratch[DRIFT_MAPS]);
 
-/* Takes the drift off a scan [m]. */
-void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, double *scan);
+/* The `scan` without its drift [m]; cells that were not `valid` as if 0 had been measured. */
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, const double *measured, const uint8_t *valid,
+                    double *scan);
 
 #endif

@@ -327,8 +327,8 @@ bool register_scan(const ScanEvidence *evidence, Room *room, Registration *regis
     return true;
 }
 
-/* The same for some cells, and how it goes with the step of the shift. */
-static void slopes_of_cells(const WallColumns *columns, const double *response, size_t cells, size_t first,
+/* The same for some cells with walls among them, and how it goes with the step of the shift. */
+static void slopes_at_walls(const WallColumns *columns, const double *response, size_t cells, size_t first,
                             size_t count, size_t *wall, double sensitivity[DISPLACEMENTS][CARRIED],
                             double step[SHIFTS][CARRIED]) {
     for (size_t k = 0; k < DISPLACEMENTS; k++)
@@ -336,8 +336,6 @@ static void slopes_of_cells(const WallColumns *columns, const double *response, 
     for (size_t k = 0; k < SHIFTS; k++)
         for (size_t c = 0; c < count; c++)
             step[k][c] = 0.0;
-    if (!memchr(columns->is_wall + first, 1, count))
-        return;
     for (size_t c = 0; c < count; c++) {
         const size_t place = column_place(columns, first + c, wall);
         for (size_t k = 0; columns->is_wall[first + c] && k < DISPLACEMENTS; k++)
@@ -347,11 +345,22 @@ static void slopes_of_cells(const WallColumns *columns, const double *response, 
     }
 }
 
-void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
-                    const double *before, const double *gain, double *response, double *variance) {
-    const double *previous = registered->previous, *rest = registered->rest;
-    double left[DISPLACEMENTS][CARRIED], sensitivity[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
-    slopes_of_cells(&registered->columns, before, cells, first, count, wall, sensitivity, step);
+/* What the innovation leaves of the response of some cells, of which none is a wall. */
+static void leave_elsewhere(const double *before, size_t cells, size_t first, size_t count, const double *gain,
+                            double left[DISPLACEMENTS][CARRIED]) {
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        const double *its = before + k * cells + first;
+        for (size_t c = 0; c < count; c++)
+            left[k][c] = its[c] - gain[c] * its[c];
+    }
+}
+
+/* The same with walls among them, and what it leaves of the step of the shift. */
+static void leave_at_walls(const WallColumns *columns, const double *before, size_t cells, size_t first, size_t count,
+                           size_t *wall, const double *gain, double left[DISPLACEMENTS][CARRIED],
+                           double step[SHIFTS][CARRIED]) {
+    double sensitivity[DISPLACEMENTS][CARRIED];
+    slopes_at_walls(columns, before, cells, first, count, wall, sensitivity, step);
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         for (size_t c = 0; c < count; c++)
             left[k][c] = before[k * cells + first + c] - gain[c] * sensitivity[k][c];
@@ -360,6 +369,17 @@ void carry_response(size_t cells, size_t first, size_t count, const RegisteredSc
             step[k][c] = -gain[c] * step[k][c];
             left[k][c] -= step[k][c];
         }
+}
+
+void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
+                    const double *before, const double *gain, double *response, double *variance) {
+    const double *previous = registered->previous, *rest = registered->rest;
+    const bool has_walls = memchr(registered->columns.is_wall + first, 1, count);
+    double left[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
+    if (has_walls)
+        leave_at_walls(&registered->columns, before, cells, first, count, wall, gain, left, step);
+    else
+        leave_elsewhere(before, cells, first, count, gain, left);
     for (size_t c = 0; variance && c < count; c++)
         for (size_t i = 0; i < DISPLACEMENTS; i++)
             for (size_t j = 0; j < DISPLACEMENTS; j++)
@@ -367,8 +387,11 @@ void carry_response(size_t cells, size_t first, size_t count, const RegisteredSc
     for (size_t k = 0; k < DISPLACEMENTS; k++) {
         double *carried = response + k * cells + first;
         const double x = previous[k], y = previous[DISPLACEMENTS + k], spread = previous[2 * DISPLACEMENTS + k];
-        for (size_t c = 0; c < count; c++)
-            carried[c] = (k < SHIFTS ? step[k][c] : 0.0) + left[0][c] * x + left[1][c] * y + left[2][c] * spread;
+        const bool has_step = has_walls && k < SHIFTS;
+        for (size_t c = 0; has_step && c < count; c++)
+            carried[c] = step[k][c] + left[0][c] * x + left[1][c] * y + left[2][c] * spread;
+        for (size_t c = 0; !has_step && c < count; c++)
+            carried[c] = left[0][c] * x + left[1][c] * y + left[2][c] * spread;
     }
 }
 

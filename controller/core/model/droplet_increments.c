@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "neighbour_shares.h"
+#include "row_surface.h"
 
 /* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL if it is not wanted. */
 typedef struct {
@@ -12,14 +12,6 @@ typedef struct {
     bool is_first; /* nothing stands in the maps yet */
     double *after;
 } IncrementPass;
-
-/* By kind of each cell's droplet: a value, or none. */
-static INLINED void by_kind(const CellRow *row, size_t count, double one, double other, double *restrict values) {
-    for (size_t k = 0; k < count + 2; k++) {
-        const double second = row->kind[k] == 2 ? other : 0.0;
-        values[k] = row->kind[k] == 1 ? one : second;
-    }
-}
 
 /* Volumes of the droplets of a kind, 0 elsewhere. */
 static INLINED void volumes_of(const CellRow *row, size_t count, int32_t kind, double *restrict volumes) {
@@ -99,37 +91,6 @@ static INLINED void add_squares_from_here(const Surroundings *row, size_t count,
     }
 }
 
-/* Adds to the surface what is given from the next row: heights of the ink times rates. */
-static INLINED void add_heights_from_next(const IncrementPass *pass, const NextRow *next, size_t count,
-                                          double *restrict after) {
-    const Ink one = pass->droplets.ink[0], other = pass->droplets.ink[1];
-    const double *volume = next->row->volume;
-    double side[FRAMED_BAND], corner[FRAMED_BAND];
-    by_kind(next->row, count, one.h2, other.h2, side);
-    by_kind(next->row, count, one.h3, other.h3, corner);
-    for (size_t k = 1; k <= count; k++) {
-        double height = after[k - 1];
-        height += corner[k - 1] * (next->left[k - 1] * volume[k - 1]);
-        height += side[k] * (next->straight[k] * volume[k]);
-        height += corner[k + 1] * (next->right[k] * volume[k + 1]);
-        after[k - 1] = height;
-    }
-}
-
-static INLINED void add_heights_from_here(const IncrementPass *pass, const Surroundings *row, size_t count,
-                                          const double *restrict own, double *restrict after) {
-    const double *volume = row->here->volume;
-    double side[FRAMED_BAND];
-    by_kind(row->here, count, pass->droplets.ink[0].h2, pass->droplets.ink[1].h2, side);
-    for (size_t k = 1; k <= count; k++) {
-        double height = after[k - 1];
-        height += side[k - 1] * (row->under->to_right[k - 1] * volume[k - 1]);
-        height += own[k - 1];
-        height += side[k + 1] * (row->under->to_left[k] * volume[k + 1]);
-        after[k - 1] = height;
-    }
-}
-
 /* Adds to the maps, from cell `cell` on, what is given from the next row. */
 static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, size_t cell) {
     const size_t cells = pass->droplets.nx * pass->droplets.ny;
@@ -140,8 +101,6 @@ static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next
         add_rates_from_next(next, count, (int32_t)ink + 1, h2, h2 + cells);
     }
     add_squares_from_next(next, count, pass->increments->squares + cell);
-    if (pass->after)
-        add_heights_from_next(pass, next, count, pass->after + cell);
 }
 
 /* The same for the droplets of the row itself. */
@@ -157,8 +116,6 @@ static INLINED void add_from_here(const IncrementPass *pass, const Surroundings 
                             own);
     }
     add_squares_from_here(row, count, own, pass->increments->squares + cell, pass->increments->own + cell);
-    if (pass->after)
-        add_heights_from_here(pass, row, count, own, pass->after + cell);
 }
 
 /* From above, here and below, in this order; the loop needs the code for a next row only once. */
@@ -189,6 +146,8 @@ static INLINED void add_pass(const IncrementPass *pass) {
             if (pass->is_first)
                 clear_cells(pass, band.count, cell);
             add_from_rows(pass, &row, band.count, cell);
+            if (pass->after)
+                deposit_row(&row, band.count, pass->after + cell);
         }
     }
 }
@@ -202,24 +161,18 @@ static WITH_AVX2 void add_pass_avx2(const IncrementPass *pass) {
 }
 
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
-                        const DropletIncrements *increments) {
-    const size_t cells = layer->nx * layer->ny, bytes = cells * sizeof(double);
-    double *before = scratch, *after = scratch ? scratch + cells : NULL;
+                        const DropletIncrements *increments, double *after) {
+    const size_t cells = layer->nx * layer->ny;
     IncrementPass pass = {{layer->nx, layer->ny, height, layer->pattern, {ink[0], ink[inks - 1]}, layer->factor, 0},
                           inks,
                           increments,
                           true,
                           NULL};
-    if (layer->passes > 1)
-        memcpy(after, height, bytes);
     for (int32_t number = 0; number < layer->passes; number++) {
         pass.droplets.colour = layer->passes == 1 ? COLOUR_ALL : layer->order[number];
-        if (layer->passes > 1) {
-            memcpy(before, after, bytes);
-            pass.droplets.before = before;
-            pass.after = after;
-        }
+        pass.after = number + 1 == layer->passes ? after : scratch + (size_t)(number % 2) * cells;
         (HAS_AVX2 ? add_pass_avx2 : add_pass_plain)(&pass);
+        pass.droplets.before = pass.after;
         pass.is_first = false;
     }
 }

@@ -22,9 +22,10 @@ typedef struct {
 } DropletIncrements;
 
 /* The increments on the surface `height` [m] with the widths of saturation of `ink` (Lu, Zheng, Mishra 2015, eq. 3-7),
- * open edge. `scratch` holds 2 * nx * ny for layers of several passes, and may be NULL for one. */
+ * open edge; `after`: the surface that is left, NULL: not wanted. `scratch` holds 2 * nx * ny for layers of several
+ * passes, and may be NULL for one. */
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
-                        const DropletIncrements *increments);
+                        const DropletIncrements *increments, double *after);
 
 enum { FLAT_CELLS = 64 }; /* cells of a row that are looked at together */
 

@@ -1,17 +1,13 @@
 #include "layer_surface.h"
 
-#include <string.h>
-
 double layer_surface(const JettedLayer *layer, const double *height, const Ink ink[2], double *scratch, double *after) {
-    const size_t bytes = layer->nx * layer->ny * sizeof(double);
-    memcpy(after, height, bytes);
-    if (layer->passes == 1)
-        return deposit_pass(height, after, layer->nx, layer->ny, layer->pattern, ink, layer->factor, COLOUR_ALL);
+    const double *before = height;
     double lost = 0.0;
-    for (int pass = 0; pass < 4; pass++) {
-        memcpy(scratch, after, bytes);
-        lost +=
-            deposit_pass(scratch, after, layer->nx, layer->ny, layer->pattern, ink, layer->factor, layer->order[pass]);
+    for (int32_t pass = 0; pass < layer->passes; pass++) {
+        double *next = (layer->passes - pass) % 2 == 0 ? scratch : after; /* the last one is `after` */
+        lost += deposit_pass(before, next, layer->nx, layer->ny, layer->pattern, ink, layer->factor,
+                             layer->passes == 1 ? COLOUR_ALL : layer->order[pass]);
+        before = next;
     }
     return lost;
 }

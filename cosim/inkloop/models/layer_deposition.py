@@ -84,7 +84,7 @@ class LayerDeposition:
         inks = (FarInkStruct * 2)(*(FarInkStruct(_padded(ink)) for ink in self.heights))
         lost = surface.lost
         for colour in pass_colours(self.passes, self.pass_order, self.pass_rotation, number) or (-1,):
-            before = after.copy()
+            before, after = after, np.empty(shape)
             lost += library().inkloop_layer_pass(
                 nx, ny, reals(before), reals(after), integers(jetted), inks, self.reach, reals(drops), colour
             )

@@ -111,7 +111,7 @@ def increments(loaded: ctypes.CDLL, it: Case) -> list[Any]:
     layer = JettedLayer(nx, ny, of(it.pattern), of(it.factor), len(order), of(order))
     maps = DropletIncrements(of(rates), of(squares), of(own))
     call = (of(it.height), SIZE(2), of(it.inks), of(scratch))
-    loaded.droplet_increments(ctypes.byref(layer), *call, ctypes.byref(maps))
+    loaded.droplet_increments(ctypes.byref(layer), *call, ctypes.byref(maps), None)
     return [rates, squares[0], own[0]]
 
 
