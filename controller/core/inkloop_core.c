@@ -15,7 +15,7 @@ int32_t inkloop_core_interface(void) {
 
 double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *pattern, const Ink ink[2],
                      const double *factor, int32_t passes, const int32_t order[4], double *scratch, double *after) {
-    const JettedLayer layer = {nx, ny, pattern, factor, passes, order};
+    const JettedLayer layer = {nx, ny, pattern, factor, passes, order, 1};
     return layer_surface(&layer, height, ink, scratch, after);
 }
 

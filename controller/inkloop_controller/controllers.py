@@ -41,7 +41,11 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
         ),
     )
     levels = arguments(DropletChoices, options).get("drop_levels", 1)
-    estimator = _tried(errors, lambda: HeightEstimator(job, drop_levels=levels, **arguments(HeightEstimator, options)))
+    threads = (work or Work()).threads
+    estimator = _tried(
+        errors,
+        lambda: HeightEstimator(job, drop_levels=levels, threads=threads, **arguments(HeightEstimator, options)),
+    )
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
     return LayerController(job, planner, estimator)

@@ -76,7 +76,7 @@ static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answ
         order[pass] = pass_colour(&passes, *v->layers_scanned, pass);
     for (size_t cell = 0; cell < cell_count(v); cell++)
         answer->factor[cell] = v->drop_level[cell];
-    const JettedLayer layer = {options.nx, options.ny, v->pattern, answer->factor, *v->passes, order};
+    const JettedLayer layer = {options.nx, options.ny, v->pattern, answer->factor, *v->passes, order, 1};
     SurfaceEstimate before = {.height = v->estimated_height,
                               .variance = v->height_variance,
                               .unseen = v->unseen,

@@ -3,6 +3,7 @@
 #include "layer_map.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 /* One droplet of `volume` at cell (i, j); returns what fell outside the grid [m]. */
 static double add_far_droplet(const double *before, double *after, size_t nx, size_t ny, size_t i, size_t j,

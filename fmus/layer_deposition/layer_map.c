@@ -10,23 +10,27 @@ double taken_share(double rise, double width) {
     return rise <= -width ? 0.0 : 1.0 + rise / width;
 }
 
-static INLINED void deposit(const DropletPass *pass, double *after) {
+static INLINED void deposit(const DropletPass *pass, size_t top, size_t bottom, double *after) {
     Band band;
     for (size_t first = 0; first < pass->ny; first += BAND) {
-        begin_band(pass, first, &band);
-        for (size_t i = 0; i < pass->nx; i++) {
+        begin_band(pass, first, top, &band);
+        for (size_t i = top; i < bottom; i++) {
             const Surroundings row = surround_row(pass, i, &band);
             deposit_row(&row, band.count, after + i * pass->ny + first);
         }
     }
 }
 
-static void deposit_plain(const DropletPass *pass, double *after) {
-    deposit(pass, after);
+static void deposit_plain(const DropletPass *pass, size_t top, size_t bottom, double *after) {
+    deposit(pass, top, bottom, after);
 }
 
-static WITH_AVX2 void deposit_avx2(const DropletPass *pass, double *after) {
-    deposit(pass, after);
+static WITH_AVX2 void deposit_avx2(const DropletPass *pass, size_t top, size_t bottom, double *after) {
+    deposit(pass, top, bottom, after);
+}
+
+void deposit_rows(const DropletPass *pass, size_t top, size_t bottom, double *after) {
+    (HAS_AVX2 ? deposit_avx2 : deposit_plain)(pass, top, bottom, after);
 }
 
 static bool is_inside(const DropletPass *pass, size_t i, size_t j, int di, int dj) {
@@ -48,15 +52,19 @@ static double droplet_loss(const DropletPass *pass, size_t i, size_t j) {
     return lost;
 }
 
+double lost_in_pass(const DropletPass *pass) {
+    double lost = 0.0;
+    for (size_t i = 0; i < pass->nx; i++) {
+        const size_t step = i == 0 || i + 1 == pass->nx || pass->ny == 1 ? 1 : pass->ny - 1; /* along the edge */
+        for (size_t j = 0; j < pass->ny; j += step)
+            lost += droplet_loss(pass, i, j);
+    }
+    return lost;
+}
+
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour) {
     const DropletPass pass = {nx, ny, before, pattern, {ink[0], ink[1]}, factor, colour};
-    double lost = 0.0;
-    (HAS_AVX2 ? deposit_avx2 : deposit_plain)(&pass, after);
-    for (size_t i = 0; i < nx; i++) {
-        const size_t step = i == 0 || i + 1 == nx || ny == 1 ? 1 : ny - 1; /* along the edge */
-        for (size_t j = 0; j < ny; j += step)
-            lost += droplet_loss(&pass, i, j);
-    }
-    return lost;
+    deposit_rows(&pass, 0, nx, after);
+    return lost_in_pass(&pass);
 }

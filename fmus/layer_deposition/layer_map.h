@@ -16,12 +16,27 @@ enum {
     CENTRE = 4
 }; /* cells that a droplet reaches: number 3 * (di + 1) + (dj + 1) is (i + di, j + dj) */
 
+/* The droplets of one pass, and the surface on which they fall: those of `pattern` (0 none, 1 ink[0], 2 ink[1]) on
+ * cells of `colour`. `factor` scales each cell's droplet, NULL: all 1. All heights are finite. */
+typedef struct {
+    size_t nx, ny;
+    const double *before;
+    const int32_t *pattern;
+    Ink ink[2];
+    const double *factor;
+    int colour;
+} DropletPass;
+
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);
 
-/* Surface `after` one pass on `before`, another map: every droplet of `pattern` (0 none, 1 ink[0], 2 ink[1]) on a cell
- * of `colour` acts on `before`, and their shares are added up (all heights are finite). `factor` scales each cell's
- * droplet, NULL: all 1. Returns what fell outside the grid [m]. */
+/* Rows `top` to `bottom` - 1 of the surface `after` a pass, another map than `before`. */
+void deposit_rows(const DropletPass *pass, size_t top, size_t bottom, double *after);
+
+/* What the droplets of a pass give to cells outside the grid [m]. */
+double lost_in_pass(const DropletPass *pass);
+
+/* Both for all rows; returns what is lost [m]. */
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour);
 

@@ -11,22 +11,11 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "cell_colour.h"
-#include "ink.h"
 #include "instruction_sets.h"
+#include "layer_map.h"
 
 enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns; cell k of a band stands at 1 + k */
 enum { SIDE_PART, CORNER_PART, PARTS };
-
-/* The droplets of one pass and the surface on which they fall, as in deposit_pass. */
-typedef struct {
-    size_t nx, ny;
-    const double *before;
-    const int32_t *pattern;
-    Ink ink[2];
-    const double *factor;
-    int colour;
-} DropletPass;
 
 /* Cells of a row. */
 typedef struct {
@@ -145,17 +134,18 @@ static INLINED void row_shares(const CellRow *row, const CellRow *next, size_t c
     pair_shares(count + 1, row->height, next->height + 1, corner, next_corner + 1, shares->down_right, shares->up_left);
 }
 
-/* Begins the band of columns from `first` on. */
-static INLINED void begin_band(const DropletPass *pass, size_t first, Band *band) {
+/* Begins the band of columns from `first` on, before row `top`. */
+static INLINED void begin_band(const DropletPass *pass, size_t first, size_t top, Band *band) {
+    CellRow *above = &band->row[top % 3], *here = &band->row[(top + 1) % 3];
     band->first = first;
     band->count = pass->ny - first < BAND ? pass->ny - first : BAND;
     memset(band->shares, 0, sizeof band->shares);
-    load_row(pass, band, 0, &band->row[0]);
-    load_row(pass, band, 1, &band->row[1]);
-    row_shares(&band->row[0], &band->row[1], band->count, &band->shares[0]);
+    load_row(pass, band, top, above);
+    load_row(pass, band, top + 1, here);
+    row_shares(above, here, band->count, &band->shares[top % 2]);
 }
 
-/* Row i, after all rows before it. */
+/* Row i, after the rows before it from the first one on. */
 static INLINED Surroundings surround_row(const DropletPass *pass, size_t i, Band *band) {
     CellRow *below = &band->row[(i + 2) % 3];
     const CellRow *above = &band->row[i % 3], *here = &band->row[(i + 1) % 3];

@@ -19,7 +19,7 @@
 #define INKLOOP_MODELS_API __attribute__((visibility("default")))
 #endif
 
-enum { MODELS_INTERFACE = 1 }; /* counts up with every change of a signature or struct below */
+enum { MODELS_INTERFACE = 2 }; /* counts up with every change of a signature or struct below */
 enum { MODELS_NO_MEMORY = INT32_MIN };
 
 /* MODELS_INTERFACE of the library: the caller can refuse one that was built for other sources. */

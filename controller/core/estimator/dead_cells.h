@@ -10,14 +10,20 @@
  * exp -15). */
 #define DEAD_EVIDENCE 15.0
 
-/* Logarithm of how much likelier nothing comes than a weak droplet [1], cell by cell (Wald 1945; Page 1954: never below
- * 0): `before` the layer, and with it in `after`.
+/* Logarithm of how much likelier nothing comes than a weak droplet [1] (Wald 1945; Page 1954: never below 0), of
+ * `count` cells: `before` the layer, and with it in `after`.
  *
  * own: what the cell's droplet was to leave on it [m], 0 where there was none or it was not seen: such a layer is no
- * evidence, nor is one in which most of the part got nothing; grown: what the neighbours' droplets do not explain of
- * its growth [m], with its variance [m^2]; part_cells: number of cells of the part. */
-void dead_evidence(size_t cells, const double *before, const double *own, const double *grown, const double *variance,
-                   size_t part_cells, double *after);
+ * evidence, nor is one in which the head was dry; grown: what the neighbours' droplets do not explain of its growth
+ * [m], with its variance [m^2]. */
+void dead_evidence(size_t count, const double *before, const double *own, const double *grown, const double *variance,
+                   double *after);
+
+/* How many of these cells look as if nothing came in this layer. */
+size_t count_dry(size_t count, const double *own, const double *grown);
+
+/* Whether so many are most of the cells of the part: then the ink has run out. */
+bool is_head_dry(size_t dry, size_t part_cells);
 
 /* Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned. */
 bool is_probe(int64_t layer);

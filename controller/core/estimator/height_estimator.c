@@ -3,18 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-#include "dead_cells.h"
 #include "estimate_doubts.h"
 #include "layer_surface.h"
 #include "map_memory.h"
-#include "near_cells.h"
 #include "scan_drift.h"
+#include "scan_update.h"
 
-static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
-static const double SURPRISE = 5.0; /* standard deviations off the prediction from which on the model of a cell is
-                                       wrong, not the scan (by trial) */
-static const double HALF = 0.5;     /* of the part */
-
+static const double UNSURE = 0.13; /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
 /* Maps of one layer. What is only needed until an estimate is written stands in the maps of that estimate. */
 typedef struct {
     double *scan;
@@ -37,35 +32,34 @@ static double *next_maps(double **next, size_t count, size_t cells) {
 }
 
 /* The increments that the registration takes stay for the ink: they have maps of their own. */
-static Room room_in(const Workspace *work, double *maps, double *strip, size_t cells) {
-    return (Room){.weight = maps,
+static Room room_in(const Workspace *work, double *maps, double *strips, size_t threads, size_t cells) {
+    return (Room){.threads = threads,
+                  .weight = maps,
                   .rest = maps + cells,
                   .curvature = maps + 2 * cells,
                   .is_wall = work->marks + 2 * cells,
-                  .strip = strip};
+                  .strips = strips};
 }
 
-static bool registers(const EstimatorOptions *options) {
-    return !options->take_as_read && options->register_scans;
-}
-
-static bool workspace_open(Workspace *work, const EstimatorOptions *options, int32_t passes,
+static bool workspace_open(Workspace *work, const EstimatorOptions *options, const JettedLayer *layer,
                            const SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny, rates = options->ink.inks * ORDERS;
-    const size_t room = registers(options) ? ROOM_MAPS : 0;
-    const size_t maps = rates + room + (passes > 1 ? 2 : 0), strip = (SCRATCH_MAPS + GROWTH) * STRIP * options->ny;
-    *work = (Workspace){.memory = take_maps(1, (maps * cells + strip) * sizeof(double) + 3 * cells)};
+    const size_t room = registers_scans(options) ? ROOM_MAPS : 0;
+    const size_t maps = rates + room + (layer->passes > 1 ? 2 : 0);
+    const size_t threads = row_threads(layer->threads, options->nx, options->ny);
+    const size_t strips = threads * STRIP_MAPS * STRIP * options->ny;
+    *work = (Workspace){.memory = take_maps(1, (maps * cells + strips) * sizeof(double) + 3 * cells)};
     double *next = work->memory;
     if (!next)
         return false;
     work->scan = after->height;
     work->predicted = after->reckoned;
     work->increments = (DropletIncrements){next_maps(&next, rates, cells), after->variance, after->dead_evidence};
-    work->scratch = passes > 1 ? next_maps(&next, 2, cells) : NULL;
+    work->scratch = layer->passes > 1 ? next_maps(&next, 2, cells) : NULL;
     double *rooms = next_maps(&next, room, cells);
-    double *strips = next_maps(&next, 1, strip);
+    double *strip = next_maps(&next, 1, strips);
     work->marks = (uint8_t *)next;
-    work->room = room_in(work, rooms, strips, cells);
+    work->room = room_in(work, rooms, strip, threads, cells);
     return true;
 }
 
@@ -92,7 +86,8 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
     begin_trust(options, layer, measured, valid, estimate);
     estimate->noise_variance = noise;
     estimate->scans = 1;
-    return !registers(options) || first_response(options->nx, options->ny, estimate->height, valid, estimate->response);
+    return !registers_scans(options) ||
+           first_response(options->nx, options->ny, estimate->height, valid, estimate->response);
 }
 
 /* Variance of a reading [m^2]: as given, or the mean over the scans of what the unprinted cells show. */
@@ -163,7 +158,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                                    .unsure = UNSURE * full_layer_height(&options->ink.nominal[0]),
                                    .is_first_layer = before->scans == 1,
                                    .is_unknown = is_unknown};
-    if (!registers(options)) {
+    if (!registers_scans(options)) {
         take_as_read(&evidence, &work->registered);
         return true;
     }
@@ -196,148 +191,51 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
     learn_ink(&options->ink, &before->learnt, &learnt, &after->learnt, after->ink, widths);
 }
 
-/* Some cells of a scan, and what is known of them. */
-typedef struct {
-    const double *predicted, *misread; /* misread: NULL if there is none */
-    const uint8_t *seen;
-    double scan[CARRIED], spread[CARRIED]; /* spread: variance of the predictions [m^2] */
-} CorrectedCells;
-
-/* Kalman correction of the cells that were seen; leaves their gains, 0 for the others. */
-static void correct(size_t count, const CorrectedCells *cells, double noise, double *restrict gains,
-                    double *restrict height, double *restrict variance) {
-    for (size_t k = 0; k < count; k++) {
-        const double predicted = cells->predicted[k], reading = cells->scan[k], known = cells->spread[k];
-        const double off = reading - predicted, surprise = off * off;
-        const double error = noise + (cells->misread ? cells->misread[k] : 0.0);
-        const double wide = surprise > SURPRISE * SURPRISE * (known + error) ? surprise : known;
-        const double share = wide / (wide + error), gain = error == 0.0 ? 1.0 : share;
-        const double corrected = predicted + gain * off, left = (1.0 - gain) * wide;
-        gains[k] = cells->seen[k] ? gain : 0.0;
-        height[k] = cells->seen[k] ? (error == 0.0 ? reading : corrected) : predicted;
-        variance[k] = cells->seen[k] ? (error == 0.0 ? 0.0 : left) : known;
-    }
-}
-
-/* Corrects all cells, and carries what is known of their errors on. */
-static void correct_cells(const EstimatorOptions *options, const SurfaceEstimate *before, const Workspace *work,
-                          SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny;
-    const RegisteredScan *scan = &work->registered;
-    double gain[CARRIED];
-    for (size_t first = 0, wall = 0; first < cells; first += CARRIED) {
-        const size_t count = cells - first < CARRIED ? cells - first : CARRIED;
-        CorrectedCells some = {.predicted = work->predicted + first,
-                               .misread = scan->misread ? scan->misread + first : NULL,
-                               .seen = scan->seen + first};
-        memcpy(some.scan, scan->scan + first, count * sizeof(double)); /* the heights come in its place */
-        predicted_variance(&work->variance, first, count, some.spread);
-        correct(count, &some, work->variance.noise, gain, after->height + first, after->variance + first);
-        if (registers(options))
-            carry_response(cells, first, count, scan, &wall, before->response, gain, after->response,
-                           is_displaced(&after->registration) ? after->variance + first : NULL);
-        for (size_t cell = first; cell < first + count; cell++)
-            after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
-    }
-    if (!registers(options))
-        memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
-}
-
-/* Which cells' droplets do not come, by the increments in the proportions of `ink`; leaves the variances of the
- * readings where the first rates were. */
-static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *before, const Ink ink[],
-                      const Workspace *work, SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny;
-    double *own = work->increments.own, *grown = work->predicted, variance[CARRIED];
-    size_t part_cells = 0;
-    for (size_t first = 0; first < cells; first += CARRIED) {
-        const size_t count = cells - first < CARRIED ? cells - first : CARRIED;
-        innovation_variance(&work->variance, first, count, variance);
-        for (size_t cell = first; cell < first + count; cell++) {
-            const double added = added_height(&work->increments, cells, cell, options->ink.inks, ink);
-            grown[cell] = work->registered.scan[cell] - work->registered.before[cell] - added + own[cell];
-            own[cell] = work->registered.clear[cell] ? own[cell] : 0.0;
-            part_cells += options->part[cell] != 0;
-        }
-        memcpy(work->increments.rates + first, variance, count * sizeof(double));
-    }
-    dead_evidence(cells, before->dead_evidence, own, grown, work->increments.rates, part_cells, after->dead_evidence);
-}
-
-/* Cells of the part whose growth tells of droplets: measured, and out of reach of the trials of dead cells, from which
- * nothing is expected. */
-static void mark_telling(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                         const Workspace *work) {
-    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
-    uint8_t *telling = work->marks, *trial = work->marks + cells;
-    size_t trials = 0;
-    for (size_t cell = 0; cell < cells; cell++) {
-        trial[cell] = layer->pattern[cell] > 0 && before->dead_evidence[cell] >= DEAD_EVIDENCE;
-        trials += trial[cell];
-        telling[cell] = options->part[cell] && work->registered.clear[cell];
-    }
-    for (size_t cell = 0; trials > 0 && cell < cells; cell++)
-        telling[cell] = telling[cell] && !is_near_marked(trial, nx, ny, cell);
-}
-
-/* How well the prediction explains what the cells of the part grew by. */
-static void look_at_growth(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                           const Workspace *work, SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny;
-    double built = 0.0, wanted = 0.0, *rates = work->increments.rates;
-    size_t part_cells = 0;
-    mark_telling(options, before, layer, work);
-    for (size_t cell = 0; cell < cells; cell++) {
-        part_cells += options->part[cell] != 0;
-        built += options->part[cell] ? work->registered.before[cell] : 0.0;
-        wanted += options->part[cell] ? options->target[cell] : 0.0;
-    }
-    const LayerGrowth growth = {cells,
-                                part_cells,
-                                work->marks,
-                                layer->pattern,
-                                work->registered.before,
-                                work->registered.scan,
-                                work->predicted,
-                                rates,
-                                built < HALF * wanted};
-    double learnt = 0.0, nominal = 0.0;
-    for (size_t k = 0; k < options->ink.inks; k++) {
-        learnt += full_layer_height(&after->ink[k]);
-        nominal += full_layer_height(&options->ink.nominal[k]);
-    }
-    if (!options->take_as_read)
-        add_residuals(&growth, learnt / nominal, rates + cells, &after->trust);
+/* What is reckoned in grows by the share of the volume that came. */
+static void reckon_range(void *context, const RowRange *range) {
+    const ScanUpdate *scan = context;
+    const double *before = scan->before->reckoned, volume = scan->after->trust.volume;
+    double *after = scan->after->reckoned;
+    for (size_t cell = range->top * scan->options->ny; cell < range->bottom * scan->options->ny; cell++)
+        after[cell] = before[cell] + volume * (after[cell] - before[cell]);
 }
 
 /* is_unknown: the displacement of the scan is not learnt from, as the other things are not by the caller. */
 static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                            bool is_unknown, const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
+    const size_t inks = options->ink.inks;
     Workspace work;
     Ink widths[INKS_MAX];
     double noise;
-    if (!workspace_open(&work, options, layer->passes, after))
+    if (!workspace_open(&work, options, layer, after))
         return false;
     if (!take_scan(options, before, layer, is_unknown, measured, valid, &work, after, &noise)) {
         workspace_close(&work);
         return false;
     }
     take_ink(options, before, layer, &work, after, widths);
-    find_dead(options, before, widths, &work, after);
+    ScanUpdate scan = {.options = options,
+                       .before = before,
+                       .layer = layer,
+                       .registered = &work.registered,
+                       .variance = &work.variance,
+                       .increments = &work.increments,
+                       .ink = widths,
+                       .predicted = work.predicted,
+                       .marks = work.marks,
+                       .after = after};
+    find_dead(&scan);
     const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
     layer_surface(layer, work.registered.before, both, work.scratch, work.predicted);
     after->trust = before->trust;
     after->trust.volume = 1.0;
     if (!is_unknown)
-        look_at_growth(options, before, layer, &work, after);
-    correct_cells(options, before, &work, after);
+        look_at_growth(&scan);
+    correct_cells(&scan);
     after->noise_variance = noise;
     after->scans = before->scans + 1;
     layer_surface(layer, before->reckoned, both, work.scratch, after->reckoned);
-    for (size_t cell = 0; cell < cells; cell++)
-        after->reckoned[cell] =
-            before->reckoned[cell] + after->trust.volume * (after->reckoned[cell] - before->reckoned[cell]);
+    on_all_rows(reckon_range, &scan);
     forgive_dead(options, before, work.marks, after);
     look_at_cells(options, valid, after);
     workspace_close(&work);
@@ -378,7 +276,8 @@ bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *be
     begun.reckoned = memory + 2 * cells;
     begun.unseen = (int32_t *)(memory + 4 * cells);
     expect_anything(options, before, layer, memory + 3 * cells, &begun);
-    const JettedLayer nothing = {layer->nx, layer->ny, begun.unseen + cells, NULL, layer->passes, layer->order};
+    const JettedLayer nothing = {layer->nx,     layer->ny,    begun.unseen + cells, NULL,
+                                 layer->passes, layer->order, layer->threads};
     const bool is_done = estimate_after(options, &begun, &nothing, true, measured, valid, after);
     memcpy(after->ink, before->ink, sizeof after->ink);
     memcpy(after->dead_evidence, before->dead_evidence, cells * sizeof(double));

@@ -12,7 +12,6 @@
 #define INKLOOP_INK_IDENTIFICATION_H
 
 #include "droplet_increments.h"
-#include "prediction_variance.h"
 
 /* What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns distinguish them; nothing. */
 enum { INK_SCALE = 1, INK_FULL = 2, INK_OFF = 3 };
@@ -30,25 +29,10 @@ typedef struct {
     double response[SHARES_MAX * SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX], surplus[SHARES_MAX];
 } InkEvidence;
 
-/* What a layer did, cell by cell. */
-typedef struct {
-    const JettedLayer *layer;
-    const uint8_t *part;
-    const uint8_t *seen;                /* cells whose growth was measured */
-    DropletIncrements increments;       /* of its droplets on the surface before */
-    const double *before, *scan;        /* heights, between which it was measured [m] */
-    const PredictionVariance *variance; /* with the noise of its reading */
-} ObservedLayer;
-
 /* Number of shares that are learnt. */
 size_t ink_shares(const InkPrior *prior);
 
 /* The inks that are likeliest after the evidence. */
 void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[INKS_MAX]);
-
-/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` holds a map, `marks`
- * two. */
-void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
-                      InkEvidence *evidence);
 
 #endif

@@ -6,7 +6,7 @@
 #ifndef INKLOOP_INK_LEARNING_H
 #define INKLOOP_INK_LEARNING_H
 
-#include "ink_identification.h"
+#include "ink_evidence.h"
 
 typedef struct {
     InkEvidence evidence; /* for the model of the prior */

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "instruction_sets.h"
+
 typedef struct {
     const double *before;  /* of the heights before the layer [m^2] */
     const int32_t *unseen; /* cells of which this is 0 have that of a first reading instead; NULL: none */
@@ -16,8 +18,8 @@ typedef struct {
 } PredictionVariance;
 
 /* Of the predictions of `count` cells from `first` on. */
-static inline void predicted_variance(const PredictionVariance *by, size_t first, size_t count,
-                                      double *restrict variance) {
+static INLINED void predicted_variance(const PredictionVariance *by, size_t first, size_t count,
+                                       double *restrict variance) {
     const double *before = by->before + first, *squares = by->squares + first, droplets = by->droplets;
     const int32_t *unseen = by->unseen ? by->unseen + first : NULL;
     if (unseen)
@@ -31,8 +33,8 @@ static inline void predicted_variance(const PredictionVariance *by, size_t first
 }
 
 /* Of readings about their predictions. */
-static inline void innovation_variance(const PredictionVariance *by, size_t first, size_t count,
-                                       double *restrict variance) {
+static INLINED void innovation_variance(const PredictionVariance *by, size_t first, size_t count,
+                                        double *restrict variance) {
     const double *misread = by->misread ? by->misread + first : NULL, noise = by->noise;
     predicted_variance(by, first, count, variance);
     for (size_t k = 0; k < count; k++)

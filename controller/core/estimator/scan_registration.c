@@ -114,16 +114,79 @@ static double unexplained(size_t cells, const Room *room, const double displacem
     return total > 0.0 ? sum / total : 1.0;
 }
 
+/* What readings show of a spot beyond the reach of droplets, and of the misfit, in the rows of a chunk. */
+typedef struct {
+    double product, information; /* far_product, far_information */
+    double misfits, quartics;
+} LookSums;
+
+/* What the threads share. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const Room *room;
+    double spread;
+    LookSums sums[CHUNKS];
+} Look;
+
 /* Adds what a spot spreads beyond the reach of droplets; wider droplets look like a spot everywhere else. */
-static void look_far(const ScanEvidence *evidence, const Room *room, double spread, Registration *registration) {
-    for (size_t cell = 0, wall = 0; cell < evidence->nx * evidence->ny; cell++) {
-        const size_t place = column_place(&room->columns, cell, &wall);
+static INLINED void look_far(const Look *look, size_t first, size_t count, size_t *wall, LookSums *sums) {
+    const ScanEvidence *evidence = look->evidence;
+    const Room *room = look->room;
+    for (size_t cell = first; cell < first + count; cell++) {
+        const size_t place = column_place(&room->columns, cell, wall);
         if (!room->is_wall[cell] || is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
             continue; /* away from walls the slope is 0 */
-        const double slope = room->columns.of[SPREAD][place], rest = room->rest[cell] + spread * slope;
-        registration->far_product += room->weight[cell] * slope * rest;
-        registration->far_information += room->weight[cell] * slope * slope;
+        const double slope = room->columns.of[SPREAD][place], rest = room->rest[cell] + look->spread * slope;
+        sums->product += room->weight[cell] * slope * rest;
+        sums->information += room->weight[cell] * slope * slope;
     }
+}
+
+/* Adds what is left of readings where the surface is curved. */
+static INLINED void add_misfits(const Room *room, size_t first, size_t count, LookSums *sums) {
+    const double *rest = room->rest + first, *curved = room->curvature + first, *weight = room->weight + first;
+    double misfits[BLOCK], quartics[BLOCK];
+    for (size_t k = 0; k < count; k++) {
+        const double curvature = curved[k] * curved[k];
+        misfits[k] = weight[k] == 0.0 ? 0.0 : rest[k] * rest[k] * curvature;
+        quartics[k] = weight[k] == 0.0 ? 0.0 : curvature * curvature;
+    }
+    sums->misfits += lane_sum(misfits, count);
+    sums->quartics += lane_sum(quartics, count);
+}
+
+static INLINED void look_at_rows(void *context, const RowRange *range) {
+    Look *look = context;
+    const size_t nx = look->evidence->nx, ny = look->evidence->ny;
+    const Room *room = look->room;
+    size_t wall = room->columns.before[range->chunk];
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t end = chunk_row(nx, chunk + 1) * ny;
+        LookSums sums = {0.0, 0.0, 0.0, 0.0};
+        for (size_t first = chunk_row(nx, chunk) * ny; first < end; first += BLOCK) {
+            const size_t count = end - first < BLOCK ? end - first : BLOCK;
+            if (memchr(room->is_wall + first, 1, count))
+                look_far(look, first, count, &wall, &sums);
+            add_misfits(room, first, count, &sums);
+        }
+        look->sums[chunk] = sums;
+    }
+}
+
+CLONED_ROW_WORK(look_at_range, look_at_rows)
+
+/* The sums of all rows; `spread`: that the scan is linearised about. */
+static LookSums look_at_readings(const ScanEvidence *evidence, const Room *room, double spread) {
+    Look look = {.evidence = evidence, .room = room, .spread = spread};
+    LookSums all = {0.0, 0.0, 0.0, 0.0};
+    run_rows(room->threads, evidence->nx, evidence->ny, look_at_range, &look);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        all.product += look.sums[chunk].product;
+        all.information += look.sums[chunk].information;
+        all.misfits += look.sums[chunk].misfits;
+        all.quartics += look.sums[chunk].quartics;
+    }
+    return all;
 }
 
 /* Whether readings beyond the reach of droplets show a spot, the same as all others as far as that is known. */
@@ -169,22 +232,9 @@ static void learn_steps(Registration *registration, const double x[UNKNOWNS], co
     registration->steps_variance += (found - registration->steps_variance) / (1.0 + (double)registration->scans);
 }
 
-static void learn_misfit(size_t cells, const Room *room, Registration *registration) {
-    double product = 0.0, squares = 0.0, products[BLOCK], quartics[BLOCK];
-    for (size_t first = 0; first < cells; first += BLOCK) {
-        const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
-        const double *rest = room->rest + first, *curved = room->curvature + first, *weight = room->weight + first;
-        for (size_t k = 0; k < count; k++) {
-            const double curvature = curved[k] * curved[k];
-            products[k] = weight[k] == 0.0 ? 0.0 : rest[k] * rest[k] * curvature;
-            quartics[k] = weight[k] == 0.0 ? 0.0 : curvature * curvature;
-        }
-        for (size_t k = 0; k < count; k++) {
-            product += products[k];
-            squares += quartics[k];
-        }
-    }
-    const double found = squares > 0.0 ? fmax(product / squares, MISFIT_LEAST * MISFIT_LEAST) : registration->misfit;
+static void learn_misfit(const LookSums *sums, Registration *registration) {
+    const double least = MISFIT_LEAST * MISFIT_LEAST;
+    const double found = sums->quartics > 0.0 ? fmax(sums->misfits / sums->quartics, least) : registration->misfit;
     registration->misfit = MISFIT_KEPT * registration->misfit + (1.0 - MISFIT_KEPT) * found;
 }
 
@@ -277,10 +327,12 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, do
     if (evidence->is_unknown)
         return true;
     learn_steps(registration, x, covariance);
-    look_far(evidence, room, is_iterated ? x[SPREAD] : 0.0, registration);
+    const LookSums sums = look_at_readings(evidence, room, is_iterated ? x[SPREAD] : 0.0);
+    registration->far_product += sums.product;
+    registration->far_information += sums.information;
     const double unclear = is_iterated ? fmax(1.0, unexplained(cells, room, registration->estimate)) : 1.0;
     decide(is_iterated, BEYOND_DOUBT * unclear, registration);
-    learn_misfit(cells, room, registration);
+    learn_misfit(&sums, registration);
     return true;
 }
 

@@ -98,3 +98,10 @@ bool invert_definite(size_t n, const double *matrix, double *inverse) {
     }
     return true;
 }
+
+bool is_zero(const double *values, size_t count) {
+    for (size_t k = 0; k < count; k++)
+        if (values[k] != 0.0)
+            return false;
+    return true;
+}

@@ -17,4 +17,7 @@ bool invert_definite(size_t n, const double *matrix, double *inverse);
 /* Pseudo-inverse of a symmetric matrix; eigenvalues below `relative` times the largest count as 0. */
 void pseudo_inverse(size_t n, const double *a, double relative, double *inverse);
 
+/* Whether all of these values are 0. */
+bool is_zero(const double *values, size_t count);
+
 #endif

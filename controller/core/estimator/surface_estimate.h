@@ -2,6 +2,8 @@
 #ifndef INKLOOP_SURFACE_ESTIMATE_H
 #define INKLOOP_SURFACE_ESTIMATE_H
 
+#include <stdbool.h>
+
 #include "ink_learning.h"
 #include "ink_limit.h"
 #include "loop_trust.h"
@@ -24,6 +26,10 @@ typedef struct {
     double steps_variance;  /* of the rounding of a reading [m^2]: the least there is */
     double first_variance;  /* of the height of a cell that the first scan did not measure [m^2] */
 } EstimatorOptions;
+
+static inline bool registers_scans(const EstimatorOptions *options) {
+    return !options->take_as_read && options->register_scans;
+}
 
 /* What is known after a scan; the maps are the caller's. */
 typedef struct {

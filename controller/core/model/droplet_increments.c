@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "row_ranges.h"
 #include "row_surface.h"
 
 /* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL if it is not wanted. */
@@ -136,11 +137,11 @@ static INLINED void clear_cells(const IncrementPass *pass, size_t count, size_t 
     memset(pass->increments->own + cell, 0, count * sizeof(double));
 }
 
-static INLINED void add_pass(const IncrementPass *pass) {
+static INLINED void add_rows(const IncrementPass *pass, const RowRange *range) {
     Band band;
     for (size_t first = 0; first < pass->droplets.ny; first += BAND) {
-        begin_band(&pass->droplets, first, &band);
-        for (size_t i = 0; i < pass->droplets.nx; i++) { /* in the order of the cells that a share comes from */
+        begin_band(&pass->droplets, first, range->top, &band);
+        for (size_t i = range->top; i < range->bottom; i++) { /* in the order of the cells that a share comes from */
             const Surroundings row = surround_row(&pass->droplets, i, &band);
             const size_t cell = i * pass->droplets.ny + first;
             if (pass->is_first)
@@ -152,13 +153,7 @@ static INLINED void add_pass(const IncrementPass *pass) {
     }
 }
 
-static void add_pass_plain(const IncrementPass *pass) {
-    add_pass(pass);
-}
-
-static WITH_AVX2 void add_pass_avx2(const IncrementPass *pass) {
-    add_pass(pass);
-}
+CLONED_ROW_WORK(add_pass, add_rows)
 
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments, double *after) {
@@ -171,7 +166,7 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
     for (int32_t number = 0; number < layer->passes; number++) {
         pass.droplets.colour = layer->passes == 1 ? COLOUR_ALL : layer->order[number];
         pass.after = number + 1 == layer->passes ? after : scratch + (size_t)(number % 2) * cells;
-        (HAS_AVX2 ? add_pass_avx2 : add_pass_plain)(&pass);
+        run_rows(layer->threads, layer->nx, layer->ny, add_pass, &pass);
         pass.droplets.before = pass.after;
         pass.is_first = false;
     }

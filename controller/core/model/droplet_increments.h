@@ -2,6 +2,7 @@
 #ifndef INKLOOP_DROPLET_INCREMENTS_H
 #define INKLOOP_DROPLET_INCREMENTS_H
 
+#include "instruction_sets.h"
 #include "layer_map.h"
 
 enum { INKS_MAX = 2, ORDERS = 3 }; /* h1, h2, h3 of an ink */
@@ -13,6 +14,7 @@ typedef struct {
     const double *factor;   /* volume of each droplet [1]; NULL: all 1 */
     int32_t passes;         /* 1, or 4 in the colours `order`, each on the surface that the last one left */
     const int32_t *order;
+    size_t threads; /* to look at it with; the bits of what is found do not depend on it */
 } JettedLayer;
 
 /* Maps of nx * ny cells. `rates`: for each ink its three, height added per metre of h1, h2 and h3 [1]; `squares`: sum
@@ -33,17 +35,17 @@ enum { FLAT_CELLS = 64 }; /* cells of a row that are looked at together */
  * `count` cells of a row from `first` on; each of the inks * ORDERS has FLAT_CELLS places. */
 void flat_rates(const JettedLayer *layer, size_t inks, size_t row, size_t first, size_t count, double *rates);
 
-/* Height that the droplets add to a cell [m] with the heights of `ink`. */
-static inline double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks,
-                                  const Ink ink[]) {
-    const double *rate = increments->rates + cell;
-    double added = 0.0;
-    for (size_t k = 0; k < inks; k++, rate += ORDERS * cells) {
-        added += ink[k].h1 * rate[0];
-        added += ink[k].h2 * rate[cells];
-        added += ink[k].h3 * rate[2 * cells];
+/* Height that the droplets add to `count` cells from `first` on [m] with the heights of `ink`. */
+static INLINED void added_heights(const DropletIncrements *increments, size_t cells, size_t first, size_t count,
+                                  size_t inks, const Ink ink[], double *restrict added) {
+    const double *rate = increments->rates + first;
+    for (size_t k = 0; k < count; k++)
+        added[k] = 0.0;
+    for (size_t number = 0; number < inks; number++, rate += ORDERS * cells) {
+        const Ink one = ink[number];
+        for (size_t k = 0; k < count; k++)
+            added[k] = added[k] + one.h1 * rate[k] + one.h2 * rate[cells + k] + one.h3 * rate[2 * cells + k];
     }
-    return added;
 }
 
 /* h1, h2 or h3 by its order, 0 to 2. */

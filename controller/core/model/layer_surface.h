@@ -4,7 +4,8 @@
 
 #include "droplet_increments.h"
 
-/* Surface `after` one layer on `height` [m]; `after` and, for several passes, `scratch` hold nx * ny. Returns what left the grid [m]. */
+/* Surface `after` one layer on `height` [m]; `after` and, for several passes, `scratch` hold nx * ny. Returns what left
+ * the grid [m]. */
 double layer_surface(const JettedLayer *layer, const double *height, const Ink ink[2], double *scratch, double *after);
 
 /* Height of a full layer on a wide flat surface [m]. */

@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "instruction_sets.h"
+
 /* Whether one of them is marked; marks: nx * ny cells in C order. */
 static inline bool is_near_marked(const uint8_t *marks, size_t nx, size_t ny, size_t cell) {
     const size_t i = cell / ny, j = cell % ny;
@@ -19,7 +21,7 @@ static inline bool is_near_marked(const uint8_t *marks, size_t nx, size_t ny, si
 enum { NEAR_COLUMNS = 256 };
 
 /* The same for all cells of row i: 1 or 0 in `near`, ny of them. */
-static inline void mark_near_row(const uint8_t *marks, size_t nx, size_t ny, size_t i, uint8_t *near) {
+static INLINED void mark_near_row(const uint8_t *marks, size_t nx, size_t ny, size_t i, uint8_t *near) {
     uint8_t any[NEAR_COLUMNS + 2]; /* cell k of these columns or the cell above or below it: at 1 + k */
     for (size_t first = 0; first < ny; first += NEAR_COLUMNS) {
         const size_t count = ny - first < NEAR_COLUMNS ? ny - first : NEAR_COLUMNS;

@@ -35,6 +35,7 @@ from inkloop_controller.problem.horizon_problem import (
     SearchResult,
     SearchStatus,
     error_of_array,
+    error_of_layout,
     first_cell,
 )
 
@@ -250,14 +251,25 @@ def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) ->
     return np.ascontiguousarray(array)
 
 
-def layer_struct(pattern: IntMap, order: Sequence[int], factor: FloatMap | None) -> JettedLayerStruct:
-    """A jetted layer for C; its arrays, in C order, must stay alive as long."""
+def laid_out(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
+    """The same of values that are known to be finite: to look at them takes longer than the rest."""
+    error = error_of_layout(name, array, dtype, shape)
+    if error:
+        raise ValueError(error)
+    return np.ascontiguousarray(array)
+
+
+def layer_struct(
+    pattern: IntMap, order: Sequence[int], factor: FloatMap | None, threads: int = 1
+) -> JettedLayerStruct:
+    """A jetted layer for C; its arrays, in C order, must stay alive as long. threads: to look at it with."""
     return JettedLayerStruct(
         *pattern.shape,
         pointer(pattern),
         None if factor is None else pointer(factor),
         4 if len(order) else 1,
         (ctypes.c_int32 * 4)(*order),
+        threads,
     )
 
 

@@ -30,7 +30,7 @@ from inkloop_controller.core.structs import (
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 14  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 15  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 

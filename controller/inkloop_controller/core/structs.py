@@ -279,6 +279,7 @@ class JettedLayerStruct(ctypes.Structure):
         ("factor", REALS),
         ("passes", ctypes.c_int32),
         ("order", INTEGERS),
+        ("threads", ctypes.c_size_t),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller.core.bindings import answered, checked, ink_pair, layer_struct, pointer
+from inkloop_controller.core.bindings import answered, checked, ink_pair, laid_out, layer_struct, pointer
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStruct, InkPriorStruct
 from inkloop_controller.estimation.ink_identification import INK_MODELS, InkKnowledge, InkModel, ink_table
@@ -126,7 +126,7 @@ class HeightEstimator:
     show. untrusted_layers: as many a cell may live on prediction alone; register_scans: scans are corrected for a shift
     against the printer and for a wide spot; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other
     start surface); drop_levels: largest number of drops of a droplet; take_as_read: none of these is looked for, nor
-    drift, noise and doubts. Raises ValueError for invalid options.
+    drift, noise and doubts; threads: the estimate is the same for any number. Raises ValueError for invalid options.
     """
 
     def __init__(
@@ -141,6 +141,7 @@ class HeightEstimator:
         flat_ground: Annotated[bool | None, FLAT_GROUND] = None,
         drop_levels: int = 1,
         take_as_read: bool = False,
+        threads: int = 1,
     ) -> None:
         errors = []
         if adapt_ink not in ("scale", "full", "off"):
@@ -149,11 +150,14 @@ class HeightEstimator:
             errors.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
         if not 0.0 <= sensor_resolution < np.inf:
             errors.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
+        if threads < 1:
+            errors.append(f"threads is {threads}; needs at least 1")
         if untrusted_layers < 0:
             errors.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
         if errors:
             raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
+        self._threads = threads
         self._part, self._target = np.ascontiguousarray(job.mask), np.ascontiguousarray(job.target_height)
         self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)
         steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
@@ -239,7 +243,7 @@ class HeightEstimator:
         code = estimate(
             self._options,
             known.struct(before),
-            layer_struct(jetted, self._model.colours(layer), volumes),
+            layer_struct(jetted, self._model.colours(layer), volumes, self._threads),
             pointer(scan),
             pointer(seen),
             struct,
@@ -298,13 +302,13 @@ class _Maps:
     def of(cls, estimate: Estimate) -> _Maps:
         shape = estimate.height.shape
         return cls(
-            checked("height", estimate.height, "f8", shape),
-            checked("height_variance", estimate.height_variance, "f8", shape),
-            checked("unseen", estimate.unseen, "i4", shape),
-            checked("dead_evidence", estimate.dead_evidence, "f8", shape),
-            checked("response", estimate.response, "f8", (DISPLACEMENTS, *shape)),
-            checked("reckoned", estimate.reckoned, "f8", shape),
-            checked("capped", estimate.capped, "?", shape),
+            laid_out("height", estimate.height, "f8", shape),
+            laid_out("height_variance", estimate.height_variance, "f8", shape),
+            laid_out("unseen", estimate.unseen, "i4", shape),
+            laid_out("dead_evidence", estimate.dead_evidence, "f8", shape),
+            laid_out("response", estimate.response, "f8", (DISPLACEMENTS, *shape)),
+            laid_out("reckoned", estimate.reckoned, "f8", shape),
+            laid_out("capped", estimate.capped, "?", shape),
         )
 
     def struct(self, estimate: Estimate | None = None) -> EstimateStruct:

@@ -210,13 +210,21 @@ class SearchResult:
 
 def error_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
     """The error of an array that must have this shape and dtype and finite values, or None."""
+    error = error_of_layout(name, array, dtype, shape)
+    if error:
+        return error
+    if dtype == "f8" and not is_finite(array):
+        cell = first_cell(~np.isfinite(array))
+        return f"{name} is {array[cell]} at cell {cell}; needs finite values"
+    return None
+
+
+def error_of_layout(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
+    """The error of an array that must have this shape and dtype, or None."""
     if np.shape(array) != tuple(shape):
         return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
     if array.dtype != np.dtype(dtype):
         return f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
-    if dtype == "f8" and not is_finite(array):
-        cell = first_cell(~np.isfinite(array))
-        return f"{name} is {array[cell]} at cell {cell}; needs finite values"
     return None
 
 

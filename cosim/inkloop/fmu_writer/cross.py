@@ -20,7 +20,7 @@ COMPILER = "ziglang"
 
 FLAGS = (
     *("-std=c11", "-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wpedantic"),
-    *("-ffp-contract=off", "-fno-trapping-math"),  # as in all of inkloop: the same bits
+    *("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"),  # as in all of inkloop: the same bits
     *("-fvisibility=hidden", "-shared", "-s"),
 )
 

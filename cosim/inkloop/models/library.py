@@ -9,7 +9,7 @@ from inkloop.files import c_library
 
 VARIABLE = "INKLOOP_MODELS_LIB"
 HEIGHT_COUNT = 10
-_INTERFACE = 1  # MODELS_INTERFACE of inkloop_models.h
+_INTERFACE = 2  # MODELS_INTERFACE of inkloop_models.h
 _SIZE, _INTEGER, _REAL = ctypes.c_size_t, ctypes.c_int32, ctypes.c_double
 _GRID = (_SIZE, _SIZE)
 REALS = ctypes.POINTER(ctypes.c_double)

@@ -18,9 +18,10 @@ from support.long_proofs import rest_is_long
 from support.places import ROOT
 
 CORE = ROOT / "controller" / "core"
-FOLDERS = (ROOT / "fmus" / "deposition", ROOT / "fmus" / "layer_deposition", CORE / "model")
-SOURCES = (FOLDERS[1] / "layer_map.c", CORE / "model" / "droplet_increments.c")
-EXACT = ("-ffp-contract=off", "-fno-trapping-math")
+FOLDERS = (ROOT / "fmus" / "deposition", ROOT / "fmus" / "layer_deposition", CORE / "model", CORE / "problem")
+PARALLEL = tuple(CORE / "problem" / name for name in ("row_ranges.c", "parallel_pthread.c"))
+SOURCES = (FOLDERS[1] / "layer_map.c", CORE / "model" / "droplet_increments.c", *PARALLEL)
+EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
 BUILDS = {
     "as shipped": ("-O3", *EXACT),
     "without clones": ("-O3", *EXACT, "-DINKLOOP_BASELINE"),
@@ -42,7 +43,7 @@ class JettedLayer(ctypes.Structure):
 
     _fields_ = (
         *(("nx", SIZE), ("ny", SIZE), ("pattern", INTEGERS), ("factor", REALS)),
-        *(("passes", ctypes.c_int32), ("order", INTEGERS)),
+        *(("passes", ctypes.c_int32), ("order", INTEGERS), ("threads", SIZE)),
     )
 
 
@@ -104,15 +105,16 @@ def surfaces(loaded: ctypes.CDLL, it: Case) -> list[Any]:
 
 
 def increments(loaded: ctypes.CDLL, it: Case) -> list[Any]:
-    """Rates, squares and what the cell's own droplet leaves, of the whole layer."""
+    """Rates, squares and what the cell's own droplet leaves, of the whole layer; and the surface after it."""
     nx, ny = it.height.shape
+    after = np.zeros_like(it.height)
     rates, squares, own, scratch = (np.zeros((n, nx, ny)) for n in (6, 1, 1, 2))
     order = np.array(it.colours, np.int32)
-    layer = JettedLayer(nx, ny, of(it.pattern), of(it.factor), len(order), of(order))
+    layer = JettedLayer(nx, ny, of(it.pattern), of(it.factor), len(order), of(order), 1)
     maps = DropletIncrements(of(rates), of(squares), of(own))
     call = (of(it.height), SIZE(2), of(it.inks), of(scratch))
-    loaded.droplet_increments(ctypes.byref(layer), *call, ctypes.byref(maps), None)
-    return [rates, squares[0], own[0]]
+    loaded.droplet_increments(ctypes.byref(layer), *call, ctypes.byref(maps), of(after))
+    return [rates, squares[0], own[0], after]
 
 
 def share(rise: float, width: float) -> float:
@@ -154,11 +156,10 @@ def plain_surfaces(it: Case) -> list[Any]:
 
 def plain_increments(it: Case) -> list[Any]:
     """`increments`, droplet by droplet."""
-    after = it.height.copy()
-    nx, ny = after.shape
+    nx, ny = it.height.shape
     rates, squares, own = np.zeros((6, nx, ny)), np.zeros((nx, ny)), np.zeros((nx, ny))
-    for colour in it.colours:
-        before = after.copy()
+    passes = [it.height, *plain_surfaces(it)[::2]]
+    for before, colour in zip(passes, it.colours, strict=False):
         for i, j, volume in droplets(it, colour):
             ink = it.pattern[i, j] - 1
             heights = [float(h) for h in it.inks[ink]]
@@ -172,13 +173,11 @@ def plain_increments(it: Case) -> list[Any]:
                 kept[order] += volume - of_part * volume
                 rates[3 * ink + order][cell] += of_part * volume
                 squares[cell] += of_part * part * (of_part * part)
-                after[cell] += heights[order] * (of_part * volume)
             left = heights[0] * kept[0] + heights[1] * kept[1] + heights[2] * kept[2]
             rates[3 * ink : 3 * ink + 3, i, j] += kept
             squares[i, j] += left * left
             own[i, j] += left
-            after[i, j] += left
-    return [rates, squares, own]
+    return [rates, squares, own, passes[-1]]
 
 
 def bits(arrays: list[Any]) -> list[bytes]:
@@ -218,5 +217,5 @@ def test_rates_on_a_flat_surface_are_those_of_its_increments() -> None:
         flat = replace(drawn, height=np.zeros_like(drawn.height), colours=(ALL,), inks=np.array(INKS))
         nx, ny = flat.height.shape
         none = np.zeros(1, np.int32)
-        layer = JettedLayer(nx, ny, of(flat.pattern), of(flat.factor), 1, of(none))
+        layer = JettedLayer(nx, ny, of(flat.pattern), of(flat.factor), 1, of(none), 1)
         assert np.array_equal(flat_rates(loaded, layer, nx, ny), increments(loaded, flat)[0]), seed

@@ -23,7 +23,7 @@ SHARED = (
 FOLDERS = (*(CORE / group for group in ("problem", "model", "search")), FMUS / "layer_deposition", FMUS / "deposition")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-EXACT = ("-ffp-contract=off", "-fno-trapping-math")
+EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
 BUILDS = {
     "sanitized": ("-O1", "-g", "-ffp-contract=off", *SANITIZED),
     "sanitized, without clones": ("-O1", "-g", "-ffp-contract=off", *SANITIZED, "-DINKLOOP_BASELINE"),

@@ -1,0 +1,32 @@
+#include "row_ranges.h"
+
+#include "parallel.h"
+
+enum { LIGHT = 8 }; /* times less work on a cell than that which threads are started for elsewhere (assumed) */
+
+typedef struct {
+    RowWork *work;
+    void *context;
+    RowRange range;
+} Share;
+
+static void *work_on(void *handed) {
+    const Share *share = handed;
+    share->work(share->context, &share->range);
+    return NULL;
+}
+
+size_t row_threads(size_t threads, size_t nx, size_t ny) {
+    const size_t useful = useful_threads(threads, nx * ny / LIGHT);
+    return useful < CHUNKS ? useful : CHUNKS;
+}
+
+void run_rows(size_t threads, size_t nx, size_t ny, RowWork *work, void *context) {
+    const size_t count = row_threads(threads, nx, ny);
+    Share share[CHUNKS];
+    for (size_t k = 0; k < count; k++) {
+        const size_t chunk = CHUNKS * k / count, end = CHUNKS * (k + 1) / count;
+        share[k] = (Share){work, context, {chunk, end, chunk_row(nx, chunk), chunk_row(nx, end), k}};
+    }
+    run_parallel(work_on, share, sizeof *share, count);
+}
