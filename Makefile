@@ -109,7 +109,7 @@ peers: .venv/developer
 	$(BIN)/python -m tools.figures peers
 
 sanitize: .venv/developer
-	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_search_threads.py
+	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_core_threads.py
 
 fuzz: .venv/developer
 	$(BIN)/python tests/support/fmus/fuzzing.py

@@ -1,9 +1,10 @@
-"""Processor time of the estimate after a scan, per cell."""
+"""Time of the estimate after a scan, per cell."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from time import process_time
+from time import perf_counter, process_time
 
 import numpy as np
 from rich.table import Table
@@ -19,21 +20,31 @@ CELLS = 10_000_000  # estimated for each figure
 
 
 def measure() -> Table:
-    """The least of many calls, in the middle of a print of one ink, on one thread."""
-    table = Table(title="estimate after a scan, processor time of one core, least of many")
-    for heading in ("layers", "grid", "per scan", "per cell"):
+    """The least of many calls, in the middle of a print of one ink."""
+    table = Table(title="estimate after a scan, least of many; two threads have the same bits")
+    for heading in ("layers", "grid", "processor time", "per cell", "wall", "two threads, wall", "gain"):
         table.add_column(heading, justify="left" if heading == "layers" else "right")
     for layers, coverage in COVERAGES.items():
         for side in SIDES:
-            least = _least(side, coverage)
-            table.add_row(layers, f"{side} x {side}", scaled(least), scaled(least / side**2))
+            processor, wall = _least(side, coverage)
+            _, together = _least(side, coverage, threads=2)
+            table.add_row(
+                layers,
+                f"{side} x {side}",
+                scaled(processor),
+                scaled(processor / side**2),
+                scaled(wall),
+                scaled(together),
+                f"{wall / together:.2f}",
+            )
     return table
 
 
-def _least(side: int, coverage: float) -> float:
-    """Seconds of the estimate after the second of two layers with that share of droplets."""
+def _least(side: int, coverage: float, threads: int = 1) -> tuple[float, float]:
+    """Processor and wall time [s] of the estimate after the second of two layers with that share of droplets."""
     job, rng = block(side, 20), np.random.default_rng(0)
-    estimator, seen, height = HeightEstimator(job), np.ones((side, side), np.bool_), np.zeros((side, side))
+    estimator, height = HeightEstimator(job, threads=threads), np.zeros((side, side))
+    seen = np.ones(height.shape, np.bool_)
     estimate = estimator.first(height, seen)
     for layer in (1, 2):
         pattern = np.asarray(job.mask & (rng.random(height.shape) < coverage), np.int32)
@@ -42,9 +53,11 @@ def _least(side: int, coverage: float) -> float:
         scan = height + NOISE_M * rng.standard_normal(height.shape)
         again = partial(estimator.next, estimate, pattern, layer, scan, seen)
         estimate = again()
-    times = []
-    for _ in range(max(3, CELLS // side**2)):
-        begin = process_time()
-        again()
-        times.append(process_time() - begin)
-    return min(times)
+    times = [_taken(again) for _ in range(max(3, CELLS // side**2))]
+    return min(processor for processor, _ in times), min(wall for _, wall in times)
+
+
+def _taken(call: Callable[[], object]) -> tuple[float, float]:
+    processor, wall = process_time(), perf_counter()
+    call()
+    return process_time() - processor, perf_counter() - wall

@@ -16,7 +16,7 @@ ANNEALING_SWEEPS = Option(
     "several, none for large ones",
     absent="by size",
 )
-THREADS = Option(meaning="the plan is the same for any number")
+THREADS = Option(meaning="of the plan and of the estimate after a scan; both are the same for any number")
 TIME_LIMIT = Option(
     unit="s",
     meaning="limit on the clock from the scan to the pattern; the best plan so far is printed. If it takes effect, a "
