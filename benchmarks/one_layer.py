@@ -53,8 +53,8 @@ def measure() -> Group:
             ratio = f"{found['Numba'][0] / found['inkloop'][0]:.1f}" if "Numba" in found else "-"
             table.add_row(f"{name} {side} x {side}", *cells, *(scaled(floor) for floor in floors), ratio)
     note = (
-        f"floors: {BYTES} bytes per cell at the speed of a copy, {OPERATIONS} operations, one flip of each cell, at that "
-        "of a product of matrices, both by NumPy"
+        f"floors: {BYTES} bytes per cell at the speed of a copy, {OPERATIONS} operations, one flip of each cell, at "
+        "that of a product of matrices, both by NumPy"
     )
     return Group(table, Text(note))
 

@@ -1,4 +1,4 @@
-"""The threads of the core under the thread sanitizer, by programs in C that plan and estimate with one and with four."""
+"""The threads of the core under the thread sanitizer: programs in C plan and estimate with one and with four."""
 
 from __future__ import annotations
 

@@ -7,7 +7,8 @@ import pytest
 
 from inkloop.component import Ink, Job
 from inkloop_controller.core import bindings
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.estimation.ink_identification import InkModel
 
 NX, NY = 301, 517  # enough cells for three threads; neither bands nor chunks of rows end together
 LAYERS, NOISE_M, SHIFT = 3, 0.3e-6, 0.4
