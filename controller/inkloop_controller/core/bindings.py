@@ -259,9 +259,7 @@ def laid_out(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -
     return np.ascontiguousarray(array)
 
 
-def layer_struct(
-    pattern: IntMap, order: Sequence[int], factor: FloatMap | None, threads: int = 1
-) -> JettedLayerStruct:
+def layer_struct(pattern: IntMap, order: Sequence[int], factor: FloatMap | None, threads: int = 1) -> JettedLayerStruct:
     """A jetted layer for C; its arrays, in C order, must stay alive as long. threads: to look at it with."""
     return JettedLayerStruct(
         *pattern.shape,
