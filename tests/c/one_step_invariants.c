@@ -152,8 +152,10 @@ static const char *bound_fails(const HorizonProblem *problem, uint64_t seed) {
     return broken;
 }
 
-/* The bounds of whole tiles against trials of single flips; what is known of a tile is not read again. */
+/* Bounds that are read against trials of single flips; they are read where several cells beside each other ask for it.
+ */
 static const char *reading_fails(const HorizonProblem *problem) {
+    static uint8_t awake[FRAMED];
     PlanSurface surface;
     Window window;
     FlipBounds flips;
@@ -162,7 +164,8 @@ static const char *reading_fails(const HorizonProblem *problem) {
         return "there is memory";
     const char *broken = NULL;
     const double rounded = 0.01 * (double)flips.sure;
-    flip_bounds_read(&flips, &surface, &TILES[1]);
+    memset(awake, MOVES_ALL, sizeof awake);
+    flip_bounds_renew(&flips, &surface, &TILES[1], awake, MOVE_FLIPS);
     for (size_t k = 0; k < CELLS; k++) {
         const double least = flips.least[surface_cell(&surface, k / NY, k % NY)];
         const double found = flip_cost(&surface, k / NY, k % NY, &window);
@@ -170,14 +173,22 @@ static const char *reading_fails(const HorizonProblem *problem) {
             broken = "bounds that were read are the costs of the flips of their tile";
     }
     const size_t own = surface_cell(&surface, 0, TILE);
-    flips.least[own] = NAN;
-    flip_bounds_read(&flips, &surface, &TILES[1]);
-    if (!isnan(flips.least[own]))
-        broken = "a tile is read once";
+    for (size_t k = 0; k < NX * TILE; k++)
+        flips.least[surface_cell(&surface, k / TILE, k % TILE)] = flips.most;
+    flip_bounds_renew(&flips, &surface, &TILES[0], awake, MOVE_SWAPS);
+    for (size_t k = 0; k < NX * TILE; k++)
+        if (flips.least[surface_cell(&surface, k / TILE, k % TILE)] < flips.most)
+            broken = "what is known to be in vain is not read again";
+    memset(awake, 0, sizeof awake);
     flip_bounds_clear(&flips, &surface);
-    flip_bounds_read(&flips, &surface, &TILES[1]);
-    if (isnan(flips.least[own]))
-        broken = "and again when all has been forgotten";
+    awake[own] = MOVE_FLIPS;
+    flip_bounds_renew(&flips, &surface, &TILES[1], awake, MOVE_FLIPS);
+    if (!isnan(flips.least[own]))
+        broken = "a single cell is left to be tried";
+    awake[own + 2] = MOVE_FLIPS;
+    flip_bounds_renew(&flips, &surface, &TILES[1], awake, MOVE_FLIPS);
+    if (isnan(flips.least[own]) || isnan(flips.least[own + 1]) || !isnan(flips.least[own + surface.stride]))
+        broken = "two cells of a row are worth reading";
     flip_bounds_close(&flips);
     window_close(&window);
     surface_close(&surface);

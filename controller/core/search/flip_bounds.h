@@ -1,10 +1,13 @@
 /* What the flip of each cell costs at least, in a plan of one kind of droplet that is printed in one step: enough to
- * leave out nine tenths of the flips and swaps that are in vain.
+ * leave out nearly all flips and most swaps that are in vain.
+ *
+ * The costs of many flips beside each other are read in a tenth of the time that trying them takes. A change makes
+ * those near it unknown, until they are read again.
  *
  * The cost of a height is convex: a droplet more makes the next one on the same cells dearer, and one less makes it
- * cheaper, by no more than the shares that both have in common times the change of the slope. So a bound that was
- * found by trying a flip holds on, less so much for each change near it that can make the flip cheaper; and a swap
- * costs no less than its two flips less what they have in common. What a droplet leaves to chance on its own cell
+ * cheaper, by no more than the shares that both have in common times the change of the slope. So a swap costs no less
+ * than its two flips less what they have in common; and the next flips of the row, which a sweep comes to before they
+ * are read again, are known to cost no less than before less that. What a droplet leaves to chance on its own cell
  * (plan_surface.h) is less than what it leaves there, and so takes nothing from that. */
 #ifndef INKLOOP_FLIP_BOUNDS_H
 #define INKLOOP_FLIP_BOUNDS_H
@@ -16,8 +19,6 @@ enum { FLIP_REACH = 2 }; /* cells so near have neighbours in common */
 
 typedef struct {
     float *least;                               /* a map [m]; NaN: nothing is known; NULL: there are no bounds */
-    uint8_t *is_read;                           /* by tiles: flip_bounds_read has been there since the last clear */
-    size_t columns, tiles;                      /* tiles of a row, and of the grid */
     float loss[FLIP_REACH + 1][FLIP_REACH + 1]; /* of two cells so many rows and columns apart, at most [m] */
     float sure;                                 /* more than what bounds are rounded by [m] */
     float most;                                 /* of a bound: more is of no use [m] */
@@ -30,9 +31,10 @@ void flip_bounds_close(FlipBounds *bounds);
 /* Forgets all that is known. */
 void flip_bounds_clear(FlipBounds *bounds, const PlanSurface *surface);
 
-/* Finds the costs of all flips of a tile of which nothing is known, row by row: in a tenth of the time of trying them.
- * Reads the cells around the tile, too. */
-void flip_bounds_read(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile);
+/* Reads the costs of the flips of a tile, wherever several of eight cells beside each other are awake for the move (see
+ * tile_moves.h) and their bounds do not tell that it is in vain. Looks at the cells around the tile, too. */
+void flip_bounds_renew(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile, const uint8_t *awake,
+                       uint8_t move);
 
 /* The plan has got this value at cell (i, j), which it had not; flip: what it costs to take that back, NaN: unknown. */
 void flip_bounds_change(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value,

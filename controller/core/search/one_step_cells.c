@@ -7,8 +7,6 @@
 /* 1 for the cell in the middle. */
 static const double MIDDLE_LANES[THREE] = {[MIDDLE] = 1.0};
 
-const double NO_SHARES[THREE] = {0.0};
-
 /* LANES cells of each of three rows of a map. */
 static INLINED void load_cells(const double *map, size_t stride, double *restrict cells) {
     for (size_t row = 0; row < 3; row++) /* by name: a copy of bytes is done in pieces that do not fit a vector */
@@ -24,6 +22,7 @@ static INLINED double sum_of(const double *cells) {
     return sums[0] + sums[1] + sums[2];
 }
 
+/* What a droplet on the middle of the cells from `first` on gives to each of them [m]. */
 static INLINED void shares_of(const PlanSurface *surface, size_t first, unsigned value, double *restrict shares) {
     const Droplet *droplet = &surface->droplet[value];
     const double *before = surface_height(surface, 0) + first;
@@ -39,9 +38,33 @@ static INLINED void shares_of(const PlanSurface *surface, size_t first, unsigned
         shares[k] = taken[k] + MIDDLE_LANES[k] * kept;
 }
 
+/* A change by its cells: `first` is the first one in the maps. */
+typedef struct {
+    size_t first;
+    double raised[THREE]; /* what it raises its cells by [m] */
+    double chance;        /* of its own cell, from now on [m] */
+} RaisedCells;
+
+static INLINED void raise_cells(const PlanSurface *surface, const CellChange *change, RaisedCells *restrict cells) {
+    const unsigned from = change->from, to = change->to;
+    const double sign = to ? 1.0 : -1.0; /* one of them is mostly 0, and no processor could predict which */
+    double shares[THREE], gone[THREE];
+    cells->first = change->i * surface->stride + change->j; /* one row up and one column to the left */
+    shares_of(surface, cells->first, to ? to : from, shares);
+    cells->chance = surface_chance(surface, to ? shares[MIDDLE] : 0.0);
+    for (size_t k = 0; k < THREE; k++)
+        cells->raised[k] = sign * shares[k];
+    if (from == 0 || to == 0)
+        return;
+    shares_of(surface, cells->first, from, gone);
+    for (size_t k = 0; k < THREE; k++)
+        cells->raised[k] -= gone[k];
+}
+
 /* What counts: constants wherever a function is inlined, so that most of the trials have a short one. */
 typedef struct {
-    bool cost_alone, chance, ceiling;
+    bool cost_alone; /* the other sums stay 0 */
+    bool chance, ceiling;
 } Asked;
 
 static const Asked COST_ALONE = {true, false, false};
@@ -81,159 +104,172 @@ static INLINED void costs_of(const PlanSurface *surface, size_t first, const dou
         cost[k] *= weight[k];
 }
 
-static INLINED void raise_of(const CellsChange *change, double *restrict raised) {
-    for (size_t k = 0; k < THREE; k++)
-        raised[k] = change->come[k] - change->gone[k];
-}
-
 /* Adds the change of heights and their squares to the sums. */
-static INLINED void add_heights(const PlanSurface *surface, size_t first, const double *raised, const double *was,
-                                double *restrict height, double *restrict square) {
-    double inside[THREE];
-    load_cells(surface->inside + first, surface->stride, inside);
+static INLINED void add_heights(const PlanSurface *surface, const RaisedCells *change, const double *was, Sums *sums) {
+    const size_t own = change->first + surface->stride + 1;
+    const double chance_was = surface->left_to_chance[own];
+    double inside[THREE], height[THREE], square[THREE];
+    load_cells(surface->inside + change->first, surface->stride, inside);
     for (size_t k = 0; k < THREE; k++) {
         const double above = was[k] - surface->reference;
-        height[k] = inside[k] * raised[k];
-        square[k] = height[k] * (above + raised[k] + above);
+        height[k] = inside[k] * change->raised[k];
+        square[k] = height[k] * (above + change->raised[k] + above);
     }
+    const double by_chance = surface->inside[own] * (change->chance * change->chance - chance_was * chance_was) / 3.0;
+    sums->height += sum_of(height);
+    sums->squared_height = sums->squared_height + sum_of(square) + by_chance;
 }
 
-/* What the squares of a cell left to chance change by. */
-static inline double square_of_chance(const PlanSurface *surface, const CellsChange *change, double chance) {
-    const size_t cell = change->first + surface->stride + 1;
-    const double was = surface->left_to_chance[cell];
-    return surface->inside[cell] * (chance * chance - was * was) / 3.0;
-}
-
-/* Takes what a change raises and what it adds to the costs of its cells. */
-static INLINED void put_first(const double *raised, const double *cost, double chance, FirstChange *restrict first) {
-    for (size_t row = 0; row < 3; row++) {
-        for (size_t k = 0; k < LANES; k++)
-            first->raised[(row + 1) * REACH_LANES + 1 + k] = raised[row * LANES + k];
-        for (size_t k = 0; k < LANES; k++)
-            first->cost[(row + 1) * REACH_LANES + 1 + k] = cost[row * LANES + k];
-    }
-    first->chance = chance;
-}
-
-static INLINED Sums change_alone(const PlanSurface *surface, const CellsChange *change, const Asked asked,
-                                 FirstChange *restrict first) {
-    double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], height[THREE], square[THREE];
-    double cost[THREE];
-    const double own = surface_chance(surface, change->come[MIDDLE]);
-    raise_of(change, raised);
+/* Looks at a change; dearer: what its cells cost more. */
+static INLINED void change_alone(const PlanSurface *surface, const RaisedCells *change, const Asked asked,
+                                 ChangedCells *restrict cells, double *restrict dearer) {
+    double was[THREE], chance[THREE], cost_was[THREE];
     load_cells(surface_height(surface, 1) + change->first, surface->stride, was);
     load_cells(surface->cost + change->first, surface->stride, cost_was);
     if (asked.chance) {
         load_cells(surface->left_to_chance + change->first, surface->stride, chance);
         for (size_t k = 0; k < THREE; k++)
-            chance[k] = MIDDLE_LANES[k] > 0.0 ? own : chance[k];
+            chance[k] = MIDDLE_LANES[k] > 0.0 ? change->chance : chance[k];
     }
     for (size_t k = 0; k < THREE; k++)
-        is[k] = was[k] + raised[k];
-    costs_of(surface, change->first, is, chance, cost, asked);
+        cells->height[k] = was[k] + change->raised[k];
+    costs_of(surface, change->first, cells->height, chance, cells->cost, asked);
     for (size_t k = 0; k < THREE; k++)
-        cost[k] -= cost_was[k];
-    if (first)
-        put_first(raised, cost, own, first);
-    if (asked.cost_alone)
-        return (Sums){sum_of(cost), 0.0, 0.0};
-    add_heights(surface, change->first, raised, was, height, square);
-    return (Sums){sum_of(cost), sum_of(height), sum_of(square) + square_of_chance(surface, change, own)};
+        dearer[k] = cells->cost[k] - cost_was[k];
+    cells->chance = change->chance;
+    cells->sums = (Sums){sum_of(dearer), 0.0, 0.0};
+    if (!asked.cost_alone)
+        add_heights(surface, change, was, &cells->sums);
 }
 
-static INLINED Sums change_after(const PlanSurface *surface, const FirstChange *earlier, size_t near,
-                                 const CellsChange *change, const Asked asked) {
-    double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], added[THREE], is_own[THREE];
-    double own_raised[THREE], cost[THREE], height[THREE], square[THREE];
-    const double own = surface_chance(surface, change->come[MIDDLE]);
-    raise_of(change, own_raised);
-    load_cells(surface_height(surface, 1) + change->first, surface->stride, was);
-    load_cells(surface->cost + change->first, surface->stride, cost_was);
-    load_cells(earlier->raised + near, REACH_LANES, raised);
-    load_cells(earlier->cost + near, REACH_LANES, added);
+static INLINED void alone(const PlanSurface *surface, const CellChange *change, const Asked asked,
+                          ChangedCells *restrict cells) {
+    RaisedCells raised;
+    double dearer[THREE];
+    raise_cells(surface, change, &raised);
+    change_alone(surface, &raised, asked, cells, dearer);
+}
+
+static INLINED void first_of_two(const PlanSurface *surface, const CellChange *change, const Asked asked,
+                                 FirstChange *restrict first) {
+    RaisedCells raised;
+    ChangedCells cells;
+    double dearer[THREE];
+    raise_cells(surface, change, &raised);
+    change_alone(surface, &raised, asked, &cells, dearer);
+    for (size_t row = 0; row < 3; row++) {
+        for (size_t k = 0; k < LANES; k++)
+            first->raised[(row + 1) * REACH_LANES + 1 + k] = raised.raised[row * LANES + k];
+        for (size_t k = 0; k < LANES; k++)
+            first->dearer[(row + 1) * REACH_LANES + 1 + k] = dearer[row * LANES + k];
+    }
+    first->chance = cells.chance;
+    first->sums = cells.sums;
+}
+
+static INLINED Sums second_of_two(const PlanSurface *surface, const FirstChange *first, size_t near,
+                                  const CellChange *change, const Asked asked) {
+    RaisedCells own;
+    double was[THREE], is[THREE], chance[THREE], cost_was[THREE], raised[THREE], dearer[THREE], is_own[THREE];
+    double cost[THREE];
+    raise_cells(surface, change, &own);
+    load_cells(surface_height(surface, 1) + own.first, surface->stride, was);
+    load_cells(surface->cost + own.first, surface->stride, cost_was);
+    load_cells(first->raised + near, REACH_LANES, raised);
+    load_cells(first->dearer + near, REACH_LANES, dearer);
     if (asked.chance) {
-        load_cells(surface->left_to_chance + change->first, surface->stride, chance);
-        load_cells(earlier->is_own + near, REACH_LANES, is_own);
+        load_cells(surface->left_to_chance + own.first, surface->stride, chance);
+        load_cells(first->is_own + near, REACH_LANES, is_own);
         for (size_t k = 0; k < THREE; k++) {
-            chance[k] = is_own[k] > 0.0 ? earlier->chance : chance[k];
-            chance[k] = MIDDLE_LANES[k] > 0.0 ? own : chance[k];
+            chance[k] = is_own[k] > 0.0 ? first->chance : chance[k];
+            chance[k] = MIDDLE_LANES[k] > 0.0 ? own.chance : chance[k];
         }
     }
     for (size_t k = 0; k < THREE; k++) {
         was[k] += raised[k];
-        is[k] = was[k] + own_raised[k];
+        is[k] = was[k] + own.raised[k];
     }
-    costs_of(surface, change->first, is, chance, cost, asked);
+    costs_of(surface, own.first, is, chance, cost, asked);
     for (size_t k = 0; k < THREE; k++)
-        cost[k] -= cost_was[k] + added[k];
-    if (asked.cost_alone)
-        return (Sums){earlier->sums.cost + sum_of(cost), 0.0, 0.0};
-    add_heights(surface, change->first, own_raised, was, height, square);
-    return (Sums){earlier->sums.cost + sum_of(cost), earlier->sums.height + sum_of(height),
-                  earlier->sums.squared_height + sum_of(square) + square_of_chance(surface, change, own)};
+        cost[k] -= cost_was[k] + dearer[k];
+    Sums sums = {first->sums.cost + sum_of(cost), first->sums.height, first->sums.squared_height};
+    if (!asked.cost_alone)
+        add_heights(surface, &own, was, &sums);
+    return sums;
 }
 
-static void shares_plain(const PlanSurface *surface, size_t first, unsigned value, double *shares) {
-    shares_of(surface, first, value, shares);
-}
-
-static WITH_AVX2 void shares_avx2(const PlanSurface *surface, size_t first, unsigned value, double *shares) {
-    shares_of(surface, first, value, shares);
-}
-
-void take_shares(const PlanSurface *surface, size_t first, unsigned value, double *shares) {
-    (HAS_AVX2 ? shares_avx2 : shares_plain)(surface, first, value, shares);
-}
-
-static Sums alone_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
+static void alone_plain(const PlanSurface *surface, const CellChange *change, bool cost_alone, ChangedCells *cells) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, NULL)
-                                 : change_alone(surface, change, asked, NULL);
+    if (is_cost_alone(&asked))
+        alone(surface, change, COST_ALONE, cells);
+    else
+        alone(surface, change, asked, cells);
 }
 
-static WITH_AVX2 Sums alone_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
+static WITH_AVX2 void alone_avx2(const PlanSurface *surface, const CellChange *change, bool cost_alone,
+                                 ChangedCells *cells) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, NULL)
-                                 : change_alone(surface, change, asked, NULL);
+    if (is_cost_alone(&asked))
+        alone(surface, change, COST_ALONE, cells);
+    else
+        alone(surface, change, asked, cells);
 }
 
-Sums look_at_change(const PlanSurface *surface, const CellsChange *change, bool cost_alone) {
-    return (HAS_AVX2 ? alone_avx2 : alone_plain)(surface, change, cost_alone);
+void look_at_change(const PlanSurface *surface, const CellChange *change, bool cost_alone, ChangedCells *cells) {
+    (HAS_AVX2 ? alone_avx2 : alone_plain)(surface, change, cost_alone, cells);
 }
 
-static void first_plain(const PlanSurface *surface, const CellsChange *change, bool cost_alone, FirstChange *first) {
+static void first_plain(const PlanSurface *surface, const CellChange *change, bool cost_alone, FirstChange *first) {
     const Asked asked = asked_of(surface, cost_alone);
-    first->sums = is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, first)
-                                        : change_alone(surface, change, asked, first);
+    if (is_cost_alone(&asked))
+        first_of_two(surface, change, COST_ALONE, first);
+    else
+        first_of_two(surface, change, asked, first);
 }
 
-static WITH_AVX2 void first_avx2(const PlanSurface *surface, const CellsChange *change, bool cost_alone,
+static WITH_AVX2 void first_avx2(const PlanSurface *surface, const CellChange *change, bool cost_alone,
                                  FirstChange *first) {
     const Asked asked = asked_of(surface, cost_alone);
-    first->sums = is_cost_alone(&asked) ? change_alone(surface, change, COST_ALONE, first)
-                                        : change_alone(surface, change, asked, first);
+    if (is_cost_alone(&asked))
+        first_of_two(surface, change, COST_ALONE, first);
+    else
+        first_of_two(surface, change, asked, first);
 }
 
-void look_at_first(const PlanSurface *surface, const CellsChange *change, bool cost_alone, FirstChange *first) {
+void look_at_first(const PlanSurface *surface, const CellChange *change, bool cost_alone, FirstChange *first) {
     (HAS_AVX2 ? first_avx2 : first_plain)(surface, change, cost_alone, first);
 }
 
-static Sums after_plain(const PlanSurface *surface, const FirstChange *earlier, size_t near, const CellsChange *change,
-                        bool cost_alone) {
+static Sums second_plain(const PlanSurface *surface, const FirstChange *first, size_t near, const CellChange *change,
+                         bool cost_alone) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_after(surface, earlier, near, change, COST_ALONE)
-                                 : change_after(surface, earlier, near, change, asked);
+    return is_cost_alone(&asked) ? second_of_two(surface, first, near, change, COST_ALONE)
+                                 : second_of_two(surface, first, near, change, asked);
 }
 
-static WITH_AVX2 Sums after_avx2(const PlanSurface *surface, const FirstChange *earlier, size_t near,
-                                 const CellsChange *change, bool cost_alone) {
+static WITH_AVX2 Sums second_avx2(const PlanSurface *surface, const FirstChange *first, size_t near,
+                                  const CellChange *change, bool cost_alone) {
     const Asked asked = asked_of(surface, cost_alone);
-    return is_cost_alone(&asked) ? change_after(surface, earlier, near, change, COST_ALONE)
-                                 : change_after(surface, earlier, near, change, asked);
+    return is_cost_alone(&asked) ? second_of_two(surface, first, near, change, COST_ALONE)
+                                 : second_of_two(surface, first, near, change, asked);
 }
 
-Sums look_at_second(const PlanSurface *surface, const FirstChange *earlier, size_t near, const CellsChange *change,
+Sums look_at_second(const PlanSurface *surface, const FirstChange *first, size_t near, const CellChange *change,
                     bool cost_alone) {
-    return (HAS_AVX2 ? after_avx2 : after_plain)(surface, earlier, near, change, cost_alone);
+    return (HAS_AVX2 ? second_avx2 : second_plain)(surface, first, near, change, cost_alone);
+}
+
+/* On the cells of the grid alone, and on those that the droplet reaches: another thread may be at the others. */
+void put_cells(PlanSurface *surface, const CellChange *change, const ChangedCells *cells) {
+    const size_t top = change->i > 0 ? 0 : 1, bottom = change->i + 1 < surface->nx ? 2 : 1;
+    const size_t left = change->j > 0 ? 0 : 1, right = change->j + 1 < surface->ny ? 2 : 1;
+    const size_t first = change->i * surface->stride + change->j;
+    double *last = surface_height(surface, 1) + first, *cost = surface->cost + first;
+    if (surface->chance > 0.0) /* else the map stays 0, and its memory untouched */
+        surface->left_to_chance[first + surface->stride + 1] = cells->chance;
+    for (size_t row = top; row <= bottom; row++)
+        for (size_t column = left; column <= right; column++) {
+            last[row * surface->stride + column] = cells->height[row * LANES + column];
+            cost[row * surface->stride + column] = cells->cost[row * LANES + column];
+        }
 }

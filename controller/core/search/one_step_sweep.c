@@ -4,21 +4,11 @@
 #include <string.h>
 
 #include "instruction_sets.h"
-#include "one_step.h"
 #include "one_step_cells.h"
 #include "stopwatch.h"
 
 /* Cells printed between two looks at the clock: about a tenth of a millisecond (by trial). */
 static const int64_t WORK_BETWEEN_LOOKS = 100000;
-
-enum { SHARE_ROWS = 3, SHARE_COLUMNS = TILE + 2 }; /* of a tile and the cells around it */
-
-/* What droplets give to the cells around them, kept for the rows that a sweep is at. */
-typedef struct {
-    size_t row[SHARE_COLUMNS];     /* of the grid; SIZE_MAX: none */
-    unsigned value[SHARE_COLUMNS]; /* of a plan */
-    double shares[SHARE_COLUMNS][THREE];
-} ShareRow;
 
 typedef struct {
     PlanSurface *surface;
@@ -28,43 +18,8 @@ typedef struct {
     int64_t *work;
     Tally *tally;
     bool cost_alone;
-    size_t left; /* column of the tile */
     FirstChange first;
-    double gone[THREE];
-    ShareRow row[SHARE_ROWS];
 } TileWork;
-
-/* What a droplet of this value on cell (i, j) gives. */
-static const double *kept_shares(TileWork *work, size_t i, size_t j, unsigned value) {
-    ShareRow *row = &work->row[i % SHARE_ROWS];
-    const size_t column = j + 1 - work->left;
-    if (row->row[column] != i || row->value[column] != value) {
-        take_shares(work->surface, i * work->surface->stride + j, value, row->shares[column]);
-        row->row[column] = i;
-        row->value[column] = value;
-    }
-    return row->shares[column];
-}
-
-/* The change of cell (i, j) from one value to another, until the next one. */
-static CellsChange change_of(TileWork *work, size_t i, size_t j, unsigned from, unsigned to) {
-    CellsChange change = {i * work->surface->stride + j, NO_SHARES, NO_SHARES};
-    if (from)
-        change.gone = kept_shares(work, i, j, from);
-    if (from && to) /* the new droplet's are kept in the same place */
-        change.gone = memcpy(work->gone, change.gone, sizeof work->gone);
-    if (to)
-        change.come = kept_shares(work, i, j, to);
-    return change;
-}
-
-/* The best changes tried so far. */
-typedef struct {
-    Change change[CHANGES_MAX];
-    size_t count;
-    Sums worth;
-    double cost; /* what they do to the objective [m] */
-} Best;
 
 /* The sums before a move, as far as they count. */
 static inline Sums sums_of(const TileWork *work) {
@@ -79,48 +34,47 @@ static inline double cost_of(const TileWork *work, const Sums *sums, const Sums 
     return work->cost_alone ? added->cost / weighting->count : objective_change(sums, added, weighting);
 }
 
-static Best no_better(const TileWork *work) {
-    return (Best){.cost = -work->surface->least_gain};
-}
-
-static void make(TileWork *work, const Best *best) {
-    PlanSurface *surface = work->surface;
-    one_step_apply(surface, best->change, best->count);
-    work->tally->change = sums_after(&work->tally->change, &best->worth);
-    for (size_t k = 0; k < best->count; k++) {
-        const Change *change = &best->change[k];
-        surface_layer(surface, 0)[surface_cell(surface, change->i, change->j)] = (uint8_t)change->value;
-        wake_near(surface, work->awake, change->i, change->j);
-        flip_bounds_change(work->flips, surface, change->i, change->j, change->value,
-                           best->count == 1 ? -best->worth.cost : NAN);
-    }
+/* The plan has got another value; flip: what it costs to take that back, NaN: unknown. */
+static void set_value(TileWork *work, size_t i, size_t j, unsigned value, double flip) {
+    surface_layer(work->surface, 0)[surface_cell(work->surface, i, j)] = (uint8_t)value;
+    wake_near(work->surface, work->awake, i, j);
+    flip_bounds_change(work->flips, work->surface, i, j, value, flip);
 }
 
 /* Another droplet, or none, on the cell. */
 static void flip(TileWork *work, size_t i, size_t j) {
-    const PlanSurface *surface = work->surface;
+    PlanSurface *surface = work->surface;
     const size_t cell = surface_cell(surface, i, j);
     const unsigned own = surface_layer(surface, 0)[cell];
-    if (is_flip_in_vain(work->flips, cell))
-        return;
     const Sums sums = sums_of(work);
-    Best best = no_better(work);
+    double least = -surface->least_gain;
+    unsigned best = own;
+    CellChange change = {i, j, own, own};
+    ChangedCells cells;
     for (unsigned value = 0; value <= surface->problem->kinds; value++) {
         if (value == own || !surface_allows(surface, 0, i, j, value))
             continue;
-        const CellsChange change = change_of(work, i, j, own, value);
-        const Sums added = look_at_change(surface, &change, work->cost_alone);
-        const double cost = cost_of(work, &sums, &added);
+        change.to = value;
+        look_at_change(surface, &change, work->cost_alone, &cells);
+        const double cost = cost_of(work, &sums, &cells.sums);
         *work->work += FOOTPRINT;
         work->tally->evaluations++;
-        flip_bounds_put(work->flips, cell, added.cost); /* there is no other one if there are bounds */
-        if (cost < best.cost)
-            best = (Best){{{0, i, j, value}}, 1, added, cost};
+        flip_bounds_put(work->flips, cell, cells.sums.cost); /* there is no other one if there are bounds */
+        if (cost < least) {
+            least = cost;
+            best = value;
+        }
     }
-    if (best.count) {
-        make(work, &best);
-        work->tally->flips++;
+    if (best == own)
+        return;
+    if (change.to != best) {
+        change.to = best;
+        look_at_change(surface, &change, work->cost_alone, &cells);
     }
+    put_cells(surface, &change, &cells);
+    work->tally->change = sums_after(&work->tally->change, &cells.sums);
+    work->tally->flips++;
+    set_value(work, i, j, best, -cells.sums.cost);
 }
 
 /* The rows and columns of neighbours that are on the grid, 0 to 2 for -1 to 1. */
@@ -161,9 +115,25 @@ static size_t partners(const TileWork *work, size_t i, size_t j, unsigned own, s
     return partners_among(work, i, j, own, around, partner);
 }
 
+/* A swap with a neighbour. */
+typedef struct {
+    size_t i, j;
+    unsigned other; /* what the neighbour has */
+    double cost;    /* what it does to the objective [m] */
+    Sums worth;
+} Swap;
+
+static void make_change(TileWork *work, size_t i, size_t j, unsigned from, unsigned to) {
+    const CellChange change = {i, j, from, to};
+    ChangedCells cells;
+    look_at_change(work->surface, &change, true, &cells);
+    put_cells(work->surface, &change, &cells);
+    set_value(work, i, j, to, NAN);
+}
+
 /* Puts another droplet, or none, on the cell before its own goes to a neighbour. */
 static void begin_swap(TileWork *work, size_t i, size_t j, unsigned own, unsigned other) {
-    const CellsChange change = change_of(work, i, j, own, other);
+    const CellChange change = {i, j, own, other};
     look_at_first(work->surface, &change, work->cost_alone, &work->first);
     flip_bounds_put(work->flips, surface_cell(work->surface, i, j),
                     work->first.sums.cost); /* the other is 0 if there are bounds */
@@ -179,7 +149,7 @@ static void swap(TileWork *work, size_t i, size_t j) {
     if (count == 0)
         return;
     const Sums sums = sums_of(work);
-    Best best = no_better(work);
+    Swap best = {.other = own, .cost = -surface->least_gain};
     unsigned given = own; /* what the cell gets by the first change */
     for (size_t k = 0; k < count; k++) {
         const size_t row = partner[k] / 3, column = partner[k] % 3, its_i = i + row - 1, its_j = j + column - 1;
@@ -190,18 +160,20 @@ static void swap(TileWork *work, size_t i, size_t j) {
         if (is_swap_in_vain(work->flips, surface_cell(surface, i, j), surface_cell(surface, its_i, its_j), row != 1,
                             column != 1))
             continue;
-        const CellsChange change = change_of(work, its_i, its_j, other, own);
+        const CellChange change = {its_i, its_j, other, own};
         const Sums added = look_at_second(surface, &work->first, near_of(row, column), &change, work->cost_alone);
         const double cost = cost_of(work, &sums, &added);
         if (cost < best.cost)
-            best = (Best){{{0, i, j, other}, {0, its_i, its_j, own}}, 2, added, cost};
+            best = (Swap){its_i, its_j, other, cost, added};
     }
     *work->work += (int64_t)count * FOOTPRINT;
     work->tally->evaluations += (int64_t)count;
-    if (best.count) {
-        make(work, &best);
-        work->tally->swaps++;
-    }
+    if (best.other == own)
+        return;
+    make_change(work, i, j, own, best.other);
+    make_change(work, best.i, best.j, best.other, own);
+    work->tally->change = sums_after(&work->tally->change, &best.worth);
+    work->tally->swaps++;
 }
 
 enum { WORD = 8 }; /* cells whose bits are looked at together */
@@ -223,16 +195,24 @@ static size_t next_awake(const uint8_t *awake, uint8_t move, size_t j, size_t ri
 static void sweep_tile(TileWork *work, const Tile *tile, const Sweep *sweep) {
     const uint8_t move = (uint8_t)sweep->move;
     int64_t next_look = *work->work;
+    if (move == MOVE_SWAPS)
+        flip_bounds_renew(work->flips, work->surface, tile, work->awake, move);
     for (size_t i = tile->top; i < tile->bottom; i++) {
-        uint8_t *awake = work->awake + surface_cell(work->surface, i, 0);
+        const size_t row_cell = surface_cell(work->surface, i, 0);
+        uint8_t *awake = work->awake + row_cell;
+        const Tile row = {i, i + 1, tile->left, tile->right};
+        if (move == MOVE_FLIPS)
+            flip_bounds_renew(work->flips, work->surface, &row, work->awake, move);
         for (size_t j = tile->left; (j = next_awake(awake, move, j, tile->right)) < tile->right; j++) {
+            awake[j] &= (uint8_t)~move;
+            if (move == MOVE_FLIPS && is_flip_in_vain(work->flips, row_cell + j))
+                continue;
             if (*work->work >= next_look) {
                 next_look = *work->work + WORK_BETWEEN_LOOKS;
                 work->tally->out_of_time = stopwatch_seconds() >= sweep->deadline;
                 if (work->tally->out_of_time)
                     return;
             }
-            awake[j] &= (uint8_t)~move;
             if (move == MOVE_FLIPS)
                 flip(work, i, j);
             else
@@ -251,10 +231,6 @@ void one_step_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, cons
     work.work = cells_printed;
     work.tally = tally;
     work.cost_alone = is_cost_enough(surface);
-    work.left = tile->left;
     first_open(&work.first);
-    flip_bounds_read(flips, surface, tile);
-    for (size_t k = 0; k < SHARE_ROWS; k++)
-        memset(work.row[k].row, UINT8_MAX, sizeof work.row[k].row);
     sweep_tile(&work, tile, sweep);
 }

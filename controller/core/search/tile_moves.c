@@ -68,8 +68,13 @@ void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
     const size_t top = i > WAKE_REACH ? i - WAKE_REACH : 0, left = j > WAKE_REACH ? j - WAKE_REACH : 0;
     const size_t bottom = i + WAKE_REACH < surface->nx ? i + WAKE_REACH : surface->nx - 1;
     const size_t right = j + WAKE_REACH < surface->ny ? j + WAKE_REACH : surface->ny - 1;
-    for (size_t row = top; row <= bottom; row++)
-        memset(awake + surface_cell(surface, row, left), MOVES_ALL, right - left + 1);
+    for (size_t row = top; row <= bottom; row++) {
+        uint8_t *near = awake + surface_cell(surface, row, left);
+        if (right - left == 2 * WAKE_REACH) /* a constant length takes two instructions */
+            memset(near, MOVES_ALL, 2 * WAKE_REACH + 1);
+        else
+            memset(near, MOVES_ALL, right - left + 1);
+    }
 }
 
 static void make(Work *work, const Best *best) {
