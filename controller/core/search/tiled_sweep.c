@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "map_memory.h"
 #include "parallel.h"
 
 _Static_assert(TILE > 2 * (STEPS_MAX + 2), "a swap of one tile reaches STEPS_MAX + 1 cells, and one more is read");
@@ -21,13 +22,14 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     *tiling = (Tiling){.surface = surface, .rows = rows, .columns = columns};
     const size_t usable = alike < MAX_PARALLEL ? alike : MAX_PARALLEL;
     const size_t wanted = (size_t)threads < usable ? (size_t)threads : usable;
-    tiling->awake = calloc(surface->framed, 1);
-    tiling->kept = malloc(surface->problem->layers * surface->framed);
+    tiling->awake = take_maps(surface->framed, 1);
+    tiling->kept = take_maps(surface->problem->layers, surface->framed);
     tiling->tally = malloc(rows * columns * sizeof(Tally));
+    tiling->stirred = malloc(rows * columns);
     tiling->window = calloc(wanted, sizeof(Window));
     tiling->bound = calloc(wanted, sizeof(ChangeBound));
     bool complete = flip_bounds_open(&tiling->flips, surface) && tiling->awake && tiling->kept && tiling->tally &&
-                    tiling->window && tiling->bound;
+                    tiling->stirred && tiling->window && tiling->bound;
     while (complete && tiling->threads < wanted) {
         complete = window_open(&tiling->window[tiling->threads], surface);
         complete = bound_open(&tiling->bound[tiling->threads], surface) && complete;
@@ -46,14 +48,16 @@ void tiling_close(Tiling *tiling) {
     flip_bounds_close(&tiling->flips);
     free(tiling->bound);
     free(tiling->window);
+    free(tiling->stirred);
     free(tiling->tally);
-    free(tiling->kept);
-    free(tiling->awake);
+    give_maps(tiling->kept);
+    give_maps(tiling->awake);
 }
 
 void tiling_wake(Tiling *tiling) {
     wake_all(tiling->surface, tiling->awake);
     flip_bounds_clear(&tiling->flips, tiling->surface);
+    memset(tiling->stirred, MOVES_ALL, tiling->rows * tiling->columns);
 }
 
 static size_t tiles_of_colour(const Tiling *tiling, size_t colour) {
@@ -72,12 +76,23 @@ static Tile tile_at(const Tiling *tiling, size_t index) {
     return (Tile){top, top + TILE < nx ? top + TILE : nx, left, left + TILE < ny ? left + TILE : ny};
 }
 
+/* A change wakes cells of the tile and of those around it. */
+static void stir(Tiling *tiling, size_t index) {
+    const size_t row = index / tiling->columns, column = index % tiling->columns;
+    for (size_t i = row > 0 ? row - 1 : 0; i <= row + 1 && i < tiling->rows; i++)
+        for (size_t j = column > 0 ? column - 1 : 0; j <= column + 1 && j < tiling->columns; j++)
+            tiling->stirred[i * tiling->columns + j] = MOVES_ALL;
+}
+
 static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Sums *before, size_t thread) {
     const Tile tile = tile_at(tiling, index);
     Tally *tally = &tiling->tally[index];
     Window *window = &tiling->window[thread];
     *tally = (Tally){0};
-    if (tiling->rows * tiling->columns > 1) /* the surface has changed elsewhere */
+    if (sweep->move != MOVE_ANNEAL && !(tiling->stirred[index] & sweep->move))
+        return;
+    tiling->stirred[index] &= (uint8_t)~sweep->move; /* until the changes of its colour are known */
+    if (tiling->rows * tiling->columns > 1)          /* the surface has changed elsewhere */
         bound_renew(&tiling->bound[thread]);
     if (tiling->surface->steps > 1 || sweep->move == MOVE_ANNEAL)
         tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->bound[thread], tally);
@@ -158,11 +173,14 @@ int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bo
         const int64_t before = changes;
         sweep_colour(tiling, sweep, colour);
         for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
-            const Tally *tally = &tiling->tally[tile_index(tiling, colour, k)];
+            const size_t index = tile_index(tiling, colour, k);
+            const Tally *tally = &tiling->tally[index];
             report->evaluations += tally->evaluations;
             report->flips += tally->flips;
             report->swaps += tally->swaps;
             report->shifts += tally->shifts;
+            if (tally->flips + tally->swaps + tally->shifts > 0)
+                stir(tiling, index);
             changes += tally->flips + tally->swaps + tally->shifts;
             *out_of_time = *out_of_time || tally->out_of_time;
         }

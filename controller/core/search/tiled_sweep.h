@@ -10,6 +10,7 @@
 typedef struct {
     PlanSurface *surface;
     uint8_t *awake;       /* a map: see tile_sweep */
+    uint8_t *stirred;     /* of each tile: the moves that some of its cells may be awake for */
     uint8_t *kept;        /* the plan when a colour began: as many values as the surface's */
     size_t rows, columns; /* of tiles */
     Tally *tally;         /* one for each tile */
