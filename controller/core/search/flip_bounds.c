@@ -1,9 +1,9 @@
 #include "flip_bounds.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "instruction_sets.h"
+#include "map_memory.h"
 
 static const double SURE = 1e-3; /* of what a neighbour changes: far above the rounding of bounds below MOST */
 static const double MOST = 32.0; /* of the same: more than all cells near take away together */
@@ -44,13 +44,13 @@ bool flip_bounds_open(FlipBounds *bounds, const PlanSurface *surface) {
             bounds->loss[rows][columns] = (float)(slope * common_shares(droplet, rows, columns));
     bounds->sure = (float)SURE * bounds->loss[0][1];
     bounds->most = (float)MOST * bounds->loss[0][1];
-    bounds->least = malloc(surface->framed * sizeof(float));
+    bounds->least = take_maps(surface->framed, sizeof(float));
     flip_bounds_clear(bounds, surface);
     return bounds->least != NULL;
 }
 
 void flip_bounds_close(FlipBounds *bounds) {
-    free(bounds->least);
+    give_maps(bounds->least);
     bounds->least = NULL;
 }
 
@@ -154,9 +154,14 @@ static INLINED void read_cells(FlipBounds *bounds, const PlanSurface *surface, s
 static INLINED bool is_renewal_useful(const FlipBounds *bounds, size_t cell, size_t count, const Renewal *renewal) {
     const float *least = bounds->least + cell;
     const uint8_t *awake = renewal->awake + cell;
-    unsigned open = 0;
-    AS_LOOP for (size_t k = 0; k < count; k++) open += ((awake[k] & renewal->move) != 0) & !(least[k] > renewal->limit);
-    return open >= LEAST_OPEN;
+    const uint32_t move = renewal->move;
+    uint64_t cells = 0;
+    memcpy(&cells, awake, count);
+    if (!(cells & move * UINT64_C(0x0101010101010101))) /* mostly so, and the bounds need not be looked at */
+        return false;
+    uint32_t open = 0;
+    AS_LOOP for (size_t k = 0; k < count; k++) open += least[k] > renewal->limit ? 0u : awake[k] & move;
+    return open >= LEAST_OPEN * move;
 }
 
 static INLINED void renew_cells(FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count) {
@@ -173,7 +178,8 @@ static INLINED void renew_row(FlipBounds *bounds, const PlanSurface *surface, si
     size_t first = cell; /* of the cells that are read together, as far as `cell` */
     for (bool is_end = false; !is_end; cell += CHUNK) {
         is_end = cell >= end;
-        if (!is_end && is_renewal_useful(bounds, cell, end - cell < CHUNK ? end - cell : CHUNK, renewal))
+        if (!is_end && (end - cell < CHUNK ? is_renewal_useful(bounds, cell, end - cell, renewal)
+                                           : is_renewal_useful(bounds, cell, CHUNK, renewal)))
             continue;
         const size_t last = is_end ? end : cell;
         if (last > first)
