@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "counter_random.h"
-#include "one_step_sweep.h"
 #include "stopwatch.h"
+#include "tiled_sweep.h"
 
 enum { NX = 23, NY = 70, CELLS = NX * NY, FRAMED = (NX + 2) * (NY + 2), CHANGES = 150, PROBLEMS = 48 };
 
@@ -98,6 +98,31 @@ static const char *sweeps_differ(const HorizonProblem *problem) {
     window_close(&window);
     surface_close(&surface[1]);
     surface_close(&surface[0]);
+    return broken;
+}
+
+/* Sweeps over all tiles, and after each of them a look at the cells of those that the next one would pass over. */
+static const char *awake_cells_are_missed(const HorizonProblem *problem) {
+    static const int32_t MOVES[] = {MOVE_FLIPS, MOVE_SWAPS};
+    PlanSurface surface;
+    Tiling tiling;
+    if (!surface_open(&surface, problem, plan) || !tiling_open(&tiling, &surface, 1))
+        return "there is memory";
+    const char *broken = NULL;
+    bool out_of_time;
+    tiling_wake(&tiling);
+    for (int round = 0; round < 16; round++) {
+        SearchReport report = {.sweeps = 0};
+        const Sweep sweep = {.move = MOVES[round / 4 % 2], .deadline = 1.0};
+        tiled_sweep(&tiling, &sweep, &report, &out_of_time);
+        for (size_t k = 0; k < CELLS; k++) {
+            const uint8_t awake = tiling.awake[surface_cell(&surface, k / NY, k % NY)] & (MOVE_FLIPS | MOVE_SWAPS);
+            if (awake & ~tiling.stirred[k / NY / TILE * tiling.columns + k % NY / TILE])
+                broken = "no cell is awake in a tile that is passed over";
+        }
+    }
+    tiling_close(&tiling);
+    surface_close(&surface);
     return broken;
 }
 
@@ -199,6 +224,8 @@ int main(void) {
     for (uint64_t seed = 0; seed < PROBLEMS; seed++) {
         HorizonProblem problem = random_problem(seed);
         const char *broken = sweeps_differ(&problem);
+        if (!broken)
+            broken = awake_cells_are_missed(&problem);
         problem.kinds = 1;
         problem.alpha = 1.0;
         for (size_t cell = 0; cell < CELLS; cell++)
