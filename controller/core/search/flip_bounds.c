@@ -81,7 +81,7 @@ static INLINED double cost_of(const PlanSurface *surface, size_t cell, double he
     const double safe = counted.chance && chance > 0.0 ? chance : 1.0, near = 0.5 * (size * size / safe + chance);
     const double expected = counted.chance && size < chance ? near : size;
     const double above = counted.ceiling ? height - surface->ceiling[cell] : 0.0;
-    const double ceiling = above > 0.0 ? surface->problem->ceiling_cost * above : 0.0;
+    const double ceiling = counted.ceiling ? surface->problem->ceiling_cost * (above > 0.0 ? above : 0.0) : 0.0;
     return surface->weight[cell] * (surface->upward * expected + surface->skew * error + ceiling);
 }
 
@@ -165,10 +165,13 @@ static INLINED bool is_renewal_useful(const FlipBounds *bounds, size_t cell, siz
 }
 
 static INLINED void renew_cells(FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count) {
-    static const Counted NOTHING = {false, false};
-    const Counted counted = {surface->chance > 0.0, surface->ceiling != NULL};
-    if (counted.chance || counted.ceiling)
-        read_cells(bounds, surface, cell, count, counted);
+    static const Counted NOTHING = {false, false}, CHANCE = {true, false}, CEILING = {false, true}, BOTH = {true, true};
+    if (surface->chance > 0.0 && surface->ceiling)
+        read_cells(bounds, surface, cell, count, BOTH);
+    else if (surface->chance > 0.0)
+        read_cells(bounds, surface, cell, count, CHANCE);
+    else if (surface->ceiling)
+        read_cells(bounds, surface, cell, count, CEILING);
     else
         read_cells(bounds, surface, cell, count, NOTHING);
 }
