@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "displacement_response.h"
 #include "estimate_doubts.h"
 #include "layer_surface.h"
 #include "map_memory.h"

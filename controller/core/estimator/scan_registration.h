@@ -45,9 +45,6 @@ Registration no_registration(void);
 /* The displacement by which predicted scans are made before this one is read. */
 Displacement expected_displacement(const Registration *registration);
 
-/* What the first scan, a map of heights, makes of the response: all of its slopes. False if there is no memory. */
-bool first_response(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double *response);
-
 ScanDisplacement reported_displacement(const Registration *registration);
 
 /* Whether scans are corrected. */
@@ -59,14 +56,6 @@ void take_as_read(const ScanEvidence *evidence, RegisteredScan *registered);
 /* Learns from a scan, and corrects it; what is corrected stands in the moved maps of `room`, the columns in it. False
  * if the unknowns cannot be solved for, or there is no memory. */
 bool register_scan(const ScanEvidence *evidence, Room *room, Registration *registration, RegisteredScan *registered);
-
-enum { CARRIED = 64 }; /* cells at most */
-
-/* The response of `count` cells from `first` on, after their heights took the shares `gain` of the innovation; `wall`:
- * number of walls before them, carried along. The response may stand where the one before did. What no displacement
- * explains any longer is added to the `variance` of these cells [m^2], if it is not NULL. */
-void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
-                    const double *before, const double *gain, double *response, double *variance);
 
 /* Variance of a height through the error of the displacement [m^2]. */
 double displacement_variance(const Registration *registration, const double response[DISPLACEMENTS]);

@@ -2,6 +2,7 @@
 #ifndef INKLOOP_SCAN_UPDATE_H
 #define INKLOOP_SCAN_UPDATE_H
 
+#include "displacement_response.h"
 #include "row_ranges.h"
 #include "surface_estimate.h"
 
