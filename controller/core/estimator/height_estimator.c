@@ -11,6 +11,7 @@
 #include "scan_update.h"
 
 static const double UNSURE = 0.13; /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
+
 /* Maps of one layer. What is only needed until an estimate is written stands in the maps of that estimate. */
 typedef struct {
     double *scan;

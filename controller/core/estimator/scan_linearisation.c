@@ -110,7 +110,8 @@ typedef struct {
     size_t walls[CHUNKS]; /* of the rows of each chunk */
 } Linearisation;
 
-static INLINED void weigh_rows(const Linearisation *work, const RowRange *range, size_t walls[CHUNKS]) {
+static INLINED void weigh_rows(void *context, const RowRange *range) {
+    Linearisation *work = context;
     const size_t nx = work->evidence->nx, ny = work->evidence->ny;
     take_readings(work->evidence, work->readings, work->whole, work->room, range);
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
@@ -120,16 +121,11 @@ static INLINED void weigh_rows(const Linearisation *work, const RowRange *range,
             weigh_row(work->evidence, work->misfit, work->room, i);
         for (size_t cell = top * ny; cell < bottom * ny; cell++)
             count += work->room->is_wall[cell];
-        walls[chunk] = count;
+        work->walls[chunk] = count;
     }
 }
 
-static INLINED void weigh_range(void *context, const RowRange *range) {
-    Linearisation *work = context;
-    weigh_rows(work, range, work->walls);
-}
-
-CLONED_ROW_WORK(weigh_readings, weigh_range)
+CLONED_ROW_WORK(weigh_readings, weigh_rows)
 
 /* The columns of the displacement in a patch. */
 static void take_columns(const ScanEvidence *evidence, const DisplacedView *left, const Patch *patch,

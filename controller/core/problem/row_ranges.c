@@ -4,6 +4,8 @@
 
 enum { LIGHT = 8 }; /* times less work on a cell than that which threads are started for elsewhere (assumed) */
 
+_Static_assert((int)CHUNKS <= (int)MAX_PARALLEL, "each thread has a chunk");
+
 typedef struct {
     RowWork *work;
     void *context;
