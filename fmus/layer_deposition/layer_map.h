@@ -5,27 +5,12 @@
 #ifndef INKLOOP_LAYER_MAP_H
 #define INKLOOP_LAYER_MAP_H
 
-#include <stddef.h>
-#include <stdint.h>
-
-#include "cell_colour.h"
-#include "ink.h"
+#include "droplet_pass.h"
 
 enum {
     FOOTPRINT = 9,
     CENTRE = 4
 }; /* cells that a droplet reaches: number 3 * (di + 1) + (dj + 1) is (i + di, j + dj) */
-
-/* The droplets of one pass, and the surface on which they fall: those of `pattern` (0 none, 1 ink[0], 2 ink[1]) on
- * cells of `colour`. `factor` scales each cell's droplet, NULL: all 1. All heights are finite. */
-typedef struct {
-    size_t nx, ny;
-    const double *before;
-    const int32_t *pattern;
-    Ink ink[2];
-    const double *factor;
-    int colour;
-} DropletPass;
 
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);
@@ -36,7 +21,7 @@ void deposit_rows(const DropletPass *pass, size_t top, size_t bottom, double *af
 /* What the droplets of a pass give to cells outside the grid [m]. */
 double lost_in_pass(const DropletPass *pass);
 
-/* Both for all rows; returns what is lost [m]. */
+/* Both for all rows of a pass with these members; returns what is lost [m]. */
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour);
 

@@ -11,8 +11,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "droplet_pass.h"
 #include "instruction_sets.h"
-#include "layer_map.h"
 
 enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns; cell k of a band stands at 1 + k */
 enum { SIDE_PART, CORNER_PART, PARTS };
