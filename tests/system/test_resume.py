@@ -20,6 +20,7 @@ from inkloop.results import array_file
 from inkloop.results.checkpoint import Checkpoints, last
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
 from inkloop.testing import job
 from inkloop_controller.layer_controller import LayerController
 from support.long_proofs import rest_is_long
@@ -207,6 +208,15 @@ def test_resume_continues_at_the_next_layer(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", lambda bar, row: layers.append(row.layer))
     assert main(["resume", str(folder)]) == 0
     assert layers == list(range(3, Result.load(folder).dataset.sizes["layer"]))
+
+
+def test_scenario_of_a_large_run_is_held_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second one would be refused where memory holds one only."""
+    folder, loaded, load = tmp_path / "run", list[str](), Scenario.load
+    interrupt(monkeypatch, folder, "--no-compare")
+    monkeypatch.setattr(Scenario, "load", lambda *words, **options: loaded.append("") or load(*words, **options))
+    assert main(["resume", str(folder)]) == 0
+    assert len(loaded) == 1
 
 
 def test_finished_run_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     with classes_from(printing.scenario_file(options.run).parent):
         scenario = printing.scenario_of_run(options.run)
         if not is_isolated(options, scenario):
-            return printing.resume(options.run, screen(options), pictures=options.pictures)
+            return printing.resume(scenario, options.run, screen(options), pictures=options.pictures)
         from inkloop.printing.isolation import run_isolated
 
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

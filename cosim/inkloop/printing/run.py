@@ -62,12 +62,11 @@ def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
     return new_run_folder(out, name)
 
 
-def resume(folder: Path, console: Terminal, *, pictures: Sequence[str] = (PNG,)) -> int:
+def resume(scenario: Scenario, folder: Path, console: Terminal, *, pictures: Sequence[str] = (PNG,)) -> int:
     """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
-    Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
+    scenario: that of `scenario_of_run`. Raises ResultError if the folder cannot be resumed, ComponentError.
     """
-    scenario = scenario_of_run(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
         raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; restore it, or run it again")
