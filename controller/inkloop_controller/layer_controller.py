@@ -133,7 +133,7 @@ class LayerController:
         """Continue from a saved state. Raises ComponentError if it belongs to another grid or is none."""
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
-                found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
+                found = {name: array if array.ndim else array.item() for name, array in arrays.items()}
             found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
             if "pattern" not in found:
                 found["pattern"] = found["plan"][0]

@@ -234,7 +234,15 @@ void storage_save(const Instance *instance, void *bytes) {
 }
 
 void storage_load(Instance *instance, const void *bytes) {
+    enum { PIECE = 4096 };
+    const size_t size = instance->saved_size;
     poison_red_zones(instance, STATE, false);
-    memcpy(instance->block, bytes, instance->saved_size);
+    for (size_t at = 0, count; at < size; at += count) {
+        unsigned char *own = instance->block + at;
+        const unsigned char *saved = (const unsigned char *)bytes + at;
+        count = size - at < PIECE ? size - at : PIECE;
+        if (memcmp(own, saved, count) != 0) /* clear memory is not taken to be cleared again */
+            memcpy(own, saved, count);
+    }
     poison_red_zones(instance, STATE, true);
 }

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import resource
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -45,6 +48,23 @@ def test_large_grid_replays_from_a_saved_state(model: str) -> None:
         act(other, 7, 14)
         assert other.save() == end
         assert equal(other.outputs(), outputs)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the resident memory where Linux shows it")
+@pytest.mark.parametrize("model", ["LayerDeposition", "ProfileSensor"])
+def test_maps_that_are_clear_take_no_memory_when_a_state_of_them_is_restored(model: str) -> None:
+    """The system gives memory when it is first written; a run that resumes needs no more of it than any other."""
+    side = 1500
+    with Driver(model, nx=side, ny=side).start(PARAMETERS[model]) as fmu:
+        state = fmu.fmu.getFMUState()
+        before = resident_bytes()
+        assert fmu.call("setFMUState", state) == OK
+        assert resident_bytes() - before < side * side
+        fmu.fmu.freeFMUState(state)
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 @EVERY_FORM

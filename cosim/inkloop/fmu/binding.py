@@ -151,7 +151,13 @@ class Binding:
     def restore(self, serialized: bytes) -> None:
         """Put the instance into a saved state."""
         self._forget()
-        state = self._call(None, self._fmu.deserializeFMUState, serialized)
+        deserialize, byte, state = (
+            (self._fmu.fmi2DeSerializeFMUstate, fmi2.fmi2Byte, fmi2.fmi2FMUstate())
+            if self._fmi == 2
+            else (self._fmu.fmi3DeserializeFMUState, fmi3.fmi3Byte, fmi3.fmi3FMUState())
+        )
+        pointer = ctypes.cast(ctypes.c_char_p(serialized), ctypes.POINTER(byte))  # FMPy's own call copies it
+        self._call(None, deserialize, self._fmu.component, pointer, len(serialized), ctypes.byref(state))
         try:
             self._call(None, self._fmu.setFMUState, state)
         finally:

@@ -182,7 +182,7 @@ class Master:
                 component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
             except Exception as error:
                 raise ComponentError(f"{name} could not be restored: {message_of(error)}") from error
-        gc.collect(1)  # ctypes leaves states in reference cycles; the collector counts objects, not their bytes
+            gc.collect(1)  # ctypes leaves states in reference cycles; the collector counts objects, not their bytes
         self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
         return checkpoint.time_ns
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import zipfile
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
@@ -17,6 +18,8 @@ UNREADABLE = (OSError, ValueError, KeyError, zipfile.BadZipFile)
 """What reading such a file raises."""
 _SMALL = 1 << 18
 """Bytes of an array that is copied to be written: a checkpoint has some sixty, whose headers recur."""
+_CHUNK = 1 << 20
+"""Bytes read at a time."""
 
 
 def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
@@ -52,7 +55,9 @@ def bytes_of(path: Path, name: str) -> bytes:
         version = np.lib.format.read_magic(member)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         read_header(member)
-        return member.read()
+        content = io.BytesIO()
+        shutil.copyfileobj(member, content, _CHUNK)  # ZipExtFile.read joins what it reads, which is then there twice
+    return content.getvalue()
 
 
 def check(path: Path) -> list[str]:

@@ -72,7 +72,7 @@ def test_files_of_layers_come_in_the_order_of_their_numbers(tmp_path: Path) -> N
 
 
 def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
-    size = 4_000_000
+    size = 8_000_000
     parts: Any = {
         f"part {k}": SimpleNamespace(save=lambda: bytes(size), restore=None, is_device=False) for k in range(5)
     }
@@ -86,6 +86,11 @@ def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
     found = last(tmp_path)
     assert found is not None
     assert {len(state) for state in found.states.values()} == {size}
+    tracemalloc.start()
+    assert len(found.states["part 0"]) == size
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert size < peak < 1.5 * size + 2**20
 
 
 @pytest.mark.parametrize("is_device", [False, True])
