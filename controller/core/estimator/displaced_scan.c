@@ -1,7 +1,10 @@
 #include "displaced_scan.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
+
+#include "instruction_sets.h"
 
 static const double SPOT_REACH = 4.0;    /* standard deviations; 6e-5 of the weight lies beyond */
 static const double SHIFT_STEP = 0.02;   /* of the difference quotients [cells]: centred, so that a kink is halved */
@@ -43,7 +46,7 @@ double spot_radius(double spread) {
 }
 
 /* Weighted mean over the neighbours of a column that a row has. */
-static double row_mean(const double *row, size_t ny, size_t j, const Spot *spot) {
+static INLINED double row_mean(const double *row, size_t ny, size_t j, const Spot *spot) {
     const size_t first = j > spot->reach ? j - spot->reach : 0, last = j + spot->reach < ny ? j + spot->reach : ny - 1;
     double sum = 0.0, total = 0.0;
     for (size_t k = first; k <= last; k++) {
@@ -55,7 +58,7 @@ static double row_mean(const double *row, size_t ny, size_t j, const Spot *spot)
 }
 
 /* The same for columns that have all their neighbours. */
-static void inner_means(const double *row, const Spot *spot, size_t left, size_t right, double *restrict mean) {
+static INLINED void inner_means(const double *row, const Spot *spot, size_t left, size_t right, double *restrict mean) {
     const size_t reach = spot->reach;
     double total = 0.0;
     for (size_t j = left; j < right; j++)
@@ -71,7 +74,7 @@ static void inner_means(const double *row, const Spot *spot, size_t left, size_t
 }
 
 /* Mean of the spot along a row. */
-static void mean_of_row(const double *row, size_t ny, const Spot *spot, const Patch *patch, double *mean) {
+static INLINED void mean_of_row(const double *row, size_t ny, const Spot *spot, const Patch *patch, double *mean) {
     const size_t reach = spot->reach, last = ny > reach ? ny - reach : 0;
     const size_t from = patch->left > reach ? patch->left : reach, end = patch->right < last ? patch->right : last;
     for (size_t j = patch->left; j < patch->right; j++) {
@@ -84,8 +87,8 @@ static void mean_of_row(const double *row, size_t ny, const Spot *spot, const Pa
 }
 
 /* Mean of the spot over the rows about row i. */
-static void mean_of_rows(Rows lines, size_t nx, size_t ny, size_t i, const Spot *spot, const Patch *patch,
-                         double *restrict mean) {
+static INLINED void mean_of_rows(Rows lines, size_t nx, size_t ny, size_t i, const Spot *spot, const Patch *patch,
+                                 double *restrict mean) {
     const size_t first = i > spot->reach ? i - spot->reach : 0, last = i + spot->reach < nx ? i + spot->reach : nx - 1;
     double total = 0.0;
     for (size_t j = patch->left; j < patch->right; j++)
@@ -112,7 +115,7 @@ DisplacedView displaced_view(Displacement displacement) {
     return (DisplacedView){displacement, spot_of(displacement.spread), spot_of(less), spot_of(wider), wider - less};
 }
 
-static void copy_patch(size_t ny, const double *map, const Patch *patch, Rows copy) {
+static INLINED void copy_patch(size_t ny, const double *map, const Patch *patch, Rows copy) {
     for (size_t i = patch->top; i < patch->bottom; i++)
         memcpy(row_of(copy, ny, i) + patch->left, map + i * ny + patch->left,
                (patch->right - patch->left) * sizeof *map);
@@ -120,8 +123,8 @@ static void copy_patch(size_t ny, const double *map, const Patch *patch, Rows co
 
 /* The mean of the spot on the cells of `patch`, from `height`; what stands in `lines` and `mean` elsewhere is of no
  * account. */
-static void average(size_t nx, size_t ny, const double *height, const Spot *spot, const Patch *patch, Rows lines,
-                    Rows mean) {
+static INLINED void average(size_t nx, size_t ny, const double *height, const Spot *spot, const Patch *patch,
+                            Rows lines, Rows mean) {
     if (spot->reach == 0) {
         copy_patch(ny, height, patch, mean);
         return;
@@ -134,7 +137,7 @@ static void average(size_t nx, size_t ny, const double *height, const Spot *spot
 }
 
 /* The cell before a place on a line of `length` cells, and how far beyond it the place is. */
-static size_t cell_before(double place, size_t length, double *beyond) {
+static INLINED size_t cell_before(double place, size_t length, double *beyond) {
     const double inside = within(place, 0.0, (double)length - 1.0);
     const size_t cell = (size_t)inside;
     *beyond = inside - (double)cell;
@@ -150,7 +153,7 @@ typedef struct {
     size_t from, end;       /* of those that are read as many columns further as the one in the middle */
 } MovedColumns;
 
-static void moved_columns(size_t ny, double y, size_t left, size_t count, MovedColumns *columns) {
+static INLINED void moved_columns(size_t ny, double y, size_t left, size_t count, MovedColumns *columns) {
     const size_t middle = count / 2;
     for (size_t k = 0; k < count; k++) {
         columns->cell[k] = cell_before((double)(left + k) + y, ny, &columns->beyond[k]);
@@ -166,8 +169,8 @@ static void moved_columns(size_t ny, double y, size_t left, size_t count, MovedC
 }
 
 /* Those at the ends, where the grid may go no further. */
-static void move_outer(const MovedColumns *columns, size_t from, size_t end, const double *here, const double *there,
-                       double up, double *moved) {
+static INLINED void move_outer(const MovedColumns *columns, size_t from, size_t end, const double *here,
+                               const double *there, double up, double *moved) {
     for (size_t k = from; k < end; k++) {
         const size_t cell = columns->cell[k], next = columns->next[k];
         const double right = columns->beyond[k];
@@ -178,8 +181,8 @@ static void move_outer(const MovedColumns *columns, size_t from, size_t end, con
 }
 
 /* The others, next to each other. */
-static void move_inner(const MovedColumns *columns, const double *here, const double *there, double up,
-                       double *restrict moved) {
+static INLINED void move_inner(const MovedColumns *columns, const double *here, const double *there, double up,
+                               double *restrict moved) {
     const size_t from = columns->from, cell = columns->cell[from];
     for (size_t k = from; k < columns->end; k++) {
         const double right = columns->beyond[k];
@@ -189,7 +192,7 @@ static void move_inner(const MovedColumns *columns, const double *here, const do
     }
 }
 
-static void move(size_t nx, size_t ny, Rows height, double x, double y, const Patch *patch, Rows moved) {
+static INLINED void move(size_t nx, size_t ny, Rows height, double x, double y, const Patch *patch, Rows moved) {
     MovedColumns columns;
     for (size_t left = patch->left; left < patch->right; left += COLUMNS) {
         const size_t count = patch->right - left < COLUMNS ? patch->right - left : COLUMNS;
@@ -207,13 +210,13 @@ static void move(size_t nx, size_t ny, Rows height, double x, double y, const Pa
 }
 
 /* What a move by less than a cell and the step of the difference quotients reads. */
-static Patch patch_moved(const Patch *patch, size_t nx, size_t ny, double x, double y) {
+static INLINED Patch patch_moved(const Patch *patch, size_t nx, size_t ny, double x, double y) {
     const double further = fmax(fabs(x), fabs(y)) + SHIFT_STEP;
     return patch_widened(patch, nx, ny, (size_t)ceil(further));
 }
 
-static void scan_with(size_t nx, size_t ny, const double *height, const Spot *spot, double x, double y,
-                      const Patch *patch, const Scratch *scratch, Rows reading) {
+static INLINED void scan_with(size_t nx, size_t ny, const double *height, const Spot *spot, double x, double y,
+                              const Patch *patch, const Scratch *scratch, Rows reading) {
     const Patch read = patch_moved(patch, nx, ny, x, y);
     const Rows lines = scratch_map(scratch, ny, 0), mean = scratch_map(scratch, ny, 1);
     if (x == 0.0 && y == 0.0) {
@@ -224,13 +227,8 @@ static void scan_with(size_t nx, size_t ny, const double *height, const Spot *sp
     move(nx, ny, mean, x, y, patch, reading);
 }
 
-void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                    const Scratch *scratch, Rows reading) {
-    scan_with(nx, ny, height, &view->spot, view->displacement.x, view->displacement.y, patch, scratch, reading);
-}
-
 /* (more - less) / step in `less`. */
-static void difference(size_t ny, Rows more, double step, const Patch *patch, Rows less) {
+static INLINED void difference(size_t ny, Rows more, double step, const Patch *patch, Rows less) {
     for (size_t i = patch->top; i < patch->bottom; i++) {
         const double *high = row_of(more, ny, i);
         double *low = row_of(less, ny, i);
@@ -239,19 +237,90 @@ static void difference(size_t ny, Rows more, double step, const Patch *patch, Ro
     }
 }
 
+/* The slopes with the shift where the scan is not displaced: the difference quotients are those of a cell's neighbours.
+ */
+static INLINED void slopes_between(size_t nx, size_t ny, Rows mean, const Patch *patch, Rows along_x, Rows along_y) {
+    for (size_t i = patch->top; i < patch->bottom; i++) {
+        const double *here = row_of(mean, ny, i), *above = i > 0 ? here - ny : here;
+        const double *below = i + 1 < nx ? here + ny : here;
+        double *restrict down = row_of(along_x, ny, i), *restrict right = row_of(along_y, ny, i);
+        const size_t from = patch->left > 0 ? patch->left : 1, end = patch->right < ny ? patch->right : ny - 1;
+        for (size_t j = patch->left; j < patch->right; j++)
+            down[j] = 0.5 * (below[j] - above[j]);
+        for (size_t j = from; j < end; j++)
+            right[j] = 0.5 * (here[j + 1] - here[j - 1]);
+        if (patch->left == 0)
+            right[0] = 0.5 * (here[ny > 1 ? 1 : 0] - here[0]);
+        if (patch->right == ny && ny > 1)
+            right[ny - 1] = 0.5 * (here[ny - 1] - here[ny - 2]);
+    }
+}
+
+/* The slopes with the shift from differences of displaced scans. */
+static INLINED void slopes_apart(size_t nx, size_t ny, Rows mean, double x, double y, const Patch *patch, Rows more,
+                                 Rows along_x, Rows along_y) {
+    move(nx, ny, mean, x + SHIFT_STEP, y, patch, more);
+    move(nx, ny, mean, x - SHIFT_STEP, y, patch, along_x);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, along_x);
+    move(nx, ny, mean, x, y + SHIFT_STEP, patch, more);
+    move(nx, ny, mean, x, y - SHIFT_STEP, patch, along_y);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, along_y);
+}
+
+/* What is scanned, and how: for both functions, and for their clones. */
+typedef struct {
+    size_t nx, ny;
+    const double *height;
+    const DisplacedView *view;
+    const Patch *patch;
+    const Scratch *scratch;
+} DisplacedScan;
+
+static INLINED void take_reading(const DisplacedScan *scan, const Rows *reading) {
+    const Displacement by = scan->view->displacement;
+    scan_with(scan->nx, scan->ny, scan->height, &scan->view->spot, by.x, by.y, scan->patch, scan->scratch, *reading);
+}
+
+static INLINED void take_slopes(const DisplacedScan *scan, const Rows slopes[3]) {
+    const size_t nx = scan->nx, ny = scan->ny;
+    const Patch *patch = scan->patch;
+    const Scratch *scratch = scan->scratch;
+    const Rows mean = scratch_map(scratch, ny, 1), more = scratch_map(scratch, ny, 2);
+    const double x = scan->view->displacement.x, y = scan->view->displacement.y;
+    const Patch read = patch_moved(patch, nx, ny, x, y);
+    average(nx, ny, scan->height, &scan->view->spot, &read, scratch_map(scratch, ny, 0), mean);
+    if (x == 0.0 && y == 0.0)
+        slopes_between(nx, ny, mean, patch, slopes[0], slopes[1]);
+    else
+        slopes_apart(nx, ny, mean, x, y, patch, more, slopes[0], slopes[1]);
+    scan_with(nx, ny, scan->height, &scan->view->less, x, y, patch, scratch, slopes[2]);
+    scan_with(nx, ny, scan->height, &scan->view->wider, x, y, patch, scratch, more);
+    difference(ny, more, scan->view->step, patch, slopes[2]);
+}
+
+static INLINED void take(const DisplacedScan *scan, const Rows *maps, bool with_slopes) {
+    if (with_slopes)
+        take_slopes(scan, maps);
+    else
+        take_reading(scan, maps);
+}
+
+static void take_plain(const DisplacedScan *scan, const Rows *maps, bool with_slopes) {
+    take(scan, maps, with_slopes);
+}
+
+static WITH_AVX2 void take_avx2(const DisplacedScan *scan, const Rows *maps, bool with_slopes) {
+    take(scan, maps, with_slopes);
+}
+
+void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                    const Scratch *scratch, Rows reading) {
+    const DisplacedScan scan = {nx, ny, height, view, patch, scratch};
+    (HAS_AVX2 ? take_avx2 : take_plain)(&scan, &reading, false);
+}
+
 void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
                            const Scratch *scratch, const Rows slopes[3]) {
-    const Rows mean = scratch_map(scratch, ny, 1), more = scratch_map(scratch, ny, 2);
-    const double x = view->displacement.x, y = view->displacement.y;
-    const Patch read = patch_moved(patch, nx, ny, x, y);
-    average(nx, ny, height, &view->spot, &read, scratch_map(scratch, ny, 0), mean);
-    move(nx, ny, mean, x + SHIFT_STEP, y, patch, more);
-    move(nx, ny, mean, x - SHIFT_STEP, y, patch, slopes[0]);
-    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[0]);
-    move(nx, ny, mean, x, y + SHIFT_STEP, patch, more);
-    move(nx, ny, mean, x, y - SHIFT_STEP, patch, slopes[1]);
-    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[1]);
-    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, slopes[2]);
-    scan_with(nx, ny, height, &view->wider, x, y, patch, scratch, more);
-    difference(ny, more, view->step, patch, slopes[2]);
+    const DisplacedScan scan = {nx, ny, height, view, patch, scratch};
+    (HAS_AVX2 ? take_avx2 : take_plain)(&scan, slopes, true);
 }

@@ -42,6 +42,18 @@ static void keep_within(double x[UNKNOWNS]) {
     x[SPREAD] = within(x[SPREAD], 0.0, LARGEST_SPREAD);
 }
 
+/* The equations with the precision of the unknowns `before` the scan, about x. */
+static void add_prior(const double *precision, const double *before, const double *x, const NormalSums *sums,
+                      double *matrix, double side[UNKNOWNS]) {
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        side[i] = sums->of[i][REST];
+        for (size_t j = 0; j < UNKNOWNS; j++) {
+            side[i] += precision[i * UNKNOWNS + j] * (before[j] - x[j]);
+            matrix[i * UNKNOWNS + j] = precision[i * UNKNOWNS + j] + sums->of[i > j ? i : j][i > j ? j : i];
+        }
+    }
+}
+
 bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated,
                             Room *room, double x[UNKNOWNS], double *covariance) {
     double precision[UNKNOWNS * UNKNOWNS], matrix[UNKNOWNS * UNKNOWNS], before[UNKNOWNS] = {0.0};
@@ -56,18 +68,17 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
     if (!linearise(evidence, registration->applied, registration->misfit, x, room))
         return false;
     for (int round = 0; round < rounds; round++) {
-        double move[UNKNOWNS] = {0.0}, largest = 0.0;
+        double move[UNKNOWNS] = {0.0}, last[UNKNOWNS], largest = 0.0;
+        NormalSums sums = {{{0.0}}};
         if (round > 0 && !linearise(evidence, registration->applied, registration->misfit, x, room))
             return false;
         for (int weighing = 0; weighing < REWEIGHTINGS; weighing++) {
-            double side[UNKNOWNS] = {0.0};
-            memcpy(matrix, precision, sizeof matrix);
-            for (size_t i = 0; i < UNKNOWNS; i++)
-                for (size_t j = 0; j < UNKNOWNS; j++)
-                    side[i] += precision[i * UNKNOWNS + j] * (before[j] - x[j]);
-            add_normal_equations(evidence, room, move, round < ROUNDS_WITH_OUTLIERS, matrix, side);
+            double side[UNKNOWNS];
+            add_normal_equations(evidence, room, move, weighing > 0 ? last : NULL, round < ROUNDS_WITH_OUTLIERS, &sums);
+            add_prior(precision, before, x, &sums, matrix, side);
             if (!solve_definite(UNKNOWNS, matrix, side))
                 return false;
+            memcpy(last, move, sizeof last);
             memcpy(move, side, sizeof move);
         }
         for (size_t k = 0; k < UNKNOWNS; k++) {

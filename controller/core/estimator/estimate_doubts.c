@@ -6,6 +6,7 @@
 #include "dead_cells.h"
 #include "layer_surface.h"
 #include "near_cells.h"
+#include "row_ranges.h"
 
 /* The limit of the ink by what is known of droplets. */
 static InkLimit ink_limit(const EstimatorOptions *options, const SurfaceEstimate *estimate) {
@@ -26,22 +27,75 @@ static InkLimit ink_limit(const EstimatorOptions *options, const SurfaceEstimate
                       .own = levels * own};
 }
 
-void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate) {
+/* Cells of the part in the rows of a chunk; and the one that is the most above its scan by its droplets. */
+typedef struct {
+    size_t cells, blind, unseen, excess_cell;
+    double excess; /* [m] */
+} PartCells;
+
+/* What the threads share. */
+typedef struct {
+    const EstimatorOptions *options;
+    const SurfaceEstimate *estimate;
+    const uint8_t *valid;
+    PartCells part[CHUNKS];
+} Look;
+
+static INLINED void look_at_block(const Look *look, size_t first, size_t count, PartCells *part) {
+    const uint8_t *is_part = look->options->part + first, *valid = look->valid + first;
+    const double *reckoned = look->estimate->reckoned + first, *height = look->estimate->height + first;
+    const int32_t *unseen = look->estimate->unseen + first, limit = look->options->unseen_layers;
+    uint8_t counted[BLOCK], blind[BLOCK], is_unseen[BLOCK];
+    double most = 0.0; /* of any cells: few blocks are looked at for that of the part */
+    for (size_t k = 0; k < count; k++) {
+        counted[k] = is_part[k] != 0;
+        blind[k] = (is_part[k] != 0) & (valid[k] == 0);
+        is_unseen[k] = (is_part[k] != 0) & (unseen[k] > limit);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const double excess = reckoned[k] - height[k];
+        most = excess > most ? excess : most;
+    }
+    for (size_t k = 0; most > part->excess && k < count; k++)
+        if (is_part[k] && reckoned[k] - height[k] > part->excess) {
+            part->excess = reckoned[k] - height[k];
+            part->excess_cell = first + k;
+        }
+    part->cells += count_marked(counted, count);
+    part->blind += count_marked(blind, count);
+    part->unseen += count_marked(is_unseen, count);
+}
+
+static INLINED void look_at_rows(void *context, const RowRange *range) {
+    Look *look = context;
+    const size_t nx = look->options->nx, ny = look->options->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t end = chunk_row(nx, chunk + 1) * ny;
+        PartCells part = {0, 0, 0, 0, 0.0};
+        for (size_t first = chunk_row(nx, chunk) * ny; first < end; first += BLOCK)
+            look_at_block(look, first, end - first < BLOCK ? end - first : BLOCK, &part);
+        look->part[chunk] = part;
+    }
+}
+
+CLONED_ROW_WORK(look_at_range, look_at_rows)
+
+void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, size_t threads, SurfaceEstimate *estimate) {
     LoopTrust *trust = &estimate->trust;
+    Look look = {.options = options, .estimate = estimate, .valid = valid};
     size_t part_cells = 0, blind = 0;
     trust->unseen_cells = 0;
     trust->excess = 0.0;
     trust->excess_cell = 0;
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
-        if (!options->part[cell])
-            continue;
-        const double excess = estimate->reckoned[cell] - estimate->height[cell];
-        part_cells++;
-        blind += !valid[cell];
-        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers;
-        if (excess > trust->excess) {
-            trust->excess = excess;
-            trust->excess_cell = (int64_t)cell;
+    run_rows(threads, options->nx, options->ny, look_at_range, &look);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        const PartCells *part = &look.part[chunk];
+        part_cells += part->cells;
+        blind += part->blind;
+        trust->unseen_cells += (int32_t)part->unseen;
+        if (part->excess > trust->excess) {
+            trust->excess = part->excess;
+            trust->excess_cell = (int64_t)part->excess_cell;
         }
     }
     trust->blind_share = part_cells > 0 ? (double)blind / (double)part_cells : 0.0;
@@ -68,7 +122,7 @@ void begin_trust(const EstimatorOptions *options, int32_t layer, const double *m
     if (is_flat)
         compare_ground(options->nx, options->ny, measured, valid, full_layer_height(&options->ink.nominal[0]),
                        &estimate->trust);
-    look_at_cells(options, valid, estimate);
+    look_at_cells(options, valid, 1, estimate);
 }
 
 static bool revives(const SurfaceEstimate *before, const SurfaceEstimate *after, size_t cell) {

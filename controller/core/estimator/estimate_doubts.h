@@ -8,8 +8,9 @@
 void begin_trust(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                  SurfaceEstimate *estimate);
 
-/* Cells that were not seen, and those that were given more ink than they show; the latter are capped. */
-void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
+/* Cells that were not seen, and those that were given more ink than they show; the latter are capped. What is found
+ * does not depend on the threads. */
+void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, size_t threads, SurfaceEstimate *estimate);
 
 /* Takes out of the reckoning what did not come while a cell was dead and is alive now; at a wall, where a displaced
  * scan shows cells that are neither, only where such cells reach from inside to it. `marks` holds two maps. */

@@ -7,6 +7,7 @@
 #include "estimate_doubts.h"
 #include "layer_surface.h"
 #include "map_memory.h"
+#include "near_cells.h"
 #include "scan_drift.h"
 #include "scan_update.h"
 
@@ -17,51 +18,42 @@ typedef struct {
     double *scan;
     double *predicted; /* ... and other values between the registration and the end */
     PredictionVariance variance;
-    DropletIncrements increments; /* rates: of the registration first; squares, own: in the estimate */
+    DropletIncrements increments; /* squares, own: in the estimate */
     RegisteredScan registered;
     Room room;
-    double *scratch;     /* two maps, NULL for layers of one pass */
+    double *spare;       /* ROOM_MAPS maps: the registration's, and free before and after it */
     uint8_t *marks;      /* two maps, and one of the registration behind them */
     bool has_increments; /* those by what was known before stand in `increments` */
     void *memory;
 } Workspace;
 
-/* The next maps of the memory. */
-static double *next_maps(double **next, size_t count, size_t cells) {
-    double *maps = *next;
-    *next += count * cells;
-    return maps;
-}
-
-/* The increments that the registration takes stay for the ink: they have maps of their own. */
-static Room room_in(const Workspace *work, double *maps, double *strips, size_t threads, size_t cells) {
+/* The increments that the registration takes stay for the ink. */
+static Room room_in(const Workspace *work, double *strips, size_t threads, size_t cells) {
     return (Room){.threads = threads,
-                  .weight = maps,
-                  .rest = maps + cells,
-                  .curvature = maps + 2 * cells,
+                  .weight = work->spare,
+                  .rest = work->spare + cells,
+                  .curvature = work->spare + 2 * cells,
                   .is_wall = work->marks + 2 * cells,
                   .strips = strips};
 }
 
 static bool workspace_open(Workspace *work, const EstimatorOptions *options, const JettedLayer *layer,
                            const SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny, rates = options->ink.inks * ORDERS;
-    const size_t room = registers_scans(options) ? ROOM_MAPS : 0;
-    const size_t maps = rates + room + (layer->passes > 1 ? 2 : 0);
+    const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
+    const size_t cells = options->nx * options->ny, adds = options->ink.inks * maps_of_ink(unit);
     const size_t threads = row_threads(layer->threads, options->nx, options->ny);
     const size_t strips = threads * STRIP_MAPS * STRIP * options->ny;
-    *work = (Workspace){.memory = take_maps(1, (maps * cells + strips) * sizeof(double) + 3 * cells)};
-    double *next = work->memory;
-    if (!next)
+    double *maps = take_raw_maps(1, ((adds + ROOM_MAPS) * cells + strips) * sizeof(double) + 3 * cells);
+    if (!maps)
         return false;
-    work->scan = after->height;
-    work->predicted = after->reckoned;
-    work->increments = (DropletIncrements){next_maps(&next, rates, cells), after->variance, after->dead_evidence};
-    work->scratch = layer->passes > 1 ? next_maps(&next, 2, cells) : NULL;
-    double *rooms = next_maps(&next, room, cells);
-    double *strip = next_maps(&next, 1, strips);
-    work->marks = (uint8_t *)next;
-    work->room = room_in(work, rooms, strip, threads, cells);
+    *work = (Workspace){.memory = maps,
+                        .scan = after->height,
+                        .predicted = after->reckoned,
+                        .increments = {unit, maps, after->variance, after->dead_evidence},
+                        .spare = maps + adds * cells};
+    double *strip = work->spare + ROOM_MAPS * cells;
+    work->marks = (uint8_t *)(strip + strips);
+    work->room = room_in(work, strip, threads, cells);
     return true;
 }
 
@@ -103,14 +95,31 @@ static double reading_noise(const EstimatorOptions *options, const SurfaceEstima
     return fmax((1.0 - weight) * before->noise_variance + weight * of_reading, options->steps_variance);
 }
 
-/* The scan without its drift, in `work`, and the variance of its readings. False if there is no memory. */
+/* What the threads share that mark cells near others. */
+typedef struct {
+    size_t nx, ny;
+    const uint8_t *cells;
+    uint8_t *near;
+} NearCells;
+
+static INLINED void mark_near_rows(void *context, const RowRange *range) {
+    const NearCells *work = context;
+    for (size_t i = range->top; i < range->bottom; i++)
+        mark_near_row(work->cells, work->nx, work->ny, i, work->near + i * work->ny);
+}
+
+CLONED_ROW_WORK(mark_near, mark_near_rows)
+
+/* The scan without its drift, in `work`, with marks of the cells that droplets reach, and the variance of its readings.
+ * False if there is no memory. */
 static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                        const double *measured, const uint8_t *valid, Workspace *work, const SurfaceEstimate *after,
                        double *noise) {
     const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
+    NearCells reached = {nx, ny, options->part, work->marks};
     const double *known = before->height;
-    double *rates = work->increments.rates;
-    double *const scratch[DRIFT_MAPS] = {rates, rates + cells, rates + 2 * cells, after->variance,
+    double *spare = work->spare;
+    double *const scratch[DRIFT_MAPS] = {spare, spare + cells, spare + 2 * cells, after->variance,
                                          after->dead_evidence};
     if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
         const Patch grid = {0, nx, 0, ny};
@@ -118,13 +127,14 @@ static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *b
         const Ink both[2] = {before->ink[0], before->ink[options->ink.inks - 1]};
         if (!open_moved(&work->room, cells))
             return false;
-        layer_surface(layer, before->height, both, work->scratch, work->predicted);
+        layer_surface(layer, before->height, both, work->spare, work->predicted);
         displaced_scan(nx, ny, work->predicted, &view, &grid, &(Scratch){work->room.moved.scratch, 0, nx},
                        (Rows){work->room.moved.surface, 0});
         known = work->room.moved.surface;
     }
-    const ScanDrift drift = scan_drift(nx, ny, options->part, measured, known, valid, scratch);
-    take_drift_off(&drift, nx, ny, measured, valid, work->scan);
+    run_rows(layer->threads, nx, ny, mark_near, &reached);
+    const ScanDrift drift = scan_drift(nx, ny, options->part, work->marks, measured, known, valid, scratch);
+    take_drift_off(&drift, nx, ny, layer->threads, measured, valid, work->scan);
     *noise = reading_noise(options, before, drift.residual_variance);
     return true;
 }
@@ -155,7 +165,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                                    .response = before->response,
                                    .scan = work->scan,
                                    .valid = valid,
-                                   .part = options->part,
+                                   .reached = work->marks,
                                    .noise_variance = *noise,
                                    .unsure = UNSURE * full_layer_height(&options->ink.nominal[0]),
                                    .is_first_layer = before->scans == 1,
@@ -164,7 +174,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
         take_as_read(&evidence, &work->registered);
         return true;
     }
-    droplet_increments(layer, before->height, options->ink.inks, before->ink, work->scratch, &work->increments,
+    droplet_increments(layer, before->height, options->ink.inks, before->ink, work->spare, &work->increments,
                        work->predicted);
     const bool is_done = register_scan(&evidence, &work->room, &after->registration, &work->registered);
     work->variance.misread = work->registered.misread;
@@ -187,25 +197,16 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
                                 .variance = &work->variance,
                                 .increments = work->increments,
                                 .held = held,
-                                .scratch = work->scratch,
+                                .scratch = work->spare,
                                 .values = work->predicted,
                                 .marks = work->marks};
     learn_ink(&options->ink, &before->learnt, &learnt, &after->learnt, after->ink, widths);
 }
 
-/* What is reckoned in grows by the share of the volume that came. */
-static void reckon_range(void *context, const RowRange *range) {
-    const ScanUpdate *scan = context;
-    const double *before = scan->before->reckoned, volume = scan->after->trust.volume;
-    double *after = scan->after->reckoned;
-    for (size_t cell = range->top * scan->options->ny; cell < range->bottom * scan->options->ny; cell++)
-        after[cell] = before[cell] + volume * (after[cell] - before[cell]);
-}
-
 /* is_unknown: the displacement of the scan is not learnt from, as the other things are not by the caller. */
 static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                            bool is_unknown, const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
-    const size_t inks = options->ink.inks;
+    const size_t inks = options->ink.inks, cells = options->nx * options->ny;
     Workspace work;
     Ink widths[INKS_MAX];
     double noise;
@@ -216,6 +217,10 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
         return false;
     }
     take_ink(options, before, layer, &work, after, widths);
+    const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
+    double *surface = work.spare + 2 * cells;
+    layer_surface(layer, work.registered.before, both, work.spare, surface);
+    layer_surface(layer, before->reckoned, both, work.spare, after->reckoned);
     ScanUpdate scan = {.options = options,
                        .before = before,
                        .layer = layer,
@@ -223,23 +228,17 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
                        .variance = &work.variance,
                        .increments = &work.increments,
                        .ink = widths,
-                       .predicted = work.predicted,
+                       .surface = surface,
+                       .values = {work.spare, work.spare + cells, work.spare + 2 * cells},
                        .marks = work.marks,
-                       .after = after};
-    find_dead(&scan);
-    const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
-    layer_surface(layer, work.registered.before, both, work.scratch, work.predicted);
-    after->trust = before->trust;
-    after->trust.volume = 1.0;
-    if (!is_unknown)
-        look_at_growth(&scan);
-    correct_cells(&scan);
+                       .after = after,
+                       .is_unknown = is_unknown};
+    look_at_growth(&scan);
+    if (correct_cells(&scan) > 0)
+        forgive_dead(options, before, work.marks, after);
     after->noise_variance = noise;
     after->scans = before->scans + 1;
-    layer_surface(layer, before->reckoned, both, work.scratch, after->reckoned);
-    on_all_rows(reckon_range, &scan);
-    forgive_dead(options, before, work.marks, after);
-    look_at_cells(options, valid, after);
+    look_at_cells(options, valid, layer->threads, after);
     workspace_close(&work);
     return true;
 }

@@ -6,7 +6,6 @@
 
 #include "median.h"
 #include "near_cells.h"
-#include "row_ranges.h"
 #include "small_algebra.h"
 
 static const double FORGETTING = 0.8;      /* weight of a layer against the next (by trial: 0.95 lags behind a drift) */
@@ -26,12 +25,14 @@ static INLINED void share_adds(const InkPrior *prior, const DropletIncrements *i
                                size_t count, size_t share, double *restrict adds) {
     if (prior->model == INK_FULL) {
         const double height = ink_height(&prior->nominal[share / ORDERS], share % ORDERS);
-        const double *rate = increments->rates + share * cells + first;
+        const double *rate = increments->adds + share * cells + first;
         for (size_t k = 0; k < count; k++)
             adds[k] = height * rate[k];
         return;
     }
-    const DropletIncrements of_ink = {.rates = increments->rates + share * ORDERS * cells};
+    const Ink *unit = increments->unit;
+    const DropletIncrements of_ink = {unit ? unit + share : NULL, increments->adds + share * maps_of_ink(unit) * cells,
+                                      NULL, NULL};
     added_heights(&of_ink, cells, first, count, 1, &prior->nominal[share], adds);
 }
 
@@ -41,15 +42,6 @@ static INLINED bool is_hit(const ObservedLayer *layer, size_t cell) {
 
 static INLINED double growth_at(const ObservedLayer *layer, size_t cell) {
     return layer->scan[cell] - layer->before[cell];
-}
-
-/* What the hit cells grew by as a share of what was expected, in the middle; nothing is left of what was `added`. */
-static double usual_share(const ObservedLayer *layer, double *added) {
-    size_t count = 0;
-    for (size_t cell = 0; cell < cells_of(layer); cell++)
-        if (is_hit(layer, cell))
-            added[count++] = growth_at(layer, cell) / added[cell];
-    return median(added, count);
 }
 
 /* Cells of a row. */
@@ -74,36 +66,35 @@ static INLINED bool next_piece(const JettedLayer *layer, size_t bottom, Piece *p
     return piece->row < bottom;
 }
 
-/* What share number `share` of the inks adds to a piece on a flat surface, by its rates there [m]. */
-static INLINED void share_adds_flat(const InkPrior *prior, double *rates, size_t count, size_t share,
-                                    double *restrict adds) {
-    const DropletIncrements flat = {.rates = rates};
-    share_adds(prior, &flat, FLAT_CELLS, 0, count, share, adds);
-}
-
 /* What some cells show: what each share adds, its instrument, and the growth beyond the nominal with its variance. */
 typedef struct {
     double adds[SHARES_MAX][BLOCK], instrument[SHARES_MAX][BLOCK], surplus[BLOCK], variance[BLOCK];
 } CellEvidence;
 
-static INLINED void look_at(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, double mean,
-                            const Piece *piece, CellEvidence *found) {
+/* Looks at a piece; returns what the shares add to its used cells on a flat surface [m]. */
+static INLINED double look_at(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used,
+                              const Piece *piece, CellEvidence *restrict found) {
     const size_t cells = cells_of(layer), first = piece->first, count = piece->count;
-    double flat[INKS_MAX * ORDERS * FLAT_CELLS];
-    flat_rates(layer->layer, prior->inks, piece->row, piece->column, count, flat);
+    const Ink *unit = layer->increments.unit;
+    double adds[INKS_MAX * ORDERS * FLAT_CELLS], sum = 0.0;
+    const DropletIncrements flat = {unit, adds, NULL, NULL};
+    flat_adds(layer->layer, prior->inks, unit, piece->row, piece->column, count, adds);
+    for (size_t c = 0; c < count; c++)
+        found->surplus[c] = growth_at(layer, first + c);
     for (size_t k = 0; k < ink_shares(prior); k++) {
         double *instrument = found->instrument[k];
         share_adds(prior, &layer->increments, cells, first, count, k, found->adds[k]);
-        share_adds_flat(prior, flat, count, k, instrument);
-        for (size_t c = 0; prior->model == INK_SCALE && c < count; c++) /* what flows from cell to cell cancels */
-            instrument[c] = instrument[c] > 0.0 ? mean : 0.0;
+        for (size_t c = 0; c < count; c++)
+            found->surplus[c] -= found->adds[k][c];
+        share_adds(prior, &flat, FLAT_CELLS, 0, count, k, instrument);
         for (size_t c = 0; c < count; c++)
             instrument[c] = used[first + c] ? instrument[c] : 0.0;
+        sum += lane_sum(instrument, count);
+        for (size_t c = 0; prior->model == INK_SCALE && c < count; c++) /* what flows from cell to cell cancels */
+            instrument[c] = instrument[c] > 0.0 ? 1.0 : 0.0;
     }
-    added_heights(&layer->increments, cells, first, count, prior->inks, prior->nominal, found->surplus);
-    for (size_t c = 0; c < count; c++)
-        found->surplus[c] = growth_at(layer, first + c) - found->surplus[c];
     innovation_variance(layer->variance, first, count, found->variance);
+    return sum;
 }
 
 static INLINED void add_cells(size_t n, const CellEvidence *found, size_t count, InkEvidence *evidence) {
@@ -153,36 +144,61 @@ typedef struct {
     const ObservedLayer *layer;
     Ink ink[INKS_MAX]; /* by which heights are expected */
     double usual;      /* share of these that cells grow by */
-    double *expected;  /* map [m] */
+    double *shares;    /* map for what hit cells grew by as a share of what is expected, chunk by chunk; NULL: none */
     uint8_t *strange, *used;
-    double mean; /* instrument of volumes, for all cells that an ink reaches alike */
     Added added[CHUNKS];
     size_t count[CHUNKS]; /* of used cells, */
     double flat[CHUNKS];  /* and what the shares add to them on a flat surface [m] */
     InkEvidence found[CHUNKS];
 } Evidence;
 
-/* Heights that are expected, and what the layer adds. */
+/* Marks the cells of a block that did not grow as usual, next to what they were expected to. */
+static INLINED void mark_strange(const Evidence *work, size_t first, size_t count, const double *expected) {
+    const ObservedLayer *layer = work->layer;
+    const double *scan = layer->scan + first, *before = layer->before + first, share = work->usual;
+    const uint8_t *part = layer->part + first, *seen = layer->seen + first;
+    const int32_t *pattern = layer->layer->pattern + first;
+    uint8_t *restrict strange = work->strange + first;
+    double limit[BLOCK], off[BLOCK];
+    innovation_variance(layer->variance, first, count, limit);
+    for (size_t k = 0; k < count; k++) {
+        const double usual = share * expected[k], far = STRANGE * fabs(usual), noise = STRANGE_NOISE * sqrt(limit[k]);
+        limit[k] = far > noise ? far : noise;
+        off[k] = fabs(scan[k] - before[k] - usual);
+    }
+    for (size_t k = 0; k < count; k++)
+        strange[k] = (part[k] != 0) & (seen[k] != 0) & (pattern[k] > 0) & (off[k] > limit[k]);
+}
+
+/* What the layer adds, cells that did not grow as usual, and shares if they are wanted. */
 static INLINED void expect_rows(void *context, const RowRange *range) {
     Evidence *work = context;
     const ObservedLayer *layer = work->layer;
     const size_t nx = layer->layer->nx, ny = layer->layer->ny, cells = nx * ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         const size_t begin = chunk_row(nx, chunk) * ny, end = chunk_row(nx, chunk + 1) * ny;
+        double *shares = work->shares ? work->shares + begin : NULL;
         Added added = {0, 0, 0.0};
         for (size_t first = begin; first < end; first += BLOCK) {
             const size_t count = end - first < BLOCK ? end - first : BLOCK;
             const uint8_t *part = layer->part + first, *seen = layer->seen + first;
             const int32_t *pattern = layer->layer->pattern + first;
-            double *restrict expected = work->expected + first, adds[BLOCK];
+            double expected[BLOCK], adds[BLOCK];
             added_heights(&layer->increments, cells, first, count, work->prior->inks, work->ink, expected);
+            uint8_t counts[BLOCK], droplet[BLOCK];
             for (size_t k = 0; k < count; k++) {
-                const bool counts = (part[k] != 0) & (seen[k] != 0);
-                adds[k] = counts ? expected[k] : 0.0;
-                added.droplets += counts & (pattern[k] > 0);
-                added.cells += counts;
+                counts[k] = (part[k] != 0) & (seen[k] != 0);
+                droplet[k] = counts[k] & (pattern[k] > 0);
             }
+            for (size_t k = 0; k < count; k++)
+                adds[k] = counts[k] ? expected[k] : 0.0;
+            added.droplets += count_marked(droplet, count);
+            added.cells += count_marked(counts, count);
             added.added += lane_sum(adds, count);
+            mark_strange(work, first, count, expected);
+            for (size_t k = 0; shares && k < count; k++)
+                if (is_hit(layer, first + k))
+                    *shares++ = growth_at(layer, first + k) / expected[k];
         }
         work->added[chunk] = added;
     }
@@ -201,90 +217,28 @@ static bool says_enough(const Evidence *work) {
         all.added += work->added[chunk].added;
     }
     for (size_t k = 0; k < prior->inks; k++)
-        full += prior->nominal[k].h1 + 4.0 * prior->nominal[k].h2 + 4.0 * prior->nominal[k].h3;
+        full += full_layer_height(&prior->nominal[k]);
     return all.droplets >= LEAST_DROPLETS &&
            all.added / (double)all.cells >= LEAST_INCREMENT * full / (double)prior->inks;
 }
 
-/* Marks the cells that did not grow as usual. */
-static INLINED void mark_strange_rows(void *context, const RowRange *range) {
-    Evidence *work = context;
-    const ObservedLayer *layer = work->layer;
-    const size_t ny = layer->layer->ny, end = range->bottom * ny;
-    double variance[BLOCK];
-    for (size_t first = range->top * ny; first < end; first += BLOCK) {
-        const size_t count = end - first < BLOCK ? end - first : BLOCK;
-        uint8_t *restrict strange = work->strange + first;
-        innovation_variance(layer->variance, first, count, variance);
-        for (size_t k = 0; k < count; k++) {
-            const size_t cell = first + k;
-            const double expected = work->usual * work->expected[cell], far = STRANGE * fabs(expected);
-            const double noise = STRANGE_NOISE * sqrt(variance[k]), limit = far > noise ? far : noise;
-            const uint8_t is_far = fabs(growth_at(layer, cell) - expected) > limit;
-            strange[k] = is_hit(layer, cell) & is_far;
-        }
-    }
+/* The share in the middle. */
+static double usual_share(const Evidence *work, double *room) {
+    ValueLists lists = {.nx = work->layer->layer->nx, .ny = work->layer->layer->ny, .map = work->shares};
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
+        lists.lengths[chunk] = work->added[chunk].droplets;
+    return median_of_lists(&lists, room);
 }
-
-CLONED_ROW_WORK(mark_strange, mark_strange_rows)
 
 /* Marks the cells of a row of the part that were seen and grew as usual, with no strange neighbour; their number. */
 static INLINED size_t mark_usual_row(const Evidence *work, size_t i) {
     const size_t nx = work->layer->layer->nx, ny = work->layer->layer->ny;
     const uint8_t *part = work->layer->part + i * ny, *seen = work->layer->seen + i * ny;
     uint8_t *used = work->used + i * ny;
-    size_t count = 0;
     mark_near_row(work->strange, nx, ny, i, used);
-    for (size_t j = 0; j < ny; j++) {
+    for (size_t j = 0; j < ny; j++)
         used[j] = (part[j] != 0) & (seen[j] != 0) & (used[j] == 0);
-        count += used[j];
-    }
-    return count;
-}
-
-/* What the shares add to the used cells of some rows on a flat surface [m]. */
-static INLINED double flat_sum(const Evidence *work, size_t top, size_t bottom) {
-    const size_t n = ink_shares(work->prior);
-    double sum = 0.0, adds[BLOCK], flat[INKS_MAX * ORDERS * FLAT_CELLS];
-    for (Piece piece = before_row(top); next_piece(work->layer->layer, bottom, &piece);) {
-        flat_rates(work->layer->layer, work->prior->inks, piece.row, piece.column, piece.count, flat);
-        for (size_t k = 0; k < n; k++) {
-            share_adds_flat(work->prior, flat, piece.count, k, adds);
-            for (size_t c = 0; c < piece.count; c++)
-                adds[c] = work->used[piece.first + c] ? adds[c] : 0.0;
-            sum += lane_sum(adds, piece.count);
-        }
-    }
-    return sum;
-}
-
-static INLINED void mark_usual_rows(void *context, const RowRange *range) {
-    Evidence *work = context;
-    const size_t nx = work->layer->layer->nx;
-    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        const size_t top = chunk_row(nx, chunk), bottom = chunk_row(nx, chunk + 1);
-        work->count[chunk] = 0;
-        for (size_t i = top; i < bottom; i++)
-            work->count[chunk] += mark_usual_row(work, i);
-        work->flat[chunk] = work->prior->model == INK_SCALE ? flat_sum(work, top, bottom) : 0.0;
-    }
-}
-
-CLONED_ROW_WORK(mark_usual, mark_usual_rows)
-
-/* Marks the cells that are used, and takes their mean instrument; false if there are none. */
-static bool choose_cells(Evidence *work) {
-    const JettedLayer *layer = work->layer->layer;
-    size_t count = 0;
-    double flat = 0.0;
-    run_rows(layer->threads, layer->nx, layer->ny, mark_strange, work);
-    run_rows(layer->threads, layer->nx, layer->ny, mark_usual, work);
-    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
-        count += work->count[chunk];
-        flat += work->flat[chunk];
-    }
-    work->mean = flat / (double)(count * ink_shares(work->prior));
-    return count > 0;
+    return count_marked(used, ny);
 }
 
 static INLINED void look_at_rows(void *context, const RowRange *range) {
@@ -292,11 +246,15 @@ static INLINED void look_at_rows(void *context, const RowRange *range) {
     const size_t n = ink_shares(work->prior), nx = work->layer->layer->nx;
     CellEvidence cells;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        const size_t bottom = chunk_row(nx, chunk + 1);
+        const size_t top = chunk_row(nx, chunk), bottom = chunk_row(nx, chunk + 1);
         InkEvidence *found = &work->found[chunk];
         memset(found, 0, sizeof *found);
-        for (Piece piece = before_row(chunk_row(nx, chunk)); next_piece(work->layer->layer, bottom, &piece);) {
-            look_at(work->prior, work->layer, work->used, work->mean, &piece, &cells);
+        work->flat[chunk] = 0.0;
+        work->count[chunk] = 0;
+        for (Piece piece = before_row(top); next_piece(work->layer->layer, bottom, &piece);) {
+            if (piece.column == 0)
+                work->count[chunk] += mark_usual_row(work, piece.row);
+            work->flat[chunk] += look_at(work->prior, work->layer, work->used, &piece, &cells);
             if (n == 1)
                 add_cells_of_one(&cells, piece.count, found);
             else
@@ -307,38 +265,47 @@ static INLINED void look_at_rows(void *context, const RowRange *range) {
 
 CLONED_ROW_WORK(look_at_range, look_at_rows)
 
-static void add_found(size_t n, const InkEvidence *found, InkEvidence *evidence) {
+/* Adds what was found with `mean` times the instruments. */
+static void add_found(size_t n, double mean, const InkEvidence *found, InkEvidence *evidence) {
     for (size_t k = 0; k < n * n; k++) {
-        evidence->response[k] += found->response[k];
-        evidence->covariance[k] += found->covariance[k];
+        evidence->response[k] += mean * found->response[k];
+        evidence->covariance[k] += mean * mean * found->covariance[k];
     }
     for (size_t k = 0; k < n; k++)
-        evidence->surplus[k] += found->surplus[k];
+        evidence->surplus[k] += mean * found->surplus[k];
 }
 
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
                       InkEvidence *evidence) {
     const size_t n = ink_shares(prior), nx = layer->layer->nx, ny = layer->layer->ny, threads = layer->layer->threads;
+    const bool is_first = is_zero(evidence->response, n * n);
     Evidence work = {.prior = prior,
                      .layer = layer,
                      .usual = 1.0,
-                     .expected = values,
+                     .shares = is_first ? values : NULL,
                      .strange = marks,
                      .used = marks + cells_of(layer)};
+    size_t count = 0;
+    double flat = 0.0;
     likeliest_inks(prior, evidence, work.ink);
     if (prior->model == INK_OFF)
         return;
     run_rows(threads, nx, ny, expect_range, &work);
     if (!says_enough(&work))
         return;
-    if (is_zero(evidence->response, n * n)) {
-        work.usual = usual_share(layer, values);
+    if (is_first) {
+        work.usual = usual_share(&work, values + cells_of(layer));
+        work.shares = NULL;
         run_rows(threads, nx, ny, expect_range, &work);
     }
-    if (!choose_cells(&work))
-        return;
     run_rows(threads, nx, ny, look_at_range, &work);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        count += work.count[chunk];
+        flat += work.flat[chunk];
+    }
+    if (count == 0)
+        return;
     forget(n, evidence);
     for (size_t chunk = 0; chunk < CHUNKS; chunk++)
-        add_found(n, &work.found[chunk], evidence);
+        add_found(n, prior->model == INK_SCALE ? flat / (double)(count * n) : 1.0, &work.found[chunk], evidence);
 }

@@ -15,8 +15,8 @@ typedef struct {
     const PredictionVariance *variance; /* with the noise of its reading */
 } ObservedLayer;
 
-/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` holds a map, `marks`
- * two. */
+/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` and `marks`
+ * hold two maps. */
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
                       InkEvidence *evidence);
 

@@ -52,7 +52,7 @@ static void learn(const InkPrior *prior, const InkEvidence *before, const Learnt
         memcpy(widths, ink, INKS_MAX * sizeof *ink);
         take_increments(learnt, widths, inks);
         *after = *before;
-        add_ink_evidence(prior, &observed, learnt->values, learnt->marks, after);
+        add_ink_evidence(prior, &observed, learnt->scratch, learnt->marks, after);
         likeliest_inks(prior, after, ink);
         if (agree(ink, widths, inks))
             return;

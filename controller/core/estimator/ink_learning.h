@@ -23,7 +23,7 @@ typedef struct {
     const PredictionVariance *variance; /* of the prediction, by the squares of `increments` */
     DropletIncrements increments;       /* out: of the layer on the surface before */
     Ink *held;       /* the inks whose widths the increments have; of no volume: they are still to be taken */
-    double *scratch; /* as of droplet_increments */
+    double *scratch; /* two maps */
     double *values;  /* a map */
     uint8_t *marks;  /* two maps */
 } LearntLayer;

@@ -22,10 +22,27 @@ static double rise(const InkLimit *limit, const double *height, const double *re
     return above > 0.0 ? above / limit->layer : 0.0;
 }
 
-/* Whether the droplets given to a cell can be more than its limit: that is above its target by nearly RESERVE layers.
- */
-static bool may_exceed(const InkLimit *limit, const double *reckoned, size_t cell) {
-    return reckoned[cell] + limit->own > limit->target[cell];
+enum { BLOCK = 64 }; /* cells */
+
+/* Whether cells may be high, or given more than their limit: that is above their target by nearly RESERVE layers. */
+static INLINED bool has_doubtful(const InkLimit *limit, const double *height, const double *reckoned, size_t first,
+                                 size_t count) {
+    const uint8_t *part = limit->part + first;
+    const double *target = limit->target + first, own = limit->own;
+    uint8_t doubtful = 0;
+    for (size_t k = 0; k < count; k++)
+        doubtful |= (part[k] != 0) & ((height[first + k] >= target[k]) | (reckoned[first + k] + own > target[k]));
+    return doubtful;
+}
+
+static bool has_doubtful_plain(const InkLimit *limit, const double *height, const double *reckoned, size_t first,
+                               size_t count) {
+    return has_doubtful(limit, height, reckoned, first, count);
+}
+
+static WITH_AVX2 bool has_doubtful_avx2(const InkLimit *limit, const double *height, const double *reckoned,
+                                        size_t first, size_t count) {
+    return has_doubtful(limit, height, reckoned, first, count);
 }
 
 static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {
@@ -35,6 +52,25 @@ static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, ui
             marks[row * ny + column] = part[row * ny + column];
 }
 
+/* Looks at a cell of the part; true if it or cells next to it are capped. */
+static bool look_at_cell(const InkLimit *limit, const double *height, const double *reckoned, size_t cell,
+                         uint8_t *capped, HighCells *high) {
+    if (height[cell] < limit->target[cell]) {
+        const bool is_over = reckoned[cell] + limit->own > ink_limit_at(limit, cell);
+        capped[cell] |= is_over;
+        return is_over;
+    }
+    const double layers = rise(limit, height, reckoned, cell);
+    high->count += layers > HIGH;
+    if (layers * limit->layer > high->highest) {
+        high->highest = layers * limit->layer;
+        high->cell = cell;
+    }
+    if (layers > RISEN)
+        mark_near(limit->nx, limit->ny, cell, limit->part, capped);
+    return layers > RISEN;
+}
+
 size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped,
                    HighCells *high) {
     const size_t cells = limit->nx * limit->ny;
@@ -42,26 +78,13 @@ size_t mark_capped(const InkLimit *limit, const double *height, const double *re
     bool is_any = false;
     *high = (HighCells){0, 0.0, 0};
     memset(capped, 0, cells);
-    for (size_t cell = 0; cell < cells; cell++) {
-        if (!limit->part[cell])
+    for (size_t first = 0; first < cells; first += BLOCK) {
+        const size_t some = cells - first < BLOCK ? cells - first : BLOCK;
+        if (!(HAS_AVX2 ? has_doubtful_avx2 : has_doubtful_plain)(limit, height, reckoned, first, some))
             continue;
-        if (height[cell] < limit->target[cell]) {
-            if (!may_exceed(limit, reckoned, cell) || reckoned[cell] + limit->own <= ink_limit_at(limit, cell))
-                continue;
-            capped[cell] = 1;
-            is_any = true;
-            continue;
-        }
-        const double layers = rise(limit, height, reckoned, cell);
-        high->count += layers > HIGH;
-        if (layers * limit->layer > high->highest) {
-            high->highest = layers * limit->layer;
-            high->cell = cell;
-        }
-        if (layers > RISEN) {
-            mark_near(limit->nx, limit->ny, cell, limit->part, capped);
-            is_any = true;
-        }
+        for (size_t cell = first; cell < first + some; cell++)
+            if (limit->part[cell])
+                is_any |= look_at_cell(limit, height, reckoned, cell, capped, high);
     }
     for (size_t cell = 0; is_any && cell < cells; cell++)
         count += capped[cell];

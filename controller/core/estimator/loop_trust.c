@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "median.h"
 #include "small_algebra.h"
 
 static const double GROUND_TOLERANCE = 0.5; /* of a layer: flatter ground is called flat (assumed) */
@@ -89,69 +88,36 @@ void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *val
     trust->ground_wrong = corner > fmax(GROUND_TOLERANCE * layer, GROUND_DOUBT * error);
 }
 
-static double growth_at(const LayerGrowth *layer, size_t cell) {
-    return layer->scan[cell] - layer->before[cell];
-}
-
-/* What was expected. */
-static double added_at(const LayerGrowth *layer, size_t cell) {
-    return layer->predicted[cell] - layer->before[cell];
-}
-
-static bool is_reached(const LayerGrowth *layer, size_t cell) {
-    return layer->used[cell] && added_at(layer, cell) > 0.0 && layer->variance[cell] > 0.0;
-}
-
-/* By a droplet of its own. */
-static bool is_hit(const LayerGrowth *layer, size_t cell) {
-    return layer->pattern[cell] > 0 && is_reached(layer, cell);
-}
-
-static double square_of_residual(const LayerGrowth *layer, size_t cell, double volume) {
-    const double rest = growth_at(layer, cell) - volume * added_at(layer, cell);
-    return rest * rest;
-}
-
-/* Cells without a droplet, by the mean of their variances: that of a cell that hardly anything should reach is no scale
- * for what does. */
-static void add_spill(const LayerGrowth *layer, double volume, double *scratch, LoopTrust *trust) {
-    double variance = 0.0;
-    size_t count = 0;
-    for (size_t cell = 0; cell < layer->cells; cell++)
-        if (layer->pattern[cell] == 0 && is_reached(layer, cell)) {
-            scratch[count++] = square_of_residual(layer, cell, volume);
-            variance += layer->variance[cell];
-        }
-    if (count < LEAST_DROPLETS)
-        return;
-    const double found = median(scratch, count) / (MEDIAN_SQUARE * variance / (double)count);
-    trust->spill = FORGETTING * trust->spill + (1.0 - FORGETTING) * found;
-}
-
-void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust) {
-    size_t count = 0;
-    for (size_t cell = 0; cell < layer->cells; cell++)
-        if (is_hit(layer, cell))
-            scratch[count++] = growth_at(layer, cell) / added_at(layer, cell);
+double learn_volume(const ValueLists *shares, size_t count, size_t part_cells, double learnt, double *room,
+                    LoopTrust *trust) {
     trust->volume = trust->usual / learnt;
     if (count < LEAST_DROPLETS)
-        return;
-    const double volume = median(scratch, count);
-    if ((double)count > MOST * (double)layer->part_cells) {
+        return trust->volume;
+    const double volume = median_of_lists(shares, room);
+    if ((double)count > MOST * (double)part_cells) {
         trust->volume = fmax(0.0, volume);
         if (volume > WEAK)
             trust->usual = FORGETTING * trust->usual + (1.0 - FORGETTING) * volume * learnt;
     }
-    count = 0;
-    for (size_t cell = 0; cell < layer->cells; cell++)
-        if (is_hit(layer, cell))
-            scratch[count++] = square_of_residual(layer, cell, volume) / layer->variance[cell];
-    const double found = median(scratch, count) / MEDIAN_SQUARE;
+    return volume;
+}
+
+bool add_residuals(const ValueLists *squares, size_t count, bool is_early, double *room, LoopTrust *trust) {
+    if (count < LEAST_DROPLETS)
+        return false;
+    const double found = median_of_lists(squares, room) / MEDIAN_SQUARE;
     trust->layers += 1;
     trust->residual = FORGETTING * trust->residual + (1.0 - FORGETTING) * found;
-    if (layer->is_early)
+    if (is_early)
         trust->early += (found - trust->early) / (double)trust->layers;
-    add_spill(layer, volume, scratch, trust);
+    return true;
+}
+
+void add_spill(const ValueLists *squares, size_t count, double variance, double *room, LoopTrust *trust) {
+    if (count < LEAST_DROPLETS)
+        return;
+    const double found = median_of_lists(squares, room) / (MEDIAN_SQUARE * variance);
+    trust->spill = FORGETTING * trust->spill + (1.0 - FORGETTING) * found;
 }
 
 bool is_plant_foreign(const LoopTrust *trust) {

@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "median.h"
+
 /* Reasons why a status is untrusted, to be added up. */
 enum {
     UNTRUSTED_UNSEEN = 1,    /* cells of the part have lived on prediction for too many layers */
@@ -45,22 +47,20 @@ int32_t untrusted_reasons(const LoopTrust *trust);
 /* Compares a first scan of nx * ny cells [m] with flat ground of height 0. layer: height of a full layer [m]. */
 void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer, LoopTrust *trust);
 
-/* What a layer added to its cells, as arrays of `cells`. */
-typedef struct {
-    size_t cells, part_cells;
-    const uint8_t *used;     /* cells of the part whose growth was measured */
-    const int32_t *pattern;  /* droplets given to the cells */
-    const double *before;    /* heights [m] */
-    const double *scan;      /* ... as measured afterwards */
-    const double *predicted; /* ... and as expected */
-    const double *variance;  /* of their difference [m^2] */
-    bool is_early;           /* the part was less than half built */
-} LayerGrowth;
+/* The volume of a layer's droplets, as a share of the learnt one: the median of shares, what cells with a droplet of
+ * `part_cells` grew by over what was expected. What a layer differs by as a whole is that volume, not an error; the
+ * layer is counted with it where it covers most of the part, whatever a minority of cells reads, else with the usual
+ * one. learnt: the learnt volume as a share of the nominal one; `room` holds a map, here and below. */
+double learn_volume(const ValueLists *shares, size_t count, size_t part_cells, double learnt, double *room,
+                    LoopTrust *trust);
 
-/* Adds a layer to the residuals. What it differs by as a whole is the volume of its droplets, not an error; where it
- * covers most of the part its median is that volume, whatever a minority of cells reads. learnt: the learnt volume as a
- * share of the nominal one. `scratch` holds `cells` values. */
-void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust);
+/* Adds a layer to the residuals: `count` squares in variances, of cells with a droplet. False if they are too few to
+ * show anything. is_early: the part was less than half built. */
+bool add_residuals(const ValueLists *squares, size_t count, bool is_early, double *room, LoopTrust *trust);
+
+/* The same of cells that only neighbours' droplets reached: squares [m^2], by the mean `variance` of all of them: that
+ * of a cell that hardly anything should reach is no scale for what does. */
+void add_spill(const ValueLists *squares, size_t count, double variance, double *room, LoopTrust *trust);
 
 /* By how much droplets differ more from the model than they are taken to: a factor on their standard deviation, at
  * least 1. Layers up to half of the part show it: there every cell still lacks ink, whatever scans read at walls. */

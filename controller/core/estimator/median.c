@@ -1,5 +1,6 @@
 #include "median.h"
 
+#include <math.h>
 #include <stdbool.h>
 
 /* Reorders so that no value before `middle` is larger than it and none behind is smaller (Hoare 1961). */
@@ -30,55 +31,74 @@ static void select_place(double *values, size_t count, size_t middle) {
 
 enum { SAMPLE = 2048, MARGIN = 96, LEAST_SAMPLED = 4 * SAMPLE }; /* margin: four standard deviations of a middle */
 
-/* Limits between which the middle is likely to lie, from values at even distances. */
-static void likely_limits(const double *values, size_t count, double *low, double *high) {
-    double sample[SAMPLE];
-    for (size_t k = 0; k < SAMPLE; k++)
-        sample[k] = values[k * (count / SAMPLE)];
+/* Limits between which the middle of a sample's origin is likely to lie. */
+static void likely_limits(double sample[SAMPLE], double *low, double *high) {
     select_place(sample, SAMPLE, SAMPLE / 2 - MARGIN);
     *low = sample[SAMPLE / 2 - MARGIN];
     select_place(sample, SAMPLE, SAMPLE / 2 + MARGIN);
     *high = sample[SAMPLE / 2 + MARGIN];
 }
 
-/* The values from `low` to `high` to the front, over the others; returns their number. No branch depends on a value: no
- * processor could predict it. */
-static size_t keep_between(double *values, size_t count, double low, double high) {
-    size_t inside = 0;
-    for (size_t k = 0; k < count; k++) {
-        const double value = values[k];
-        values[inside] = value;
-        inside += (value >= low) & (value <= high);
-    }
-    return inside;
+static const double *list_of(const ValueLists *lists, size_t chunk) {
+    return lists->map + chunk_row(lists->nx, chunk) * lists->ny;
 }
 
-/* Leaves only values about the middle, if limits say where that is (Floyd, Rivest 1975); returns how many, and the
- * place of the middle among them. */
-static size_t narrow(double *values, size_t count, size_t *middle) {
-    double low, high;
-    size_t below = 0, up_to = 0;
-    likely_limits(values, count, &low, &high);
-    for (size_t k = 0; k < count; k++) {
-        below += values[k] < low;
-        up_to += values[k] <= high;
-    }
-    if (*middle <= below || *middle >= up_to) /* the value before the middle counts, too */
-        return count;
-    *middle -= below;
-    return keep_between(values, count, low, high);
+/* Values at even distances. */
+static void take_sample(const ValueLists *lists, size_t count, double sample[SAMPLE]) {
+    size_t taken = 0, before = 0;
+    for (size_t chunk = 0; chunk < CHUNKS; before += lists->lengths[chunk++])
+        for (; taken < SAMPLE && taken * (count / SAMPLE) < before + lists->lengths[chunk]; taken++)
+            sample[taken] = list_of(lists, chunk)[taken * (count / SAMPLE) - before];
 }
 
-double median(double *values, size_t count) {
-    const bool is_even = count % 2 == 0;
-    size_t middle = count / 2;
-    if (count >= LEAST_SAMPLED)
-        count = narrow(values, count, &middle);
+/* Values by the limits: how many are below, and how many were put into `room` because they are within. */
+typedef struct {
+    size_t below, within;
+} Sides;
+
+/* No branch depends on a value: no processor could predict it. */
+static Sides take_within(const ValueLists *lists, double low, double high, double *room) {
+    Sides sides = {0, 0};
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        const double *values = list_of(lists, chunk), *end = values + lists->lengths[chunk];
+        for (; values < end; values++) {
+            const size_t is_below = *values < low, is_up_to = *values <= high;
+            room[sides.within] = *values;
+            sides.within += is_up_to - is_below;
+            sides.below += is_below;
+        }
+    }
+    return sides;
+}
+
+/* The value in a place of the sorted ones, or its mean with the one before. */
+static double middle_of(double *values, size_t count, size_t middle, bool with_before) {
     select_place(values, count, middle);
-    if (!is_even)
+    if (!with_before)
         return values[middle];
     double before = values[0];
     for (size_t k = 1; k < middle; k++)
         before = values[k] > before ? values[k] : before;
     return 0.5 * (before + values[middle]);
+}
+
+double median(double *values, size_t count) {
+    return middle_of(values, count, count / 2, count % 2 == 0);
+}
+
+double median_of_lists(const ValueLists *lists, double *room) {
+    size_t count = 0;
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
+        count += lists->lengths[chunk];
+    const size_t middle = count / 2;
+    if (count >= LEAST_SAMPLED) { /* only values about the middle, if limits say where that is (Floyd, Rivest 1975) */
+        double sample[SAMPLE], low, high;
+        take_sample(lists, count, sample);
+        likely_limits(sample, &low, &high);
+        const Sides sides = take_within(lists, low, high, room);
+        if (middle > sides.below && middle < sides.below + sides.within) /* the value before the middle counts, too */
+            return middle_of(room, sides.within, middle - sides.below, count % 2 == 0);
+    }
+    take_within(lists, -INFINITY, INFINITY, room);
+    return median(room, count);
 }

@@ -2,9 +2,19 @@
 #ifndef INKLOOP_MEDIAN_H
 #define INKLOOP_MEDIAN_H
 
-#include <stddef.h>
+#include "row_ranges.h"
 
 /* The value in the middle, or the mean of the two that are, of at least one; what is left in `values` is of no use. */
 double median(double *values, size_t count);
+
+/* Lists that the chunks of a grid left in a map of it, each where the rows of its chunk begin. */
+typedef struct {
+    size_t nx, ny;
+    const double *map;
+    size_t lengths[CHUNKS];
+} ValueLists;
+
+/* The same of all lists together; `room` holds a map. */
+double median_of_lists(const ValueLists *lists, double *room);
 
 #endif

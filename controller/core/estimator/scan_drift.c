@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "median.h"
-#include "near_cells.h"
+#include "row_ranges.h"
 #include "small_algebra.h"
 
 static const double LEVERAGE_MAX = 0.25; /* variance that the plane may bring to a cell of the part (assumed) */
@@ -33,20 +33,37 @@ static double plane_at(const double coefficients[PLANE_TERMS], const double term
     return coefficients[0] + coefficients[1] * term[1] + coefficients[2] * term[2];
 }
 
-void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, const double *measured, const uint8_t *valid,
-                    double *scan) {
-    const double longer = (double)(nx > ny ? nx : ny);
-    const double *coefficients = drift->coefficients;
-    for (size_t i = 0; i < nx; i++) {
+/* What the threads share that take a drift off. */
+typedef struct {
+    const ScanDrift *drift;
+    size_t nx, ny;
+    const double *measured;
+    const uint8_t *valid;
+    double *scan;
+} Leveling;
+
+static INLINED void level_rows(void *context, const RowRange *range) {
+    const Leveling *work = context;
+    const size_t ny = work->ny;
+    const double longer = (double)(work->nx > ny ? work->nx : ny), *coefficients = work->drift->coefficients;
+    for (size_t i = range->top; i < range->bottom; i++) {
         const double along_row = coefficients[0] + coefficients[1] * ((double)i / longer - 0.5);
-        const double *reading = measured + i * ny;
-        const uint8_t *seen = valid + i * ny;
-        double *restrict row = scan + i * ny;
+        const double along_columns = coefficients[2], *reading = work->measured + i * ny;
+        const uint8_t *seen = work->valid + i * ny;
+        double *restrict row = work->scan + i * ny;
         for (int32_t j = 0; j < (int32_t)ny; j++) {
             const double read = seen[j] ? reading[j] : 0.0;
-            row[j] = read - (along_row + coefficients[2] * ((double)j / longer - 0.5));
+            row[j] = read - (along_row + along_columns * ((double)j / longer - 0.5));
         }
     }
+}
+
+CLONED_ROW_WORK(level_range, level_rows)
+
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, size_t threads, const double *measured,
+                    const uint8_t *valid, double *scan) {
+    Leveling work = {drift, nx, ny, measured, valid, scan};
+    run_rows(threads, nx, ny, level_range, &work);
 }
 
 enum { BLOCK = 64 }; /* cells, so that their weights stay in the cache */
@@ -175,14 +192,13 @@ static double variance_about(const References *cells, size_t terms, const double
 }
 
 /* Adds the reference cells of row i: they were seen, and lie beyond the reach of droplets. */
-static void collect_row(size_t nx, size_t ny, size_t i, const uint8_t *part, const double *scan, const double *known,
+static void collect_row(size_t nx, size_t ny, size_t i, const uint8_t *reached, const double *scan, const double *known,
                         const uint8_t *valid, References *cells) {
-    uint8_t *near = (uint8_t *)cells->sorted + i * ny; /* free so far, and a byte to a cell */
-    mark_near_row(part, nx, ny, i, near);
-    for (size_t j = 0; j < ny; j++) {
-        const size_t cell = i * ny + j;
+    const uint8_t *row = reached + i * ny, *end = row + ny;
+    for (const uint8_t *found = row; (found = memchr(found, 0, (size_t)(end - found))); found++) {
+        const size_t cell = (size_t)(found - reached);
         double term[PLANE_TERMS];
-        if (!valid[cell] || near[j])
+        if (!valid[cell])
             continue;
         place_of_cell(nx, ny, cell, term);
         cells->x[cells->count] = term[1];
@@ -191,11 +207,11 @@ static void collect_row(size_t nx, size_t ny, size_t i, const uint8_t *part, con
     }
 }
 
-ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
-                     const uint8_t *valid, double *const scratch[DRIFT_MAPS]) {
+ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const uint8_t *reached, const double *scan,
+                     const double *known, const uint8_t *valid, double *const scratch[DRIFT_MAPS]) {
     References cells = {0, scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]};
     for (size_t i = 0; i < nx; i++)
-        collect_row(nx, ny, i, part, scan, known, valid, &cells);
+        collect_row(nx, ny, i, reached, scan, known, valid, &cells);
     ScanDrift drift = {{0.0}, -1.0};
     for (size_t k = 0; k < cells.count; k++)
         cells.distance[k] = 0.0;

@@ -18,12 +18,13 @@ typedef struct {
 } ScanDrift;
 
 /* Drift in a `scan` of a surface that is `known` at the reference cells [m]; maps of nx * ny cells in C order.
- * `scratch` holds DRIFT_MAPS maps. */
-ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
-                     const uint8_t *valid, double *const scratch[DRIFT_MAPS]);
+ * `reached`: cells of the `part` and next to it; `scratch` holds DRIFT_MAPS maps. */
+ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const uint8_t *reached, const double *scan,
+                     const double *known, const uint8_t *valid, double *const scratch[DRIFT_MAPS]);
 
-/* The `scan` without its drift [m]; cells that were not `valid` as if 0 had been measured. */
-void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, const double *measured, const uint8_t *valid,
-                    double *scan);
+/* The `scan` without its drift [m]; cells that were not `valid` as if 0 had been measured. Its bits do not depend on
+ * the threads. */
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, size_t threads, const double *measured,
+                    const uint8_t *valid, double *scan);
 
 #endif

@@ -8,19 +8,6 @@
 /* Curvature of a wall in standard deviations: noise that a shift between cells averages is no evidence of one. */
 static const double WALL = 4.0;
 
-void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *curvature) {
-    const double *here = height + i * ny, *above = i > 0 ? here - ny : here, *below = i + 1 < nx ? here + ny : here;
-    for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
-        const double left = here[j > 0 ? j - 1 : j], right = here[j + 1 < ny ? j + 1 : j];
-        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = left + right - 2.0 * here[j];
-        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
-    }
-    for (size_t j = 1; j + 1 < ny; j++) {
-        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = here[j - 1] + here[j + 1] - 2.0 * here[j];
-        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
-    }
-}
-
 bool scanned_cell(size_t nx, size_t ny, size_t cell, const double whole[SHIFTS], size_t *scanned) {
     const double i = (double)(cell / ny) - whole[0], j = (double)(cell % ny) - whole[1];
     *scanned = i < 0.0 || j < 0.0 ? 0 : (size_t)i * ny + (size_t)j;
@@ -205,14 +192,17 @@ static void pack_columns(void *context, const RowRange *range) {
     }
 }
 
-/* Room for the columns of the walls. False if there is no memory. */
+/* Room for the columns of the walls, and for whole lanes at their end. False if there is no memory. */
 static bool open_columns(Room *room, size_t walls) {
     give_maps(room->packed);
-    room->packed = take_maps(walls, GROWTH * sizeof(double));
+    room->packed = take_raw_maps(walls * GROWTH + LANES, sizeof(double));
+    if (!room->packed)
+        return false;
     room->columns.is_packed = true;
-    for (size_t k = 0; room->packed && k < GROWTH; k++)
+    for (size_t k = 0; k < GROWTH; k++)
         room->columns.of[k] = room->packed + k * walls;
-    return room->packed;
+    memset(room->packed + GROWTH * walls, 0, LANES * sizeof(double));
+    return true;
 }
 
 /* Of a scan that is displaced the columns stand in maps. */
@@ -284,7 +274,7 @@ bool open_moved(Room *room, size_t cells) {
     enum { OTHER_MAPS = GROWTH + 6 };
     if (room->moved.memory)
         return true;
-    double *next = take_maps(cells, (SCRATCH_MAPS + OTHER_MAPS) * sizeof(double) + 2);
+    double *next = take_raw_maps(cells, (SCRATCH_MAPS + OTHER_MAPS) * sizeof(double) + 2);
     if (!next)
         return false;
     room->moved = (MovedMaps){.memory = next, .scratch = next};

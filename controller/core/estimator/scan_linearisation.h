@@ -4,6 +4,7 @@
 #ifndef INKLOOP_SCAN_LINEARISATION_H
 #define INKLOOP_SCAN_LINEARISATION_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -22,11 +23,11 @@ typedef struct {
     const double *response;           /* DISPLACEMENTS maps [m per unit of the estimate] */
     const double *scan;               /* [m] */
     const uint8_t *valid;
-    const uint8_t *part;   /* cells that droplets fall on, and reach to their neighbours */
-    double noise_variance; /* of a reading [m^2] */
-    double unsure;         /* error of a growth from which on it shows neither ink nor dead cells [m] */
-    bool is_first_layer;   /* the ink is not known yet */
-    bool is_unknown;       /* it is not known how much of the layer was jetted: nothing is learnt */
+    const uint8_t *reached; /* cells that droplets fall on, and their neighbours: 1 or 0 */
+    double noise_variance;  /* of a reading [m^2] */
+    double unsure;          /* error of a growth from which on it shows neither ink nor dead cells [m] */
+    bool is_first_layer;    /* the ink is not known yet */
+    bool is_unknown;        /* it is not known how much of the layer was jetted: nothing is learnt */
 } ScanEvidence;
 
 /* Unknowns of a scan: displacement before, step of the shift since, growth beyond the predicted one. */
@@ -86,7 +87,18 @@ bool open_moved(Room *room, size_t cells);
 void close_room(Room *room);
 
 /* Size of the second differences at the cells of row i [m]. */
-void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *curvature);
+static INLINED void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *restrict curvature) {
+    const double *here = height + i * ny, *above = i > 0 ? here - ny : here, *below = i + 1 < nx ? here + ny : here;
+    for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
+        const double left = here[j > 0 ? j - 1 : j], right = here[j + 1 < ny ? j + 1 : j];
+        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = left + right - 2.0 * here[j];
+        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
+    }
+    for (size_t j = 1; j + 1 < ny; j++) {
+        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = here[j - 1] + here[j + 1] - 2.0 * here[j];
+        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
+    }
+}
 
 /* The cell of the scan that measures a cell of the plant with a shift of whole cells; false if it is not on the grid.
  */

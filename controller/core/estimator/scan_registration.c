@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "near_cells.h"
 #include "small_algebra.h"
 
 /* Before any scan, and from scan to scan [cells, cells^2] (assumed); the step of the shift is learnt. */
@@ -106,10 +105,18 @@ typedef struct {
 static INLINED void look_far(const Look *look, size_t first, size_t count, size_t *wall, LookSums *sums) {
     const ScanEvidence *evidence = look->evidence;
     const Room *room = look->room;
+    const uint8_t *is_wall = room->is_wall + first, *reached = evidence->reached + first;
+    uint8_t far[BLOCK]; /* away from walls the slope is 0 */
+    for (size_t k = 0; k < count; k++)
+        far[k] = is_wall[k] & (reached[k] == 0);
+    if (!memchr(far, 1, count)) {
+        *wall += count_marked(is_wall, count);
+        return;
+    }
     for (size_t cell = first; cell < first + count; cell++) {
         const size_t place = column_place(&room->columns, cell, wall);
-        if (!room->is_wall[cell] || is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
-            continue; /* away from walls the slope is 0 */
+        if (!far[cell - first])
+            continue;
         const double slope = room->columns.of[SPREAD][place], rest = room->rest[cell] + look->spread * slope;
         sums->product += room->weight[cell] * slope * rest;
         sums->information += room->weight[cell] * slope * slope;

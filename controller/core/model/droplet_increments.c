@@ -22,10 +22,37 @@ static INLINED void volumes_of(const CellRow *row, size_t count, int32_t kind, d
     }
 }
 
+/* What the droplets of a band add to one of its rows, before it goes into the maps: by inks and orders. */
+typedef struct {
+    double rates[INKS_MAX][ORDERS][BAND], squares[BAND], own[BAND];
+} RowIncrements;
+
+/* Whether what the droplets add is taken from the surface that they leave: one ink in the proportions of its unit adds
+ * nothing else. */
+static INLINED bool is_of_surface(const IncrementPass *pass) {
+    return pass->increments->unit && pass->inks == 1;
+}
+
+/* What each droplet of a row leaves on its cell. */
+static INLINED void add_own(const Surroundings *row, size_t count, double *restrict own) {
+    const RowShares *over = row->over, *under = row->under;
+    const int32_t *kind = row->here->kind;
+    const double *side = row->here->part[SIDE_PART], *corner = row->here->part[CORNER_PART];
+    for (size_t k = 1; k <= count; k++) {
+        double sides = side[k] - side[k] * over->up[k], corners = corner[k] - corner[k] * over->up_left[k - 1];
+        sides += side[k] - side[k] * under->to_left[k - 1];
+        sides += side[k] - side[k] * under->to_right[k];
+        sides += side[k] - side[k] * under->down[k];
+        corners += corner[k] - corner[k] * over->up_right[k];
+        corners += corner[k] - corner[k] * under->down_left[k - 1];
+        corners += corner[k] - corner[k] * under->down_right[k];
+        own[k - 1] = kind[k] != 0 ? row->here->own[k] + sides + corners : 0.0;
+    }
+}
+
 /* Adds the rates of an ink by what is given from the next row. */
-static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32_t kind, double *restrict h2,
-                                        double *restrict h3) {
-    double volume[FRAMED_BAND];
+static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32_t kind, double rates[ORDERS][BAND]) {
+    double volume[FRAMED_BAND], *restrict h2 = rates[1], *restrict h3 = rates[2];
     volumes_of(next->row, count, kind, volume);
     for (size_t k = 1; k <= count; k++) {
         h2[k - 1] += next->straight[k] * volume[k];
@@ -38,10 +65,9 @@ static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32
 
 /* Adds the rates of an ink by the droplets of a row itself; own: what each leaves on its cell. */
 static INLINED void add_rates_from_here(const Surroundings *row, size_t count, int32_t kind, const Ink *ink,
-                                        double *restrict h1, double *restrict h2, double *restrict h3,
-                                        double *restrict own) {
+                                        double rates[ORDERS][BAND], double *restrict own) {
     const RowShares *over = row->over, *under = row->under;
-    double volumes[FRAMED_BAND];
+    double volumes[FRAMED_BAND], *restrict h1 = rates[0], *restrict h2 = rates[1], *restrict h3 = rates[2];
     volumes_of(row->here, count, kind, volumes);
     for (size_t k = 1; k <= count; k++) {
         const double volume = volumes[k];
@@ -80,7 +106,7 @@ static INLINED void add_squares_from_next(const NextRow *next, size_t count, dou
 }
 
 static INLINED void add_squares_from_here(const Surroundings *row, size_t count, const double *restrict own,
-                                          double *restrict squares, double *restrict owns) {
+                                          double *restrict squares) {
     const double *side = row->here->part[SIDE_PART];
     for (size_t k = 1; k <= count; k++) {
         double sum = squares[k - 1];
@@ -88,67 +114,113 @@ static INLINED void add_squares_from_here(const Surroundings *row, size_t count,
         sum += square(own[k - 1]);
         sum += square(row->under->to_left[k] * side[k + 1]);
         squares[k - 1] = sum;
-        owns[k - 1] += own[k - 1];
     }
 }
 
-/* Adds to the maps, from cell `cell` on, what is given from the next row. */
-static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, size_t cell) {
-    const size_t cells = pass->droplets.nx * pass->droplets.ny;
-    if (!next->row->is_jetted)
-        return;
-    for (size_t ink = 0; ink < pass->inks; ink++) {
-        double *h2 = pass->increments->rates + (ink * ORDERS + 1) * cells + cell;
-        add_rates_from_next(next, count, (int32_t)ink + 1, h2, h2 + cells);
-    }
-    add_squares_from_next(next, count, pass->increments->squares + cell);
+/* Adds what is given from the next row. */
+static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, RowIncrements *found) {
+    for (size_t ink = 0; next->row->is_jetted && !is_of_surface(pass) && ink < pass->inks; ink++)
+        add_rates_from_next(next, count, (int32_t)ink + 1, found->rates[ink]);
+    if (next->row->is_jetted)
+        add_squares_from_next(next, count, found->squares);
 }
 
 /* The same for the droplets of the row itself. */
-static INLINED void add_from_here(const IncrementPass *pass, const Surroundings *row, size_t count, size_t cell) {
-    const size_t cells = pass->droplets.nx * pass->droplets.ny;
-    double own[BAND];
-    if (!row->here->is_jetted)
-        return;
-    memset(own, 0, count * sizeof *own);
-    for (size_t ink = 0; ink < pass->inks; ink++) {
-        double *h1 = pass->increments->rates + ink * ORDERS * cells + cell;
-        add_rates_from_here(row, count, (int32_t)ink + 1, &pass->droplets.ink[ink], h1, h1 + cells, h1 + 2 * cells,
-                            own);
-    }
-    add_squares_from_here(row, count, own, pass->increments->squares + cell, pass->increments->own + cell);
+static INLINED void add_from_here(const IncrementPass *pass, const Surroundings *row, size_t count,
+                                  RowIncrements *found) {
+    if (row->here->is_jetted && is_of_surface(pass))
+        add_own(row, count, found->own);
+    for (size_t ink = 0; row->here->is_jetted && !is_of_surface(pass) && ink < pass->inks; ink++)
+        add_rates_from_here(row, count, (int32_t)ink + 1, &pass->droplets.ink[ink], found->rates[ink], found->own);
+    if (row->here->is_jetted)
+        add_squares_from_here(row, count, found->own, found->squares);
 }
 
 /* From above, here and below, in this order; the loop needs the code for a next row only once. */
-static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings *row, size_t count, size_t cell) {
+static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings *row, size_t count,
+                                  RowIncrements *found) {
     for (const NextRow *next = &row->above; next; next = next == &row->above ? &row->below : NULL) {
-        add_from_next(pass, next, count, cell);
+        add_from_next(pass, next, count, found);
         if (next == &row->above)
-            add_from_here(pass, row, count, cell);
+            add_from_here(pass, row, count, found);
     }
 }
 
-/* Clears the maps, from cell `cell` on. */
-static INLINED void clear_cells(const IncrementPass *pass, size_t count, size_t cell) {
+/* What stands in a map, or 0. */
+static INLINED void begin_with(const double *restrict map, size_t count, bool is_first, double *restrict values) {
+    if (is_first)
+        memset(values, 0, count * sizeof(double));
+    else
+        memcpy(values, map, count * sizeof(double));
+}
+
+/* Begins a row with what passes before have added, but for what each pass adds by itself. */
+static INLINED void begin_row(const IncrementPass *pass, size_t count, size_t cell, RowIncrements *found) {
+    const DropletIncrements *into = pass->increments;
     const size_t cells = pass->droplets.nx * pass->droplets.ny;
-    for (size_t rate = 0; rate < pass->inks * ORDERS; rate++)
-        memset(pass->increments->rates + rate * cells + cell, 0, count * sizeof(double));
-    memset(pass->increments->squares + cell, 0, count * sizeof(double));
-    memset(pass->increments->own + cell, 0, count * sizeof(double));
+    for (size_t map = 0; !is_of_surface(pass) && map < pass->inks * ORDERS; map++)
+        begin_with(into->adds + map * cells + cell, count, pass->is_first || into->unit,
+                   found->rates[map / ORDERS][map % ORDERS]);
+    begin_with(into->squares + cell, count, pass->is_first, found->squares);
+    memset(found->own, 0, count * sizeof(double));
+}
+
+/* Adds some values to those of a map, if it has any. */
+static INLINED void add_to(double *restrict map, const double *restrict values, size_t count, bool is_first) {
+    if (is_first)
+        memcpy(map, values, count * sizeof(double));
+    for (size_t k = 0; !is_first && k < count; k++)
+        map[k] += values[k];
+}
+
+/* What the droplets of an ink add in the proportions of its unit. */
+static INLINED void add_up(const Ink *unit, size_t count, double rates[ORDERS][BAND]) {
+    const Ink one = *unit;
+    for (size_t k = 0; k < count; k++)
+        rates[0][k] = one.h1 * rates[0][k] + one.h2 * rates[1][k] + one.h3 * rates[2][k];
+}
+
+/* Puts a row into the maps, from cell `cell` on. */
+static INLINED void put_row(const IncrementPass *pass, size_t count, size_t cell, RowIncrements *found) {
+    const DropletIncrements *into = pass->increments;
+    const size_t cells = pass->droplets.nx * pass->droplets.ny;
+    for (size_t map = 0; !into->unit && map < pass->inks * ORDERS; map++)
+        memcpy(into->adds + map * cells + cell, found->rates[map / ORDERS][map % ORDERS], count * sizeof(double));
+    for (size_t ink = 0; into->unit && ink < pass->inks; ink++) {
+        if (!is_of_surface(pass))
+            add_up(&into->unit[ink], count, found->rates[ink]);
+        add_to(into->adds + ink * cells + cell, found->rates[ink][0], count, pass->is_first);
+    }
+    memcpy(into->squares + cell, found->squares, count * sizeof(double));
+    add_to(into->own + cell, found->own, count, pass->is_first);
+}
+
+/* What the surface `after` lies above the row, in units of the ink. */
+static INLINED void take_from_surface(const IncrementPass *pass, const Surroundings *row, size_t count,
+                                      const double *restrict after, double *restrict adds) {
+    const double volume = full_layer_height(pass->increments->unit) / full_layer_height(pass->droplets.ink);
+    const double *height = row->here->height + 1;
+    for (size_t k = 0; k < count; k++)
+        adds[k] = volume * (after[k] - height[k]);
 }
 
 static INLINED void add_rows(const IncrementPass *pass, const RowRange *range) {
     Band band;
+    RowIncrements found;
+    double left[BAND];
     for (size_t first = 0; first < pass->droplets.ny; first += BAND) {
         begin_band(&pass->droplets, first, range->top, &band);
         for (size_t i = range->top; i < range->bottom; i++) { /* in the order of the cells that a share comes from */
             const Surroundings row = surround_row(&pass->droplets, i, &band);
             const size_t cell = i * pass->droplets.ny + first;
-            if (pass->is_first)
-                clear_cells(pass, band.count, cell);
-            add_from_rows(pass, &row, band.count, cell);
-            if (pass->after)
-                deposit_row(&row, band.count, pass->after + cell);
+            double *after = pass->after ? pass->after + cell : left;
+            begin_row(pass, band.count, cell, &found);
+            add_from_rows(pass, &row, band.count, &found);
+            if (pass->after || is_of_surface(pass))
+                deposit_row(&row, band.count, after);
+            if (is_of_surface(pass))
+                take_from_surface(pass, &row, band.count, after, found.rates[0][0]);
+            put_row(pass, band.count, cell, &found);
         }
     }
 }
@@ -172,32 +244,89 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
     }
 }
 
-/* Volumes of the droplets of a kind in a row of the grid, with the frame; 0 outside. */
-static void load_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
-                         double *restrict volumes) {
-    const bool is_inside = row > 0 && row <= layer->nx;
+/* A row of the grid, counted with the frame, and its droplets of a kind: 1 or 0, with the frame; 0 outside. */
+static INLINED void load_kind(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
+                              int32_t *restrict marks) {
     const size_t from = first > 0 ? 0 : 1, end = count + (first + count < layer->ny ? 2 : 1);
-    memset(volumes, 0, (count + 2) * sizeof *volumes);
-    if (!is_inside)
+    marks[0] = marks[count + 1] = 0;
+    if (row == 0 || row > layer->nx) {
+        memset(marks, 0, (count + 2) * sizeof *marks);
         return;
+    }
     const int32_t *pattern = layer->pattern + (row - 1) * layer->ny + first + from - 1;
-    const double *factor = layer->factor ? layer->factor + (row - 1) * layer->ny + first + from - 1 : NULL;
     for (size_t k = from; k < end; k++)
-        volumes[k] = pattern[k - from] == kind ? 1.0 : 0.0;
-    for (size_t k = from; factor && k < end; k++)
-        volumes[k] = volumes[k] == 0.0 ? 0.0 : factor[k - from];
+        marks[k] = pattern[k - from] == kind;
 }
 
-void flat_rates(const JettedLayer *layer, size_t inks, size_t row, size_t first, size_t count, double *rates) {
+/* The same with the volumes of the droplets. */
+static INLINED void load_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
+                                 double *restrict volumes) {
+    const size_t from = first > 0 ? 0 : 1, end = count + (first + count < layer->ny ? 2 : 1);
+    int32_t marks[FLAT_CELLS + 2];
+    memset(volumes, 0, (count + 2) * sizeof *volumes);
+    load_kind(layer, row, first, count, kind, marks);
+    if (row == 0 || row > layer->nx)
+        return;
+    const double *factor = layer->factor + (row - 1) * layer->ny + first + from - 1;
+    for (size_t k = from; k < end; k++)
+        volumes[k] = marks[k] ? factor[k - from] : 0.0;
+}
+
+/* Droplets of a kind on cells, at their sides, and at their corners, by volume. */
+static INLINED void count_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
+                                  double *restrict own, double *restrict sides, double *restrict corners) {
     double rows[3][FLAT_CELLS + 2];
-    for (size_t ink = 0; ink < inks; ink++, rates += ORDERS * FLAT_CELLS) {
-        double *restrict h1 = rates, *restrict h2 = h1 + FLAT_CELLS, *restrict h3 = h2 + FLAT_CELLS;
-        for (size_t k = 0; k < 3; k++)
-            load_volumes(layer, row + k, first, count, (int32_t)ink + 1, rows[k]);
-        for (size_t k = 1; k <= count; k++) {
-            h1[k - 1] = rows[1][k];
-            h2[k - 1] = rows[0][k] + rows[1][k - 1] + rows[1][k + 1] + rows[2][k];
-            h3[k - 1] = rows[0][k - 1] + rows[0][k + 1] + rows[2][k - 1] + rows[2][k + 1];
-        }
+    for (size_t k = 0; k < 3; k++)
+        load_volumes(layer, row + k, first, count, kind, rows[k]);
+    for (size_t k = 1; k <= count; k++) {
+        own[k - 1] = rows[1][k];
+        sides[k - 1] = rows[0][k] + rows[1][k - 1] + rows[1][k + 1] + rows[2][k];
+        corners[k - 1] = rows[0][k - 1] + rows[0][k + 1] + rows[2][k - 1] + rows[2][k + 1];
     }
+}
+
+/* The same where all are of volume 1. */
+static INLINED void count_droplets(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
+                                   double *restrict own, double *restrict sides, double *restrict corners) {
+    int32_t rows[3][FLAT_CELLS + 2];
+    for (size_t k = 0; k < 3; k++)
+        load_kind(layer, row + k, first, count, kind, rows[k]);
+    for (size_t k = 1; k <= count; k++) {
+        own[k - 1] = (double)rows[1][k];
+        sides[k - 1] = (double)(rows[0][k] + rows[1][k - 1] + rows[1][k + 1] + rows[2][k]);
+        corners[k - 1] = (double)(rows[0][k - 1] + rows[0][k + 1] + rows[2][k - 1] + rows[2][k + 1]);
+    }
+}
+
+static INLINED void add_flat(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first,
+                             size_t count, double *adds) {
+    for (size_t ink = 0; ink < inks; ink++, adds += maps_of_ink(unit) * FLAT_CELLS) {
+        double found[ORDERS][FLAT_CELLS];
+        if (layer->factor)
+            count_volumes(layer, row, first, count, (int32_t)ink + 1, found[0], found[1], found[2]);
+        else
+            count_droplets(layer, row, first, count, (int32_t)ink + 1, found[0], found[1], found[2]);
+        if (!unit) {
+            memcpy(adds, found, sizeof found);
+            continue;
+        }
+        const Ink one = unit[ink];
+        for (size_t k = 0; k < count; k++)
+            adds[k] = one.h1 * found[0][k] + one.h2 * found[1][k] + one.h3 * found[2][k];
+    }
+}
+
+static void add_flat_plain(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first,
+                           size_t count, double *adds) {
+    add_flat(layer, inks, unit, row, first, count, adds);
+}
+
+static WITH_AVX2 void add_flat_avx2(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first,
+                                    size_t count, double *adds) {
+    add_flat(layer, inks, unit, row, first, count, adds);
+}
+
+void flat_adds(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first, size_t count,
+               double *adds) {
+    (HAS_AVX2 ? add_flat_avx2 : add_flat_plain)(layer, inks, unit, row, first, count, adds);
 }

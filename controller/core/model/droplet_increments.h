@@ -1,4 +1,5 @@
-/* What the droplets of a layer add to each cell, as a linear function of the ink's three heights. */
+/* What the droplets of a layer add to each cell, as a linear function of the inks: of their volumes, or of their three
+ * heights. */
 #ifndef INKLOOP_DROPLET_INCREMENTS_H
 #define INKLOOP_DROPLET_INCREMENTS_H
 
@@ -17,11 +18,18 @@ typedef struct {
     size_t threads; /* to look at it with; the bits of what is found do not depend on it */
 } JettedLayer;
 
-/* Maps of nx * ny cells. `rates`: for each ink its three, height added per metre of h1, h2 and h3 [1]; `squares`: sum
- * over the droplets of the square of what each adds [m^2]; `own`: what the cell's own droplet leaves on it [m]. */
+/* Maps of nx * ny cells. `adds`: for each ink what its droplets add in the proportions of `unit` [m], or where that is
+ * NULL three maps, height added per metre of h1, h2 and h3 [1]; `squares`: sum over the droplets of the square of what
+ * each adds [m^2]; `own`: what the cell's own droplet leaves on it [m]. */
 typedef struct {
-    double *rates, *squares, *own;
+    const Ink *unit; /* of each ink */
+    double *adds, *squares, *own;
 } DropletIncrements;
+
+/* Maps of an ink. */
+static inline size_t maps_of_ink(const Ink *unit) {
+    return unit ? 1 : ORDERS;
+}
 
 /* The increments on the surface `height` [m] with the widths of saturation of `ink` (Lu, Zheng, Mishra 2015, eq. 3-7),
  * open edge; `after`: the surface that is left, NULL: not wanted. `scratch` holds 2 * nx * ny for layers of several
@@ -31,21 +39,45 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
 
 enum { FLAT_CELLS = 64 }; /* cells of a row that are looked at together */
 
-/* The rates alone on a flat surface, all droplets at once: whatever the ink, every neighbour takes its full part. Of
- * `count` cells of a row from `first` on; each of the inks * ORDERS has FLAT_CELLS places. */
-void flat_rates(const JettedLayer *layer, size_t inks, size_t row, size_t first, size_t count, double *rates);
+/* What droplets add on a flat surface, all at once: whatever the ink, every neighbour takes its full part. Of `count`
+ * cells of a row from `first` on; each map has FLAT_CELLS places. */
+void flat_adds(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first, size_t count,
+               double *adds);
 
-/* Height that the droplets add to `count` cells from `first` on [m] with the heights of `ink`. */
+/* Height of a full layer on a wide flat surface [m]. */
+static inline double full_layer_height(const Ink *ink) {
+    return ink->h1 + 4.0 * ink->h2 + 4.0 * ink->h3;
+}
+
+/* What droplets of some inks add so far, and that of one more. */
+static INLINED void add_heights_of(const Ink *ink, const Ink *unit, const double *adds, size_t cells, size_t count,
+                                   double *restrict added) {
+    const Ink one = *ink;
+    if (unit) {
+        const double volume = full_layer_height(ink) / full_layer_height(unit);
+        for (size_t k = 0; k < count; k++)
+            added[k] += volume * adds[k];
+    } else
+        for (size_t k = 0; k < count; k++)
+            added[k] += one.h1 * adds[k] + one.h2 * adds[cells + k] + one.h3 * adds[2 * cells + k];
+}
+
+/* Height that the droplets add to `count` cells from `first` on [m] with the heights of `ink`, or with its volume in
+ * the proportions of the unit. */
 static INLINED void added_heights(const DropletIncrements *increments, size_t cells, size_t first, size_t count,
                                   size_t inks, const Ink ink[], double *restrict added) {
-    const double *rate = increments->rates + first;
+    const Ink *unit = increments->unit;
+    const double *adds = increments->adds + first;
+    if (unit && inks == 1) {
+        const double volume = full_layer_height(ink) / full_layer_height(unit);
+        for (size_t k = 0; k < count; k++)
+            added[k] = volume * adds[k];
+        return;
+    }
     for (size_t k = 0; k < count; k++)
         added[k] = 0.0;
-    for (size_t number = 0; number < inks; number++, rate += ORDERS * cells) {
-        const Ink one = ink[number];
-        for (size_t k = 0; k < count; k++)
-            added[k] = added[k] + one.h1 * rate[k] + one.h2 * rate[cells + k] + one.h3 * rate[2 * cells + k];
-    }
+    for (size_t number = 0; number < inks; number++, adds += maps_of_ink(unit) * cells)
+        add_heights_of(&ink[number], unit ? unit + number : NULL, adds, cells, count, added);
 }
 
 /* h1, h2 or h3 by its order, 0 to 2. */

@@ -26,7 +26,3 @@ double layer_surface(const JettedLayer *layer, const double *height, const Ink i
     }
     return lost;
 }
-
-double full_layer_height(const Ink *ink) {
-    return ink->h1 + 4.0 * ink->h2 + 4.0 * ink->h3;
-}

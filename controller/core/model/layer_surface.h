@@ -8,7 +8,4 @@
  * the grid [m]. */
 double layer_surface(const JettedLayer *layer, const double *height, const Ink ink[2], double *scratch, double *after);
 
-/* Height of a full layer on a wide flat surface [m]. */
-double full_layer_height(const Ink *ink);
-
 #endif

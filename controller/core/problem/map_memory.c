@@ -4,6 +4,7 @@
 
 #include "map_memory.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -41,18 +42,26 @@ static void give_pages(void *pages, size_t bytes) {
 }
 #endif
 
-void *take_maps(size_t count, size_t size) {
+static void *take(size_t count, size_t size, bool is_clear) {
     if (size > 0 && count > (SIZE_MAX - HEAD) / size)
         return NULL;
     const size_t bytes = count * size + HEAD;
     char *memory = take_pages(bytes);
     const size_t paged = memory ? bytes : 0;
     if (!memory)
-        memory = calloc(1, bytes);
+        memory = is_clear ? calloc(1, bytes) : malloc(bytes);
     if (!memory)
         return NULL;
     *(size_t *)memory = paged;
     return memory + HEAD;
+}
+
+void *take_maps(size_t count, size_t size) {
+    return take(count, size, true);
+}
+
+void *take_raw_maps(size_t count, size_t size) {
+    return take(count, size, false);
 }
 
 void give_maps(void *memory) {

@@ -6,6 +6,7 @@
 #define INKLOOP_ROW_RANGES_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 #include "instruction_sets.h"
 
@@ -32,16 +33,48 @@ size_t row_threads(size_t threads, size_t nx, size_t ny);
 /* Calls `work` on ranges of rows that are all rows together; returns when all are done. */
 void run_rows(size_t threads, size_t nx, size_t ny, RowWork *work, void *context);
 
-/* Sum of some values, in four lanes that are added up at once. */
+enum { LANES = 8 };
+
+/* Sum of what stands in the lanes. */
+static INLINED double sum_of_lanes(const double lane[LANES]) {
+    return ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7]));
+}
+
+/* Sum of some values, in lanes that are added up at once. */
 static INLINED double lane_sum(const double *values, size_t count) {
-    double lane[4] = {0.0, 0.0, 0.0, 0.0};
+    double lane[LANES] = {0.0};
     size_t k = 0;
-    for (; k + 4 <= count; k += 4)
-        for (size_t l = 0; l < 4; l++)
+    for (; k + LANES <= count; k += LANES)
+        for (size_t l = 0; l < LANES; l++)
             lane[l] += values[k + l];
     for (; k < count; k++)
-        lane[k % 4] += values[k];
-    return (lane[0] + lane[1]) + (lane[2] + lane[3]);
+        lane[k % LANES] += values[k];
+    return sum_of_lanes(lane);
+}
+
+/* Sum of some products, in the same way. */
+static INLINED double lane_dot(const double *one, const double *other, size_t count) {
+    double lane[LANES] = {0.0};
+    size_t k = 0;
+    for (; k + LANES <= count; k += LANES)
+        for (size_t l = 0; l < LANES; l++)
+            lane[l] += one[k + l] * other[k + l];
+    for (; k < count; k++)
+        lane[k % LANES] += one[k] * other[k];
+    return sum_of_lanes(lane);
+}
+
+/* How many of some marks, 1 or 0, are 1: of as many as a byte counts at a time. */
+static INLINED size_t count_marked(const uint8_t *marks, size_t count) {
+    size_t sum = 0;
+    for (size_t first = 0; first < count; first += UINT8_MAX) {
+        const size_t some = count - first < UINT8_MAX ? count - first : UINT8_MAX;
+        uint8_t marked = 0;
+        for (size_t k = 0; k < some; k++)
+            marked = (uint8_t)(marked + marks[first + k]);
+        sum += marked;
+    }
+    return sum;
 }
 
 /* Defines `work` from a body that is INLINED: with the instructions that every processor has, and with those of AVX2.

@@ -46,9 +46,10 @@ class InkEvidence:
 
     def struct(self) -> InkEvidenceStruct:
         """The same for C."""
-        square, line = SHARES_MAX**2, SHARES_MAX
-        sized = ((self.response, square), (self.covariance, square), (self.surplus, line))
-        return InkEvidenceStruct(*(_filled(values, count) for values, count in sized))
+        sums, square = np.zeros(2 * SHARES_MAX**2 + SHARES_MAX), SHARES_MAX**2
+        for values, first in ((self.response, 0), (self.covariance, square), (self.surplus, 2 * square)):
+            sums[first : first + values.size] = values.ravel()
+        return InkEvidenceStruct.from_buffer_copy(sums.data)
 
     @classmethod
     def of_struct(cls, struct: InkEvidenceStruct, shares: int) -> InkEvidence:
@@ -102,9 +103,3 @@ class InkKnowledge:
 def ink_table(inks: Sequence[Ink]) -> NDArray[np.float64]:
     """(inks, 3): h1, h2, h3 of each [m]."""
     return np.array([[ink.h1, ink.h2, ink.h3] for ink in inks])
-
-
-def _filled(values: NDArray[np.float64], count: int) -> tuple[float, ...]:
-    filled = np.zeros(count)
-    filled[: values.size] = values.ravel()
-    return tuple(filled)

@@ -50,7 +50,7 @@ class JettedLayer(ctypes.Structure):
 class DropletIncrements(ctypes.Structure):
     """`DropletIncrements` of droplet_increments.h."""
 
-    _fields_ = (("rates", REALS), ("squares", REALS), ("own", REALS))
+    _fields_ = (("unit", REALS), ("adds", REALS), ("squares", REALS), ("own", REALS))
 
 
 @dataclass(frozen=True)
@@ -104,17 +104,17 @@ def surfaces(loaded: ctypes.CDLL, it: Case) -> list[Any]:
     return found
 
 
-def increments(loaded: ctypes.CDLL, it: Case) -> list[Any]:
-    """Rates, squares and what the cell's own droplet leaves, of the whole layer; and the surface after it."""
+def increments(loaded: ctypes.CDLL, it: Case, inks: int = 2, unit: Any = None) -> list[Any]:
+    """What is added, squares and what the cell's own droplet leaves, of the whole layer; and the surface after it."""
     nx, ny = it.height.shape
     after = np.zeros_like(it.height)
-    rates, squares, own, scratch = (np.zeros((n, nx, ny)) for n in (6, 1, 1, 2))
+    adds, squares, own, scratch = (np.full((n, nx, ny), np.nan) for n in (3 * inks if unit is None else inks, 1, 1, 2))
     order = np.array(it.colours, np.int32)
     layer = JettedLayer(nx, ny, of(it.pattern), of(it.factor), len(order), of(order), 1)
-    maps = DropletIncrements(of(rates), of(squares), of(own))
-    call = (of(it.height), SIZE(2), of(it.inks), of(scratch))
+    maps = DropletIncrements(of(unit), of(adds), of(squares), of(own))
+    call = (of(it.height), SIZE(inks), of(it.inks), of(scratch))
     loaded.droplet_increments(ctypes.byref(layer), *call, ctypes.byref(maps), of(after))
-    return [rates, squares[0], own[0], after]
+    return [adds, squares[0], own[0], after]
 
 
 def share(rise: float, width: float) -> float:
@@ -199,17 +199,34 @@ def test_bits_are_those_of_a_plain_loop(build: str, calculated: Callable[..., An
     assert [seed for seed in range(12) if bits(calculated(loaded, case(seed))) != plain_bits(plain, seed)] == []
 
 
-def flat_rates(loaded: ctypes.CDLL, layer: JettedLayer, nx: int, ny: int) -> Any:
+@pytest.mark.parametrize("inks", [1, 2])
+def test_increments_of_volumes_are_the_rates_in_the_proportions_of_their_unit(inks: int) -> None:
+    """Of inks that are the unit but for their volume; of one ink alone they are taken from the surface."""
+    loaded, unit = compiled_library("as shipped"), np.array(INKS)
+    for seed in range(24):
+        drawn = case(seed)
+        pattern = np.minimum(drawn.pattern, inks).astype(np.int32)
+        it = replace(drawn, pattern=pattern, inks=np.array([[0.8], [1.3]]) * unit)
+        rates, *others = increments(loaded, it)
+        adds, *same = increments(loaded, it, inks, unit)
+        stated = np.einsum("ko,koij->kij", unit, rates.reshape(2, 3, *pattern.shape))[:inks]
+        np.testing.assert_allclose(adds, stated, rtol=1e-9, atol=1e-17, err_msg=str(seed))
+        for found, expected in zip(same, others, strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-24, err_msg=str(seed))
+
+
+def flat_adds(loaded: ctypes.CDLL, layer: JettedLayer, nx: int, ny: int, unit: Any = None) -> Any:
     """Those of all cells, in blocks of a row."""
-    rates = np.full((6, nx, ny), np.nan)
+    maps = 6 if unit is None else 2
+    adds = np.full((maps, nx, ny), np.nan)
     for row, first in itertools.product(range(nx), range(0, ny, FLAT_CELLS)):
-        count, block = min(FLAT_CELLS, ny - first), np.full((6, FLAT_CELLS), np.nan)
-        loaded.flat_rates(ctypes.byref(layer), SIZE(2), SIZE(row), SIZE(first), SIZE(count), of(block))
-        rates[:, row, first : first + count] = block[:, :count]
-    return rates
+        count, block = min(FLAT_CELLS, ny - first), np.full((maps, FLAT_CELLS), np.nan)
+        loaded.flat_adds(ctypes.byref(layer), SIZE(2), of(unit), SIZE(row), SIZE(first), SIZE(count), of(block))
+        adds[:, row, first : first + count] = block[:, :count]
+    return adds
 
 
-def test_rates_on_a_flat_surface_are_those_of_its_increments() -> None:
+def test_increments_on_a_flat_surface_are_those_of_single_cells() -> None:
     """Whatever the ink: there every neighbour takes its full part."""
     loaded = compiled_library("as shipped")
     for seed in range(12):
@@ -218,4 +235,7 @@ def test_rates_on_a_flat_surface_are_those_of_its_increments() -> None:
         nx, ny = flat.height.shape
         none = np.zeros(1, np.int32)
         layer = JettedLayer(nx, ny, of(flat.pattern), of(flat.factor), 1, of(none), 1)
-        assert np.array_equal(flat_rates(loaded, layer, nx, ny), increments(loaded, flat)[0]), seed
+        rates = increments(loaded, flat)[0]
+        assert np.array_equal(flat_adds(loaded, layer, nx, ny), rates), seed
+        stated = np.einsum("ko,koij->kij", flat.inks, rates.reshape(2, 3, nx, ny))
+        np.testing.assert_allclose(flat_adds(loaded, layer, nx, ny, flat.inks), stated, rtol=1e-12, atol=0.0)

@@ -13,7 +13,10 @@ from support.compiled import library
 from support.places import ROOT
 
 SOURCE = ROOT / "controller" / "core" / "estimator" / "median.c"
+FLAGS = ("-std=c11", "-O2", f"-I{ROOT / 'controller' / 'core' / 'problem'}", f"-I{ROOT / 'fmus' / 'deposition'}")
 SAMPLED = 8192  # from here on limits are drawn from a sample (median.c)
+CHUNKS = 32  # of the rows of a grid (row_ranges.h)
+REALS = ctypes.POINTER(ctypes.c_double)
 
 pytestmark = pytest.mark.compiled
 
@@ -29,13 +32,34 @@ DRAWN: dict[str, Callable[[np.random.Generator, int], Any]] = {
 }
 
 
+class ValueLists(ctypes.Structure):
+    """`ValueLists` of median.h."""
+
+    _fields_ = (("nx", ctypes.c_size_t), ("ny", ctypes.c_size_t), ("map", REALS), ("lengths", ctypes.c_size_t * CHUNKS))
+
+
 @pytest.mark.parametrize("drawn", DRAWN)
 def test_it_is_that_of_the_sorted_values(drawn: str) -> None:
-    median = library("median.so", [SOURCE], ("-std=c11", "-O2")).median
-    median.restype = ctypes.c_double
-    rng = np.random.default_rng(5)
+    """Of an array, and of lists that chunks of rows left in a map, some of them empty."""
+    core, rng = library("median.so", [SOURCE], FLAGS), np.random.default_rng(5)
+    core.median.restype = core.median_of_lists.restype = ctypes.c_double
     for count in (1, 2, 3, 10, 11, SAMPLED - 1, SAMPLED, SAMPLED + 1, 5 * SAMPLED, 5 * SAMPLED + 7):
         values = DRAWN[drawn](rng, count)
         expected = np.sort(values)[(count - 1) // 2 : count // 2 + 1].mean()
+        lists, room, _kept = listed(rng, values)
+        assert core.median_of_lists(ctypes.byref(lists), room.ctypes.data_as(REALS)) == expected, count
         given = np.ascontiguousarray(values)
-        assert median(given.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), ctypes.c_size_t(count)) == expected, count
+        assert core.median(given.ctypes.data_as(REALS), ctypes.c_size_t(count)) == expected, count
+
+
+def listed(rng: np.random.Generator, values: Any) -> tuple[ValueLists, Any, Any]:
+    """The values in lists of a map of 40 rows, room for as many, and the map; behind a list stand no numbers."""
+    weights = rng.random(CHUNKS) * (rng.random(CHUNKS) < 0.7) + 1e-9
+    ends = np.rint(np.cumsum(weights) / weights.sum() * len(values)).astype(int)
+    nx, ny = 40, len(values)
+    places = np.full((nx, ny), np.nan)
+    lists = ValueLists(nx, ny, places.ctypes.data_as(REALS))
+    for chunk, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
+        places.reshape(-1)[nx * chunk // CHUNKS * ny :][: end - begin] = values[begin:end]
+        lists.lengths[chunk] = end - begin
+    return lists, np.empty_like(places), places
