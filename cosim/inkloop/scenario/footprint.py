@@ -32,8 +32,8 @@ SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
 """Layers ahead -> what planning adds."""
 SMALL_CELLS = 20_000
-LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.5e-6
-LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.5e-6, 2: 1.3e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
+LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.25e-6
+LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
 """The same two on larger grids, where single layers are not annealed and what every layer takes hardly counts."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
 """Kind -> what a model adds."""
@@ -122,9 +122,9 @@ class Footprint:
             yield f"{found}; a droplet is higher, and nothing may be printed{_CHECK_HEIGHT}"
 
     def memory_errors(self) -> Iterator[str]:
-        """The error of a grid that memory cannot hold, with one that it can."""
+        """The error of a grid that memory cannot hold, with one that it can; a run that is resumed keeps its grid."""
         if reason := memory_error(self.memory):
-            yield f"{self._grid()} {reason}; {self._advice((available_memory() or 0) / self.memory)}"
+            yield f"{self._grid()} {reason}; {self._advice((available_memory() or 0) / self.memory)}, or free memory"
 
     def check_disk(self, folder: Path) -> None:
         """Raises ResultError where the disk of a run folder cannot hold the run."""
