@@ -133,11 +133,6 @@ void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before
                   SurfaceEstimate *after) {
     const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
     uint8_t *outside = marks, *inside = marks + cells;
-    size_t first = 0;
-    while (first < cells && !revives(before, after, first))
-        first++;
-    if (first == cells)
-        return;
     for (size_t cell = 0; cell < cells; cell++)
         outside[cell] = !options->part[cell];
     for (size_t cell = 0; cell < cells; cell++)

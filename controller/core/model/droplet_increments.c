@@ -119,21 +119,23 @@ static INLINED void add_squares_from_here(const Surroundings *row, size_t count,
 
 /* Adds what is given from the next row. */
 static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, RowIncrements *found) {
-    for (size_t ink = 0; next->row->is_jetted && !is_of_surface(pass) && ink < pass->inks; ink++)
+    if (!next->row->is_jetted)
+        return;
+    for (size_t ink = 0; !is_of_surface(pass) && ink < pass->inks; ink++)
         add_rates_from_next(next, count, (int32_t)ink + 1, found->rates[ink]);
-    if (next->row->is_jetted)
-        add_squares_from_next(next, count, found->squares);
+    add_squares_from_next(next, count, found->squares);
 }
 
 /* The same for the droplets of the row itself. */
 static INLINED void add_from_here(const IncrementPass *pass, const Surroundings *row, size_t count,
                                   RowIncrements *found) {
-    if (row->here->is_jetted && is_of_surface(pass))
+    if (!row->here->is_jetted)
+        return;
+    if (is_of_surface(pass))
         add_own(row, count, found->own);
-    for (size_t ink = 0; row->here->is_jetted && !is_of_surface(pass) && ink < pass->inks; ink++)
+    for (size_t ink = 0; !is_of_surface(pass) && ink < pass->inks; ink++)
         add_rates_from_here(row, count, (int32_t)ink + 1, &pass->droplets.ink[ink], found->rates[ink], found->own);
-    if (row->here->is_jetted)
-        add_squares_from_here(row, count, found->own, found->squares);
+    add_squares_from_here(row, count, found->own, found->squares);
 }
 
 /* From above, here and below, in this order; the loop needs the code for a next row only once. */

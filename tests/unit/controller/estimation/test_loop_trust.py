@@ -277,5 +277,5 @@ def test_three_heights_are_taken_where_they_predict_better_than_the_volume() -> 
 def test_three_heights_that_predict_no_better_give_way_to_the_volume() -> None:
     full, volumes = (learnt(model, Ink(), 0.3) for model in ("full", "scale"))
     assert full.learnt.errors[0] > full.learnt.errors[1]
-    np.testing.assert_allclose(ink_table(full.inks), ink_table(volumes.inks), rtol=1e-9, atol=0.0)
-    np.testing.assert_allclose(full.height, volumes.height, rtol=1e-9, atol=0.0)
+    np.testing.assert_allclose(ink_table(full.inks), ink_table(volumes.inks), rtol=1e-14, atol=0.0)
+    np.testing.assert_allclose(full.height, volumes.height, rtol=1e-13, atol=0.0)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 import re
 import zipfile
 from collections import deque
@@ -427,9 +428,11 @@ def test_state_is_freed_once_also_where_it_cannot_be_restored(fails: bool) -> No
             bound(fmu).restore(b"state")
     else:
         bound(fmu).restore(b"state")
-    fmu.fmi3DeserializeFMUState.assert_called_once()
-    (state,) = fmu.setFMUState.call_args.args
-    assert fmu.freeFMUState.mock_calls == [call(state)]
+    ((component, pointer, size, made),) = (each.args for each in fmu.fmi3DeserializeFMUState.mock_calls)
+    assert component is fmu.component
+    assert ctypes.string_at(pointer, size) == b"state"
+    fmu.setFMUState.assert_called_once_with(made._obj)
+    assert fmu.freeFMUState.mock_calls == [call(made._obj)]
 
 
 def bound(fmu: Any) -> Binding:
