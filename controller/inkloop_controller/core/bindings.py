@@ -276,18 +276,18 @@ def ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
     return (InkStruct * 2)(*(InkStruct(ink.h1, ink.h2, ink.h3) for ink in both))
 
 
-_C_TYPES: dict[np.dtype[Any], Any] = {
-    np.dtype(np.float64): ctypes.c_double,
-    np.dtype(np.int32): ctypes.c_int32,
-    np.dtype(np.int64): ctypes.c_int64,
-    np.dtype(np.uint16): ctypes.c_uint16,
-    np.dtype(np.bool_): ctypes.c_uint8,
+_C_ARRAYS: dict[np.dtype[Any], Any] = {  # of one element
+    np.dtype(np.float64): ctypes.c_double * 1,
+    np.dtype(np.int32): ctypes.c_int32 * 1,
+    np.dtype(np.int64): ctypes.c_int64 * 1,
+    np.dtype(np.uint16): ctypes.c_uint16 * 1,
+    np.dtype(np.bool_): ctypes.c_uint8 * 1,
 }
 
 
 def pointer(array: NDArray[Any]) -> Any:
     """For C the address of the first element of the array, which it keeps alive."""
-    c_type = _C_TYPES[array.dtype]
+    c_array = _C_ARRAYS[array.dtype]
     if array.size and array.flags.writeable:
-        return (c_type * 1).from_buffer(array)  # a third of the time of the general way
-    return array.ctypes.data_as(ctypes.POINTER(c_type))
+        return c_array.from_buffer(array)  # a quarter of the time of the general way
+    return array.ctypes.data_as(ctypes.POINTER(c_array._type_))

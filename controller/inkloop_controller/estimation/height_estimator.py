@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -76,6 +77,22 @@ class Estimate:
         nothing = (InkKnowledge.none(len(inks), len(inks)), Registration.none(), LoopTrust.full())
         return cls(height, zero, inks, 1.0, never, never > 0, zero, response, height, never > 0, 0, 0.0, *nothing)
 
+    @cached_property
+    def struct(self) -> EstimateStruct:
+        """The same for C, which reads the maps where they are."""
+        shape = self.height.shape
+        maps = (
+            laid_out("height", self.height, "f8", shape),
+            laid_out("height_variance", self.height_variance, "f8", shape),
+            laid_out("unseen", self.unseen, "i4", shape),
+            laid_out("dead_evidence", self.dead_evidence, "f8", shape),
+            laid_out("response", self.response, "f8", (DISPLACEMENTS, *shape)),
+            laid_out("reckoned", self.reckoned, "f8", shape),
+            laid_out("capped", self.capped, "?", shape),
+        )
+        learnt = (self.learnt.struct(), self.registration.struct(), self.trust.struct())
+        return EstimateStruct(*map(pointer, maps), ink_pair(self.inks), *learnt, self.noise_variance, self.scans)
+
     @property
     def dead(self) -> BoolMap:
         """(nx, ny) cells whose droplets do not come."""
@@ -96,7 +113,7 @@ class Estimate:
 
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
-        plain = {name: value for name, value in vars(self).items() if name != "learnt"}
+        plain = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "learnt"}
         return {
             **plain,
             **self.learnt.arrays(),
@@ -182,9 +199,9 @@ class HeightEstimator:
 
         A cell that was not measured counts as bare substrate, height 0, give or take a layer.
         """
-        after = _Maps.empty(self._part.shape, None)
+        after = self._maps(np.empty((DISPLACEMENTS, *self._part.shape)))
         scan, seen = self._scan(measured, valid)
-        struct = after.struct()
+        struct = EstimateStruct(*map(pointer, after))
         answered(library().inkloop_estimate_first(self._options, layer, pointer(scan), pointer(seen), struct))
         return self._estimate(after, struct)
 
@@ -237,12 +254,13 @@ class HeightEstimator:
         scan, seen = self._scan(measured, valid)
         jetted = checked("pattern", pattern, "i4", shape)
         volumes = None if factor is None else checked("factor", factor, "f8", shape)
-        known = _Maps.of(before)
-        after = _Maps.empty(shape, known.response if in_place else None)
-        struct = after.struct()
+        laid_out("height", before.height, "f8", shape)  # of this grid; the rest is like it
+        known, response = before.struct, (DISPLACEMENTS, *shape)
+        after = self._maps(laid_out("response", before.response, "f8", response) if in_place else np.empty(response))
+        struct = EstimateStruct(*map(pointer, after))
         code = estimate(
             self._options,
-            known.struct(before),
+            known,
             layer_struct(jetted, self._model.colours(layer), volumes, self._threads),
             pointer(scan),
             pointer(seen),
@@ -257,68 +275,34 @@ class HeightEstimator:
         heights = measured if seen.all() else np.where(seen, measured, 0.0)
         return checked("measured", heights, "f8", self._part.shape), seen
 
-    def _estimate(self, maps: _Maps, found: EstimateStruct) -> Estimate:
+    def _maps(self, response: FloatMap) -> tuple[FloatMap, ...]:
+        """Maps for C to write, in the order of an EstimateStruct; with this response."""
+        shape = self._part.shape
+        height, variance, dead_evidence, reckoned = (np.empty(shape) for _ in range(4))
+        return height, variance, np.empty(shape, np.int32), dead_evidence, response, reckoned, np.empty(shape, "?")
+
+    def _estimate(self, maps: tuple[Any, ...], found: EstimateStruct) -> Estimate:
+        height, variance, unseen, dead_evidence, response, reckoned, capped = maps
         inks = tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)])
-        return Estimate(
-            height=maps.height,
-            height_variance=maps.variance,
+        estimate = Estimate(
+            height=height,
+            height_variance=variance,
             inks=inks,
             ink_scale=_volume(inks) / _volume(self._job.inks),
-            unseen=maps.unseen,
-            untrusted=np.asarray(self._job.mask & (maps.unseen > self._untrusted_layers), np.bool_),
-            dead_evidence=maps.dead_evidence,
-            response=maps.response,
-            reckoned=maps.reckoned,
-            capped=maps.capped,
+            unseen=unseen,
+            untrusted=np.asarray(self._job.mask & (unseen > self._untrusted_layers), np.bool_),
+            dead_evidence=dead_evidence,
+            response=response,
+            reckoned=reckoned,
+            capped=capped,
             scans=found.scans,
             noise_variance=found.noise_variance,
             learnt=InkKnowledge.of_struct(found.learnt, self._shares, len(self._job.inks)),
             registration=Registration.of_struct(found.registration),
             trust=LoopTrust.of_struct(found.trust),
         )
-
-
-@dataclass(frozen=True, eq=False)
-class _Maps:
-    """The maps of an estimate as C reads and writes them."""
-
-    height: FloatMap
-    variance: FloatMap
-    unseen: IntMap
-    dead_evidence: FloatMap
-    response: FloatMap
-    reckoned: FloatMap
-    capped: BoolMap
-
-    @classmethod
-    def empty(cls, shape: tuple[int, ...], response: FloatMap | None) -> _Maps:
-        """Maps to be written, the response over this one."""
-        height, variance, dead_evidence, reckoned = (np.empty(shape) for _ in range(4))
-        unseen, capped = np.empty(shape, np.int32), np.empty(shape, "?")
-        response = np.empty((DISPLACEMENTS, *shape)) if response is None else response
-        return cls(height, variance, unseen, dead_evidence, response, reckoned, capped)
-
-    @classmethod
-    def of(cls, estimate: Estimate) -> _Maps:
-        shape = estimate.height.shape
-        return cls(
-            laid_out("height", estimate.height, "f8", shape),
-            laid_out("height_variance", estimate.height_variance, "f8", shape),
-            laid_out("unseen", estimate.unseen, "i4", shape),
-            laid_out("dead_evidence", estimate.dead_evidence, "f8", shape),
-            laid_out("response", estimate.response, "f8", (DISPLACEMENTS, *shape)),
-            laid_out("reckoned", estimate.reckoned, "f8", shape),
-            laid_out("capped", estimate.capped, "?", shape),
-        )
-
-    def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
-        """For C; with what else is known, if it is one to be read."""
-        own = (self.height, self.variance, self.unseen, self.dead_evidence, self.response, self.reckoned, self.capped)
-        maps = [pointer(each) for each in own]
-        if estimate is None:
-            return EstimateStruct(*maps)
-        learnt = (estimate.learnt.struct(), estimate.registration.struct(), estimate.trust.struct())
-        return EstimateStruct(*maps, ink_pair(estimate.inks), *learnt, estimate.noise_variance, estimate.scans)
+        vars(estimate)["struct"] = found  # as C has written it, and will read it after the next scan
+        return estimate
 
 
 def _volume(inks: tuple[Ink, ...]) -> float:

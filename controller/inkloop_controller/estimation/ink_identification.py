@@ -54,10 +54,11 @@ class InkEvidence:
     @classmethod
     def of_struct(cls, struct: InkEvidenceStruct, shares: int) -> InkEvidence:
         """What C has made of it."""
-        response, covariance = (np.array(values[: shares**2]) for values in (struct.response, struct.covariance))
+        sums, square = np.frombuffer(memoryview(struct)).copy(), SHARES_MAX**2
+        response, covariance = (sums[first : first + shares**2] for first in (0, square))
         return cls(
             response=response.reshape(shares, shares),
-            surplus=np.array(struct.surplus[:shares]),
+            surplus=sums[2 * square :][:shares],
             covariance=covariance.reshape(shares, shares),
         )
 

@@ -94,10 +94,11 @@ class Registration:
     @classmethod
     def of_struct(cls, struct: RegistrationStruct) -> Registration:
         """What C has made of it."""
+        sums = np.frombuffer(memoryview(struct), count=15).copy()
         return cls(
-            np.array(struct.estimate),
-            np.array(struct.covariance).reshape(3, 3),
-            np.array(struct.applied),
+            sums[:3],
+            sums[3:12].reshape(3, 3),
+            sums[12:],
             struct.steps_variance,
             struct.misfit,
             struct.far_product,
