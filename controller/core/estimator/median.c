@@ -29,14 +29,24 @@ static void select_place(double *values, size_t count, size_t middle) {
     }
 }
 
-enum { SAMPLE = 2048, MARGIN = 96, LEAST_SAMPLED = 4 * SAMPLE }; /* margin: four standard deviations of a middle */
+enum { LEAST_SAMPLED = 1024, SAMPLE_MAX = 2048 };
 
-/* Limits between which the middle of a sample's origin is likely to lie. */
-static void likely_limits(double sample[SAMPLE], double *low, double *high) {
-    select_place(sample, SAMPLE, SAMPLE / 2 - MARGIN);
-    *low = sample[SAMPLE / 2 - MARGIN];
-    select_place(sample, SAMPLE, SAMPLE / 2 + MARGIN);
-    *high = sample[SAMPLE / 2 + MARGIN];
+/* A sample of so many of `count` values takes about as long as the values that its limits leave: a power of 2. */
+static size_t sample_size(size_t count) {
+    size_t size = SAMPLE_MAX;
+    while ((double)size * (double)size * (double)size > 2.0 * (double)count * (double)count)
+        size /= 2;
+    return size;
+}
+
+/* Limits between which the middle of a sample's origin is likely to lie: four standard deviations of that of the sample
+ * to both sides. */
+static void likely_limits(double *sample, size_t size, double *low, double *high) {
+    const size_t margin = (size_t)(2.0 * sqrt((double)size)), first = size / 2 - margin;
+    select_place(sample, size, first);
+    *low = sample[first];
+    select_place(sample + first, size - first, 2 * margin);
+    *high = sample[first + 2 * margin];
 }
 
 static const double *list_of(const ValueLists *lists, size_t chunk) {
@@ -44,11 +54,11 @@ static const double *list_of(const ValueLists *lists, size_t chunk) {
 }
 
 /* Values at even distances. */
-static void take_sample(const ValueLists *lists, size_t count, double sample[SAMPLE]) {
+static void take_sample(const ValueLists *lists, size_t distance, size_t size, double *sample) {
     size_t taken = 0, before = 0;
     for (size_t chunk = 0; chunk < CHUNKS; before += lists->lengths[chunk++])
-        for (; taken < SAMPLE && taken * (count / SAMPLE) < before + lists->lengths[chunk]; taken++)
-            sample[taken] = list_of(lists, chunk)[taken * (count / SAMPLE) - before];
+        for (; taken < size && taken * distance < before + lists->lengths[chunk]; taken++)
+            sample[taken] = list_of(lists, chunk)[taken * distance - before];
 }
 
 /* Values by the limits: how many are below, and how many were put into `room` because they are within. */
@@ -92,9 +102,10 @@ double median_of_lists(const ValueLists *lists, double *room) {
         count += lists->lengths[chunk];
     const size_t middle = count / 2;
     if (count >= LEAST_SAMPLED) { /* only values about the middle, if limits say where that is (Floyd, Rivest 1975) */
-        double sample[SAMPLE], low, high;
-        take_sample(lists, count, sample);
-        likely_limits(sample, &low, &high);
+        const size_t size = sample_size(count);
+        double sample[SAMPLE_MAX], low, high;
+        take_sample(lists, count / size, size, sample);
+        likely_limits(sample, size, &low, &high);
         const Sides sides = take_within(lists, low, high, room);
         if (middle > sides.below && middle < sides.below + sides.within) /* the value before the middle counts, too */
             return middle_of(room, sides.within, middle - sides.below, count % 2 == 0);

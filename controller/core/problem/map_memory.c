@@ -13,7 +13,7 @@ enum { HEAD = 64 }; /* bytes before the memory that hold its length, so that map
 #if defined(__linux__)
 #include <sys/mman.h>
 
-enum { LARGE_PAGE = 1 << 21, LEAST_PAGES = 4 }; /* smaller ones are better taken from the heap (assumed) */
+enum { LARGE_PAGE = 1 << 21, LEAST_PAGES = 16 }; /* the heap keeps smaller ones from call to call (by trial) */
 
 /* From the system, in large pages if it likes; NULL if it is too little for them, or if there is none. */
 static void *take_pages(size_t bytes) {

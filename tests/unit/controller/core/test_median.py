@@ -14,11 +14,18 @@ from support.places import ROOT
 
 SOURCE = ROOT / "controller" / "core" / "estimator" / "median.c"
 FLAGS = ("-std=c11", "-O2", f"-I{ROOT / 'controller' / 'core' / 'problem'}", f"-I{ROOT / 'fmus' / 'deposition'}")
-SAMPLED = 8192  # from here on limits are drawn from a sample (median.c)
+SAMPLED = 1024  # values; from here on limits are drawn from a sample (median.c)
 CHUNKS = 32  # of the rows of a grid (row_ranges.h)
 REALS = ctypes.POINTER(ctypes.c_double)
 
 pytestmark = pytest.mark.compiled
+
+
+def sample_size(count: int) -> int:
+    """As in median.c, but for few values, of which all are looked at: 1."""
+    sizes = [2**k for k in range(6, 12) if 8**k <= 2 * count**2]
+    return sizes[-1] if count >= SAMPLED else 1
+
 
 DRAWN: dict[str, Callable[[np.random.Generator, int], Any]] = {
     "normal": lambda rng, count: rng.normal(size=count),
@@ -27,7 +34,7 @@ DRAWN: dict[str, Callable[[np.random.Generator, int], Any]] = {
     "few values": lambda rng, count: rng.integers(0, 3, count).astype(float),
     "two heaps": lambda rng, count: np.where(np.arange(count) % 2 == 0, 1e-6, 2e-6) + 1e-9 * rng.normal(size=count),
     "a sample that misleads": lambda rng, count: (
-        np.where(np.arange(count) % (count // 2048 or 1) == 0, 9.0, 1.0) * rng.random(count)
+        np.where(np.arange(count) % (count // sample_size(count)) == 0, 9.0, 1.0) * rng.random(count)
     ),
 }
 
@@ -43,7 +50,7 @@ def test_it_is_that_of_the_sorted_values(drawn: str) -> None:
     """Of an array, and of lists that chunks of rows left in a map, some of them empty."""
     core, rng = library("median.so", [SOURCE], FLAGS), np.random.default_rng(5)
     core.median.restype = core.median_of_lists.restype = ctypes.c_double
-    for count in (1, 2, 3, 10, 11, SAMPLED - 1, SAMPLED, SAMPLED + 1, 5 * SAMPLED, 5 * SAMPLED + 7):
+    for count in (1, 2, 3, 10, 11, SAMPLED - 1, SAMPLED, SAMPLED + 1, 8 * SAMPLED + 7, 100 * SAMPLED):
         values = DRAWN[drawn](rng, count)
         expected = np.sort(values)[(count - 1) // 2 : count // 2 + 1].mean()
         lists, room, _kept = listed(rng, values)
