@@ -25,6 +25,8 @@ if sys.platform == "win32":
 else:
     import fcntl
 
+RUNS = Path("runs")
+"""Folder of run folders without --out."""
 OWNER_FILE = "owner.lock"
 """File of a temporary folder that its process has locked: once the process has ended, it can be locked by another."""
 _FAR = 1 << 30  # locked is a byte beyond the content: where locks keep readers out too (Windows), it can be read

@@ -17,7 +17,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Print warnings and a summary of a valid scenario; returns the exit code."""
-    from inkloop.printing.run import RUNS
+    from inkloop.files import RUNS
 
     with scenario_of(options) as scenario:
         scenario.footprint.check_disk(RUNS)

@@ -13,7 +13,7 @@ from rich.progress import Progress, TaskID
 from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ResultError
-from inkloop.files import reason_of
+from inkloop.files import RUNS, reason_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
 from inkloop.printing.device_log import live_words
@@ -37,8 +37,6 @@ from inkloop.results.result import (
 from inkloop.scenario.file import Scenario
 from inkloop.units import MS_PER_S, UM_PER_M
 
-RUNS = Path("runs")
-"""Folder of run folders without --out."""
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 

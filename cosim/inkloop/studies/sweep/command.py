@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.errors import InkloopError, ResultError
+from inkloop.files import RUNS
 from inkloop.master.interrupt import deferred
-from inkloop.printing.run import INTERRUPTED, RUNS, new_run_folder
+from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop.studies.sweep import dataset, report, summary
