@@ -7,6 +7,8 @@
 #ifndef INKLOOP_INSTRUCTION_SETS_H
 #define INKLOOP_INSTRUCTION_SETS_H
 
+#include <stddef.h>
+
 #if defined(__GNUC__)
 #define INLINED inline __attribute__((always_inline)) /* so that a clone has its own copy */
 #else
@@ -27,5 +29,28 @@
 #define WITH_AVX2
 #define HAS_AVX2 0
 #endif
+
+enum { CACHE_LINE = 64 }; /* bytes (mostly) */
+
+/* Asks for memory before it is read: where cells are taken in narrow bands or tiles, no processor foresees the next
+ * row of one. The memory need not be there. */
+static INLINED void prefetch(const void *memory, size_t bytes) {
+#if defined(__GNUC__)
+    for (size_t k = 0; k < bytes; k += CACHE_LINE)
+        __builtin_prefetch((const char *)memory + k, 0);
+#else
+    (void)memory, (void)bytes;
+#endif
+}
+
+/* The same before it is written. */
+static INLINED void prefetch_to_write(const void *memory, size_t bytes) {
+#if defined(__GNUC__)
+    for (size_t k = 0; k < bytes; k += CACHE_LINE)
+        __builtin_prefetch((const char *)memory + k, 1);
+#else
+    (void)memory, (void)bytes;
+#endif
+}
 
 #endif

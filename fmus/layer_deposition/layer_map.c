@@ -16,6 +16,8 @@ static INLINED void deposit(const DropletPass *pass, size_t top, size_t bottom, 
         begin_band(pass, first, top, &band);
         for (size_t i = top; i < bottom; i++) {
             const Surroundings row = surround_row(pass, i, &band);
+            if (i + 1 < bottom)
+                prefetch_to_write(after + (i + 1) * pass->ny + first, band.count * sizeof(double));
             deposit_row(&row, band.count, after + i * pass->ny + first);
         }
     }

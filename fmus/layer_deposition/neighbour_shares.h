@@ -14,7 +14,7 @@
 #include "droplet_pass.h"
 #include "instruction_sets.h"
 
-enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns; cell k of a band stands at 1 + k */
+enum { BAND = 64, FRAMED_BAND = BAND + 2 }; /* columns (by trial); cell k of a band stands at 1 + k */
 enum { SIDE_PART, CORNER_PART, PARTS };
 
 /* Cells of a row. */
@@ -96,6 +96,17 @@ static INLINED void load_droplets(const DropletPass *pass, size_t i, size_t firs
     }
 }
 
+/* Asks for the cells of row `row` of the grid in a band. */
+static INLINED void prefetch_row(const DropletPass *pass, const Band *band, size_t row) {
+    const size_t corner = row * pass->ny + band->first;
+    if (row >= pass->nx)
+        return;
+    prefetch(pass->before + corner, band->count * sizeof(double));
+    prefetch(pass->pattern + corner, band->count * sizeof(int32_t));
+    if (pass->factor)
+        prefetch(pass->factor + corner, band->count * sizeof(double));
+}
+
 /* Row i - 1 of the grid; 0 and nx + 1 are the frame. */
 static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i, CellRow *row) {
     const bool is_inside = i > 0 && i <= pass->nx;
@@ -108,6 +119,7 @@ static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i
     memcpy(row->height + from, pass->before + (i - 1) * pass->ny + band->first + from - 1,
            (end - from) * sizeof(double));
     load_droplets(pass, i - 1, band->first, from, end, row);
+    prefetch_row(pass, band, i);
 }
 
 /* Shares of `count` pairs of cells: what one gives to the other, and what it is given. */

@@ -197,6 +197,18 @@ static INLINED void put_row(const IncrementPass *pass, size_t count, size_t cell
     add_to(into->own + cell, found->own, count, pass->is_first);
 }
 
+/* Asks for the maps of a row that is put next, from cell `cell` on. */
+static INLINED void prefetch_maps(const IncrementPass *pass, size_t count, size_t cell) {
+    const DropletIncrements *into = pass->increments;
+    const size_t cells = pass->droplets.nx * pass->droplets.ny, bytes = count * sizeof(double);
+    for (size_t map = 0; map < pass->inks * maps_of_ink(into->unit); map++)
+        prefetch_to_write(into->adds + map * cells + cell, bytes);
+    prefetch_to_write(into->squares + cell, bytes);
+    prefetch_to_write(into->own + cell, bytes);
+    if (pass->after)
+        prefetch_to_write(pass->after + cell, bytes);
+}
+
 /* What the surface `after` lies above the row, in units of the ink. */
 static INLINED void take_from_surface(const IncrementPass *pass, const Surroundings *row, size_t count,
                                       const double *restrict after, double *restrict adds) {
@@ -216,6 +228,8 @@ static INLINED void add_rows(const IncrementPass *pass, const RowRange *range) {
             const Surroundings row = surround_row(&pass->droplets, i, &band);
             const size_t cell = i * pass->droplets.ny + first;
             double *after = pass->after ? pass->after + cell : left;
+            if (i + 1 < range->bottom)
+                prefetch_maps(pass, band.count, cell + pass->droplets.ny);
             begin_row(pass, band.count, cell, &found);
             add_from_rows(pass, &row, band.count, &found);
             if (pass->after || is_of_surface(pass))
