@@ -8,6 +8,10 @@
 static const double SURE = 1e-3; /* of what a neighbour changes: far above the rounding of bounds below MOST */
 static const double MOST = 32.0; /* of the same: more than all cells near take away together */
 
+/* Within these limits floats are far from their ends, and the lattice of heights is far below their rounding. */
+static const double VOLUME_MIN = 1e-9;                 /* [m] */
+static const double SLOPE_MIN = 1e-9, SLOPE_MAX = 1e9; /* metre for metre */
+
 /* The steepest that the slope of a cell's cost can change by. */
 static double slope_change(const PlanSurface *surface) {
     double heaviest = surface->problem->weight ? 0.0 : 1.0;
@@ -31,19 +35,32 @@ static double common_shares(const Droplet *droplet, size_t rows, size_t columns)
     }
 }
 
+/* Whether bounds can be told. */
+static bool is_useful(const PlanSurface *surface, double slope) {
+    return surface->steps == 1 && surface->weighting.alpha == 1.0 && surface->problem->kinds == 1 &&
+           surface->chance <= 1.0 && surface->droplet[1].volume >= VOLUME_MIN && slope >= SLOPE_MIN &&
+           slope <= SLOPE_MAX && surface->upward <= SLOPE_MAX;
+}
+
+static size_t distance(size_t one, size_t other) {
+    return one > other ? one - other : other - one;
+}
+
 bool flip_bounds_open(FlipBounds *bounds, const PlanSurface *surface) {
-    const bool is_useful = surface->steps == 1 && surface->weighting.alpha == 1.0 && surface->problem->kinds == 1 &&
-                           surface->chance <= 1.0;
-    *bounds = (FlipBounds){.least = NULL};
-    if (!is_useful)
-        return true;
     const Droplet *droplet = &surface->droplet[1];
     const double slope = slope_change(surface);
-    for (size_t rows = 0; rows <= FLIP_REACH; rows++)
-        for (size_t columns = 0; columns <= FLIP_REACH; columns++)
+    *bounds = (FlipBounds){.least = NULL};
+    if (!is_useful(surface, slope))
+        return true;
+    for (size_t row = 0; row <= 2 * FLIP_REACH; row++)
+        for (size_t column = 0; column <= 2 * FLIP_REACH; column++) {
+            const size_t rows = distance(row, FLIP_REACH), columns = distance(column, FLIP_REACH);
             bounds->loss[rows][columns] = (float)(slope * common_shares(droplet, rows, columns));
-    bounds->sure = (float)SURE * bounds->loss[0][1];
+            bounds->near_loss[row][column] = bounds->loss[rows][columns];
+        }
+    bounds->sure = (float)(SURE * (double)bounds->loss[0][1] + FLIP_ROUNDING * slope * droplet->volume);
     bounds->most = (float)MOST * bounds->loss[0][1];
+    bounds->prices = flip_prices(surface, bounds->most);
     bounds->least = take_maps(surface->framed, sizeof(float));
     flip_bounds_clear(bounds, surface);
     return bounds->least != NULL;
@@ -60,7 +77,7 @@ void flip_bounds_clear(FlipBounds *bounds, const PlanSurface *surface) {
 }
 
 enum { CHUNK = 8 };      /* cells of a row that are read together, or not at all */
-enum { LEAST_OPEN = 2 }; /* where a move may help on so many of them, it takes less time to read all (by trial) */
+enum { ROWS_AHEAD = 3 }; /* rows that the memory is asked for before they are read (by trial) */
 
 /* What bounds are read for: moves of cells that are awake for them, unless their bounds are above the limit. */
 typedef struct {
@@ -69,139 +86,107 @@ typedef struct {
     float limit; /* [m] */
 } Renewal;
 
-/* What counts in a cost, besides the error: constants wherever a function is inlined. */
-typedef struct {
-    bool chance, ceiling;
-} Counted;
-
-/* What the height of a cell after the step costs [m]: surface_cost, without a branch. */
-static INLINED double cost_of(const PlanSurface *surface, size_t cell, double height, double chance,
-                              const Counted counted) {
-    const double error = height - surface->target[cell], size = fabs(error);
-    const double safe = counted.chance && chance > 0.0 ? chance : 1.0, near = 0.5 * (size * size / safe + chance);
-    const double expected = counted.chance && size < chance ? near : size;
-    const double above = counted.ceiling ? height - surface->ceiling[cell] : 0.0;
-    const double ceiling = counted.ceiling ? surface->problem->ceiling_cost * (above > 0.0 ? above : 0.0) : 0.0;
-    return surface->weight[cell] * (surface->upward * expected + surface->skew * error + ceiling);
+static void read_cells(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count) {
+    flip_costs_read(&bounds->prices, surface, cell, count, bounds->least + cell);
 }
 
-/* Flips of cells of a row: what is left of each droplet, +1 where it comes or -1 where it goes, and what that costs. */
-typedef struct {
-    double kept[TILE], sign[TILE], cost[TILE];
-} FlipRow;
-
-/* What a flip does to the cost of a neighbour that gets or loses this share. */
-static INLINED double neighbour_cost(const PlanSurface *surface, size_t its, double change, const Counted counted) {
-    const double chance = counted.chance ? surface->left_to_chance[its] : 0.0;
-    return cost_of(surface, its, surface_height(surface, 1)[its] + change, chance, counted) - surface->cost[its];
-}
-
-/* Adds what the flips from `cell` on do to their neighbours in the row above or below, whose cells begin at `its`. */
-static INLINED void add_row(const PlanSurface *surface, size_t cell, size_t its, size_t count, const Counted counted,
-                            FlipRow *flips) {
-    const Droplet *droplet = &surface->droplet[1];
-    const double side = droplet->spread[SIDE], corner = droplet->spread[CORNER];
-    const double side_slope = droplet->slope[SIDE], corner_slope = droplet->slope[CORNER];
-    const double *here = surface_height(surface, 0) + cell, *there = surface_height(surface, 0) + its;
-    double *restrict kept = flips->kept, *restrict cost = flips->cost;
+/* Which cells of a row the move may help on. */
+static INLINED void open_cells(const FlipBounds *bounds, size_t cell, size_t count, const Renewal *renewal,
+                               uint8_t *restrict open) {
+    const float *least = bounds->least + cell, limit = renewal->limit;
+    const uint8_t *awake = renewal->awake + cell, move = renewal->move;
     AS_LOOP for (size_t k = 0; k < count; k++) {
-        const double left = flow(corner, corner_slope, here[k] - there[k - 1]);
-        const double straight = flow(side, side_slope, here[k] - there[k]);
-        const double right = flow(corner, corner_slope, here[k] - there[k + 1]);
-        const double sign = flips->sign[k];
-        kept[k] -= left + straight + right;
-        cost[k] += neighbour_cost(surface, its + k - 1, sign * left, counted) +
-                   neighbour_cost(surface, its + k, sign * straight, counted) +
-                   neighbour_cost(surface, its + k + 1, sign * right, counted);
+        const uint8_t own = awake[k] & move;
+        open[k] = least[k] > limit ? 0 : own;
     }
 }
 
-/* The same in their own row, on the cells themselves as well. */
-static INLINED void add_own_row(const PlanSurface *surface, size_t cell, size_t count, const Counted counted,
-                                FlipRow *flips) {
-    const double spread = surface->droplet[1].spread[SIDE], slope = surface->droplet[1].slope[SIDE];
-    const double *here = surface_height(surface, 0) + cell;
-    double *restrict cost = flips->cost;
-    AS_LOOP for (size_t k = 0; k < count; k++) {
-        const double left = flow(spread, slope, here[k] - here[k - 1]);
-        const double right = flow(spread, slope, here[k] - here[k + 1]);
-        const double sign = flips->sign[k], kept = flips->kept[k] - left - right;
-        const double chance = surface_chance(surface, sign > 0.0 ? kept : 0.0);
-        cost[k] += neighbour_cost(surface, cell + k - 1, sign * left, counted) +
-                   neighbour_cost(surface, cell + k + 1, sign * right, counted) +
-                   cost_of(surface, cell + k, surface_height(surface, 1)[cell + k] + sign * kept, chance, counted) -
-                   surface->cost[cell + k];
-    }
-}
-
-static INLINED void read_cells(FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
-                               const Counted counted) {
-    const uint8_t *plan = surface_layer(surface, 0) + cell;
-    const double most = bounds->most;
-    FlipRow flips;
-    for (size_t k = 0; k < count; k++) {
-        flips.kept[k] = surface->droplet[1].volume;
-        flips.sign[k] = plan[k] ? -1.0 : 1.0;
-        flips.cost[k] = 0.0;
-    }
-    add_row(surface, cell, cell - surface->stride, count, counted, &flips);
-    add_row(surface, cell, cell + surface->stride, count, counted, &flips);
-    add_own_row(surface, cell, count, counted, &flips);
-    AS_LOOP for (size_t k = 0; k < count; k++) bounds->least[cell + k] =
-        (float)(flips.cost[k] > most ? most : flips.cost[k]);
-}
-
-static INLINED bool is_renewal_useful(const FlipBounds *bounds, size_t cell, size_t count, const Renewal *renewal) {
-    const float *least = bounds->least + cell;
-    const uint8_t *awake = renewal->awake + cell;
-    const uint32_t move = renewal->move;
+/* Whether a move may help on two or more of the cells: then it takes less time to read all (by trial). */
+static INLINED bool are_several_open(const uint8_t *open, size_t count) {
     uint64_t cells = 0;
-    memcpy(&cells, awake, count);
-    if (!(cells & move * UINT64_C(0x0101010101010101))) /* mostly so, and the bounds need not be looked at */
-        return false;
-    uint32_t open = 0;
-    AS_LOOP for (size_t k = 0; k < count; k++) open += least[k] > renewal->limit ? 0u : awake[k] & move;
-    return open >= LEAST_OPEN * move;
+    memcpy(&cells, open, count);
+    return (cells & (cells - 1)) != 0; /* more than one bit */
 }
 
-static INLINED void renew_cells(FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count) {
-    static const Counted NOTHING = {false, false}, CHANCE = {true, false}, CEILING = {false, true}, BOTH = {true, true};
-    if (surface->chance > 0.0 && surface->ceiling)
-        read_cells(bounds, surface, cell, count, BOTH);
-    else if (surface->chance > 0.0)
-        read_cells(bounds, surface, cell, count, CHANCE);
-    else if (surface->ceiling)
-        read_cells(bounds, surface, cell, count, CEILING);
-    else
-        read_cells(bounds, surface, cell, count, NOTHING);
+/* A row of less than a chunk. */
+static void renew_narrow(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                         const Renewal *renewal) {
+    uint8_t open[TILE];
+    open_cells(bounds, cell, count, renewal, open);
+    if (are_several_open(open, count))
+        read_cells(bounds, surface, cell, count);
 }
 
-static INLINED void renew_row(FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t end,
+static INLINED bool is_any_awake(const uint8_t *awake, size_t count, uint8_t move) {
+    uint64_t any = 0, cells;
+    for (size_t k = 0; k + CHUNK <= count; k += CHUNK) {
+        memcpy(&cells, awake + k, CHUNK);
+        any |= cells;
+    }
+    memcpy(&cells, awake + count - CHUNK, CHUNK);
+    return ((any | cells) & move * UINT64_C(0x0101010101010101)) != 0;
+}
+
+/* A row of at least a chunk; what is behind the last whole chunk is read with the cells before it. */
+static INLINED void renew_row(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                               const Renewal *renewal) {
-    size_t first = cell; /* of the cells that are read together, as far as `cell` */
-    for (bool is_end = false; !is_end; cell += CHUNK) {
-        is_end = cell >= end;
-        if (!is_end && (end - cell < CHUNK ? is_renewal_useful(bounds, cell, end - cell, renewal)
-                                           : is_renewal_useful(bounds, cell, CHUNK, renewal)))
-            continue;
-        const size_t last = is_end ? end : cell;
-        if (last > first)
-            renew_cells(bounds, surface, first, last - first);
-        first = cell + CHUNK;
+    const size_t chunks = count / CHUNK;
+    uint8_t open[TILE] = {0};
+    if (!is_any_awake(renewal->awake + cell, count, renewal->move))
+        return;
+    open_cells(bounds, cell, count, renewal, open);
+    unsigned useful = 0; /* a bit for each chunk */
+    for (size_t k = 0; k < chunks; k++)
+        useful |= (unsigned)are_several_open(open + k * CHUNK, CHUNK) << k;
+    for (size_t first = 0, last; useful >> first; first = last) {
+        while (!(useful >> first & 1))
+            first++;
+        for (last = first; useful >> last & 1;)
+            last++;
+        read_cells(bounds, surface, cell + first * CHUNK, (last - first) * CHUNK);
+    }
+    if (count > chunks * CHUNK && are_several_open(open + count - CHUNK, CHUNK))
+        read_cells(bounds, surface, cell + count - CHUNK, CHUNK);
+}
+
+/* What the reading and the trials of the row's cells in a tile want, if any of them are awake. */
+static INLINED void prefetch_row(const FlipBounds *bounds, const PlanSurface *surface, size_t i, const Tile *tile,
+                                 const Renewal *renewal) {
+    const size_t cell = surface_cell(surface, i, tile->left), count = tile->right - tile->left;
+    const double *maps[] = {surface_height(surface, 0), surface_height(surface, 1), surface->target, surface->weight,
+                            surface->cost};
+    if (i + ROWS_AHEAD < surface->nx)
+        prefetch(renewal->awake + cell + ROWS_AHEAD * surface->stride, count);
+    if (count < CHUNK || !is_any_awake(renewal->awake + cell, count, renewal->move))
+        return;
+    prefetch(bounds->least + cell, count * sizeof(float));
+    prefetch(surface_layer(surface, 0) + cell, count);
+    for (size_t k = 0; k < sizeof maps / sizeof *maps; k++)
+        prefetch(maps[k] + cell, count * sizeof(double));
+}
+
+static INLINED void renew(const FlipBounds *bounds, const PlanSurface *surface, const Tile *tile,
+                          const Renewal *renewal) {
+    const size_t count = tile->right - tile->left;
+    for (size_t i = tile->top; i < tile->bottom; i++) {
+        const size_t cell = surface_cell(surface, i, tile->left);
+        if (i + ROWS_AHEAD < surface->nx)
+            prefetch_row(bounds, surface, i + ROWS_AHEAD, tile, renewal);
+        if (count == TILE) /* a constant: whole vectors */
+            renew_row(bounds, surface, cell, TILE, renewal);
+        else if (count >= CHUNK)
+            renew_row(bounds, surface, cell, count, renewal);
+        else
+            renew_narrow(bounds, surface, cell, count, renewal);
     }
 }
 
-static INLINED void renew(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile, const Renewal *renewal) {
-    for (size_t i = tile->top; i < tile->bottom; i++)
-        renew_row(bounds, surface, surface_cell(surface, i, tile->left), surface_cell(surface, i, tile->right),
-                  renewal);
-}
-
-static void renew_plain(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile, const Renewal *renewal) {
+static void renew_plain(const FlipBounds *bounds, const PlanSurface *surface, const Tile *tile,
+                        const Renewal *renewal) {
     renew(bounds, surface, tile, renewal);
 }
 
-static WITH_AVX2 void renew_avx2(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile,
+static WITH_AVX2 void renew_avx2(const FlipBounds *bounds, const PlanSurface *surface, const Tile *tile,
                                  const Renewal *renewal) {
     renew(bounds, surface, tile, renewal);
 }
@@ -214,24 +199,58 @@ void flip_bounds_renew(FlipBounds *bounds, const PlanSurface *surface, const Til
     (HAS_AVX2 ? renew_avx2 : renew_plain)(bounds, surface, tile, &renewal);
 }
 
-static void forget_cells(float *least, size_t count) {
-    if (count == 2 * FLIP_REACH + 1)                                    /* a constant length takes two instructions */
-        memset(least, UINT8_MAX, (2 * FLIP_REACH + 1) * sizeof *least); /* NaN */
-    else
-        memset(least, UINT8_MAX, count * sizeof *least);
+static INLINED uint32_t four_bytes(const uint8_t *bytes) {
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+/* Takes the loss of a change from the bounds of LOSS_LANES cells of a row, where the plan has got its value as well:
+ * in numbers of one size, so that gcc takes them at once. */
+static INLINED void lower_lanes(float *restrict least, const uint8_t *plan, unsigned value, const float *loss) {
+    static const uint32_t SHIFT[LOSS_LANES] = {0, 8, 16, 24, 0, 8, 16, 24};
+    const uint32_t half[2] = {four_bytes(plan), four_bytes(plan + 4)};
+    uint32_t cells[LOSS_LANES];
+    for (size_t k = 0; k < LOSS_LANES; k++)
+        cells[k] = half[k / 4];
+    AS_LOOP for (size_t k = 0; k < LOSS_LANES; k++) {
+        const float lost = loss[k];
+        least[k] -= (cells[k] >> SHIFT[k] & 1) == value ? lost : 0.0f;
+    }
+}
+
+/* The same of some cells at an edge of the grid. */
+static INLINED void lower_cells(float *least, const uint8_t *plan, size_t count, unsigned value, const float *loss) {
+    for (size_t k = 0; k < count; k++)
+        least[k] -= plan[k] == value ? loss[k] : 0.0f;
+}
+
+static INLINED void lower(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value) {
+    const size_t top = i > FLIP_REACH ? i - FLIP_REACH : 0, left = j > FLIP_REACH ? j - FLIP_REACH : 0;
+    const size_t bottom = i + FLIP_REACH < surface->nx ? i + FLIP_REACH : surface->nx - 1;
+    const size_t right = j + FLIP_REACH < surface->ny ? j + FLIP_REACH : surface->ny - 1;
+    const bool is_inside = j >= FLIP_REACH && j - FLIP_REACH + LOSS_LANES <= surface->ny;
+    for (size_t row = top; row <= bottom; row++) {
+        const size_t cell = surface_cell(surface, row, left);
+        const float *loss = bounds->near_loss[row + FLIP_REACH - i] + (left + FLIP_REACH - j);
+        const uint8_t *plan = surface_layer(surface, 0) + cell;
+        if (is_inside)
+            lower_lanes(bounds->least + cell, plan, value, loss);
+        else
+            lower_cells(bounds->least + cell, plan, right - left + 1, value, loss);
+    }
+}
+
+static void lower_plain(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value) {
+    lower(bounds, surface, i, j, value);
+}
+
+static WITH_AVX2 void lower_avx2(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value) {
+    lower(bounds, surface, i, j, value);
 }
 
 void flip_bounds_change(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value,
                         double flip) {
-    const size_t top = i > FLIP_REACH ? i - FLIP_REACH : 0, left = j > FLIP_REACH ? j - FLIP_REACH : 0;
-    const size_t bottom = i + FLIP_REACH < surface->nx ? i + FLIP_REACH : surface->nx - 1;
-    const size_t right = j + FLIP_REACH < surface->ny ? j + FLIP_REACH : surface->ny - 1;
-    const uint8_t *plan = surface_layer(surface, 0) + surface_cell(surface, i, 0);
     if (!bounds->least)
         return;
-    for (size_t row = top; row <= bottom; row++)
-        forget_cells(bounds->least + surface_cell(surface, row, left), row == i ? j - left : right - left + 1);
-    for (size_t column = j + 1; column <= right; column++)
-        bounds->least[surface_cell(surface, i, column)] -= plan[column] == value ? bounds->loss[0][column - j] : 0.0f;
+    (HAS_AVX2 ? lower_avx2 : lower_plain)(bounds, surface, i, j, value);
     flip_bounds_put(bounds, surface_cell(surface, i, j), flip);
 }

@@ -1,27 +1,29 @@
 /* What the flip of each cell costs at least, in a plan of one kind of droplet that is printed in one step: enough to
  * leave out nearly all flips and most swaps that are in vain.
  *
- * The costs of many flips beside each other are read in a tenth of the time that trying them takes. A change makes
- * those near it unknown, until they are read again.
+ * The costs of many flips beside each other are read in less than a tenth of the time that trying them takes
+ * (flip_costs.h).
  *
  * The cost of a height is convex: a droplet more makes the next one on the same cells dearer, and one less makes it
  * cheaper, by no more than the shares that both have in common times the change of the slope. So a swap costs no less
- * than its two flips less what they have in common; and the next flips of the row, which a sweep comes to before they
- * are read again, are known to cost no less than before less that. What a droplet leaves to chance on its own cell
+ * than its two flips less what they have in common; and after a change the flips near it are known to cost no less than
+ * before less that, which is mostly enough to leave them out. What a droplet leaves to chance on its own cell
  * (plan_surface.h) is less than what it leaves there, and so takes nothing from that. */
 #ifndef INKLOOP_FLIP_BOUNDS_H
 #define INKLOOP_FLIP_BOUNDS_H
 
-#include "plan_surface.h"
-#include "tile.h"
+#include "flip_costs.h"
 
 enum { FLIP_REACH = 2 }; /* cells so near have neighbours in common */
+enum { LOSS_LANES = 8 }; /* cells of a row from FLIP_REACH before a change on: no less than feel it */
 
 typedef struct {
-    float *least;                               /* a map [m]; NaN: nothing is known; NULL: there are no bounds */
-    float loss[FLIP_REACH + 1][FLIP_REACH + 1]; /* of two cells so many rows and columns apart, at most [m] */
-    float sure;                                 /* more than what bounds are rounded by [m] */
-    float most;                                 /* of a bound: more is of no use [m] */
+    float *least;                                    /* a map [m]; NaN: nothing is known; NULL: there are no bounds */
+    float loss[FLIP_REACH + 1][FLIP_REACH + 1];      /* of two cells so many rows and columns apart, at most [m] */
+    float near_loss[2 * FLIP_REACH + 1][LOSS_LANES]; /* the same of the cells around a change; 0 of those behind */
+    float sure;                                      /* more than what bounds are rounded by [m] */
+    float most;                                      /* of a bound: more is of no use [m] */
+    FlipPrices prices;
 } FlipBounds;
 
 /* False if there is no memory. There are bounds where the cost alone counts and there is one kind of droplets. */

@@ -52,7 +52,7 @@ static void flip(TileWork *work, size_t i, size_t j) {
     CellChange change = {i, j, own, own};
     ChangedCells cells;
     for (unsigned value = 0; value <= surface->problem->kinds; value++) {
-        if (value == own || !surface_allows(surface, 0, i, j, value))
+        if (value == own || (value && !surface_allows(surface, 0, i, j, value))) /* 0 always may */
             continue;
         change.to = value;
         look_at_change(surface, &change, work->cost_alone, &cells);

@@ -14,7 +14,7 @@ FMUS = ROOT / "fmus"
 SEARCH = ("change_bound", "near_flow", "one_step", "one_step_cells", "plan_change", "plan_surface")
 PROGRAMS = {
     "plan_change_invariants": SEARCH,
-    "one_step_invariants": (*SEARCH, "flip_bounds", "one_step_sweep", "tile_moves", "tiled_sweep"),
+    "one_step_invariants": (*SEARCH, "flip_bounds", "flip_costs", "one_step_sweep", "tile_moves", "tiled_sweep"),
 }
 SHARED = (
     *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective", "parallel_none")),
