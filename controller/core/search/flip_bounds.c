@@ -35,7 +35,8 @@ static double common_shares(const Droplet *droplet, size_t rows, size_t columns)
     }
 }
 
-/* Whether bounds can be told. */
+/* Whether there are bounds: of one step and kind, where the cost alone counts, and floats hold what they are made of.
+ */
 static bool is_useful(const PlanSurface *surface, double slope) {
     return surface->steps == 1 && surface->weighting.alpha == 1.0 && surface->problem->kinds == 1 &&
            surface->chance <= 1.0 && surface->droplet[1].volume >= VOLUME_MIN && slope >= SLOPE_MIN &&

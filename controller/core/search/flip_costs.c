@@ -172,7 +172,7 @@ static INLINED void read_any(const FlipPrices *prices, const PlanSurface *surfac
         read_cells(prices, surface, cell, count, NOTHING, least);
 }
 
-/* Whole vectors, mostly. */
+/* Of mostly whole vectors: gcc sees that none of their cells are left over. */
 static INLINED void read_all(const FlipPrices *prices, const PlanSurface *surface, size_t cell, size_t count,
                              float *least) {
     if (count % VECTOR == 0)

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from inkloop.commands.options import add_scenario, scenario_of, screen
+from inkloop.files import RUNS
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -17,8 +18,6 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Print warnings and a summary of a valid scenario; returns the exit code."""
-    from inkloop.files import RUNS
-
     with scenario_of(options) as scenario:
         scenario.footprint.check_disk(RUNS)
         grid = scenario.tables.grid
