@@ -79,11 +79,21 @@ def _page(picture: Image.Image, number: int) -> Image.Image | None:
 
 
 def _values(place: str, page: Image.Image) -> NDArray[Any]:
-    if reason := memory_error(page.width * page.height * _BYTES_OF_A_PIXEL):
+    pixels, held = page.width * page.height, _held_pixels(page)
+    if held < pixels:  # Pillow would leave the others 0, and take memory for them
+        raise HeightMapError(f"{place}: is damaged (it holds {held:,} of its {pixels:,} pixels); save it again")
+    if reason := memory_error(pixels * _BYTES_OF_A_PIXEL):
         raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
     if page.mode in _PACKED_MODES and _has_16_bits(page):
         raise HeightMapError(f"{place}: has colours of 16 bits; expected grey values: save it as greyscale")
     return _grey(place, page)
+
+
+def _held_pixels(page: Image.Image) -> int:
+    """Of how many pixels the strips or tiles of a page hold data."""
+    whole = (0, 0, page.width, page.height)
+    extents = (tile[1] or whole for tile in getattr(page, "tile", [(None, whole)]))
+    return sum((right - left) * (lower - upper) for left, upper, right, lower in extents)
 
 
 def _grey(place: str, page: Image.Image) -> NDArray[Any]:

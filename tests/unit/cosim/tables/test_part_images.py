@@ -171,6 +171,18 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
     assert "s_002.png has 4 x 5 pixels along x and y, s_001.png has 4 x 6" in error
 
 
+def test_picture_that_says_it_is_larger_than_its_data_is_refused(tmp_path: Path) -> None:
+    """Pillow takes memory for all of it, and leaves what no strip holds 0."""
+    Image.fromarray(F).save(tmp_path / "s_001.tif")
+    assert with_part(STACK.format(files="s_001.tif"), tmp_path).solid.remarks == ()
+    rows, more = (struct.pack("<HHII", 257, 4, 1, count) for count in (len(F), 8_000_000))
+    content = (tmp_path / "s_001.tif").read_bytes()
+    assert content.count(rows) == 1
+    (tmp_path / "s_001.tif").write_bytes(content.replace(rows, more))
+    (error,) = errors_of(STACK.format(files="s_001.tif"), tmp_path)
+    assert "s_001.tif: is damaged (it holds 24 of its 32,000,000 pixels); save it again" in error
+
+
 def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_stack(tmp_path, F)
     monkeypatch.setattr("inkloop.metrology.picture_file.memory_error", lambda needed: f"needs about {needed} bytes")
