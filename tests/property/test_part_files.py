@@ -88,7 +88,7 @@ def test_altered_mesh_files_are_read_or_refused(name: str, count: int, tmp_path:
         changes=1 if name == "box.3mf" else CHANGES,
         taken_min=1 / 200 if name == "box.3mf" else 1 / 30,
     )
-    assert all(refusal.startswith(str(path)) for refusal in refusals)
+    assert not [refusal for refusal in refusals if not refusal.startswith(str(path))]
 
 
 def picture(form: str, mode: str, **options: Any) -> bytes:
@@ -124,7 +124,7 @@ def test_altered_pictures_are_read_or_refused(name: str, count: int, tmp_path: P
     write, content = path.write_bytes, PICTURES[name]
     changes = 1 if name.endswith(".tif") else CHANGES  # of a stream of bits or offsets, most leave nothing
     refusals = refusals_of(write, content, lambda: table.solid(GRID, tmp_path).shape, PartError, count, changes)
-    assert all("files" in refusal or "inks" in refusal for refusal in refusals)
+    assert not [refusal for refusal in refusals if "files" not in refusal and "inks" not in refusal]
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -140,7 +140,7 @@ def test_altered_slices_and_manifests_are_read_or_refused(form: str, count: int,
         path, content = tmp_path / "slice", bitmap.encode(sites[0], 1e-4, form, "slice")
         table = StackTable(shape="stack", files="slice", layer_um=8.0, pixel_um=100.0)
     refusals = refusals_of(path.write_bytes, content, lambda: table.solid(GRID, tmp_path).shape, PartError, count)
-    assert all(path.name in refusal for refusal in refusals)
+    assert not [refusal for refusal in refusals if path.name not in refusal]
 
 
 def refusals_of(

@@ -39,7 +39,7 @@ class LayersTable(PlacedTable):
         pixel = manifest.pitch_x_um * M_PER_UM, manifest.pitch_y_um * M_PER_UM
         thickness = self._layer_um(manifest) * M_PER_UM
         try:
-            solid = Slices(grid, self._center(grid), pixel).solid(_labelled(path.parent, manifest), thickness)
+            solid = Slices(grid, self._center(grid), pixel).solid(_labelled(path, manifest), thickness)
         except HeightMapError as error:
             raise PartError([f"file: {error}"]) from error
         except OSError as error:
@@ -61,29 +61,34 @@ class LayersTable(PlacedTable):
         return self.layer_um or heights.pop()
 
 
-def _labelled(folder: Path, manifest: Manifest) -> Iterator[tuple[str, Labels]]:
-    """Every slice with its place: (nx, ny), 0 none, 1 ink A, 2 ink B. Raises PartError, HeightMapError, OSError."""
+def _labelled(path: Path, manifest: Manifest) -> Iterator[tuple[str, Labels]]:
+    """Every slice with its place: (nx, ny), 0 none, 1 ink A, 2 ink B. Raises PartError, HeightMapError, OSError.
+
+    path: of the manifest.
+    """
     for number, files in enumerate(manifest.layers(), start=1):
         labels = np.zeros((manifest.width_pixels, manifest.height_pixels), np.int8)
         for one in files:
-            bits = _bits(folder / one.file, manifest)
+            bits = _bits(path, one.file, manifest)
             if (labels[bits] > 0).any():
                 i, j = (int(index[0]) for index in np.nonzero(bits & (labels > 0)))
                 place = f"column {i}, row {j}"
-                raise PartError([f"file: {one.file} has a droplet in {place}, as another file of layer {number}"])
+                found = f"{one.file} has a droplet in {place}, as another file of layer {number}"
+                raise PartError([f"file: {path.name}: {found}; export the layers again"])
             labels[bits] = INKS[one.ink]
         yield f"layer {number}", labels
 
 
-def _bits(path: Path, manifest: Manifest) -> NDArray[np.bool_]:
-    """(nx, ny), True for a droplet. Raises PartError, HeightMapError, OSError."""
+def _bits(path: Path, file: str, manifest: Manifest) -> NDArray[np.bool_]:
+    """(nx, ny), True for a droplet in a file next to the manifest. Raises PartError, HeightMapError, OSError."""
     from inkloop.metrology.picture_file import grey_pages
 
-    page = next(grey_pages(path))
+    page = next(grey_pages(path.with_name(file)))
     shape = manifest.height_pixels, manifest.width_pixels
     if page.shape != shape or page.max(initial=0) > 1:
-        found = f"has {page.shape[1]} x {page.shape[0]} pixels with values up to {page.max(initial=0)}"
-        raise PartError([f"file: {path.name} {found}; expected {shape[1]} x {shape[0]} of one bit"])
+        found = f"{file} has {page.shape[1]} x {page.shape[0]} pixels with values up to {page.max(initial=0)}"
+        expected = f"expected {shape[1]} x {shape[0]} of one bit"
+        raise PartError([f"file: {path.name}: {found}; {expected}: export the layers again"])
     return np.asarray(page.T == 1)
 
 
