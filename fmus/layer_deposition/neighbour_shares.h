@@ -7,6 +7,7 @@
 #define INKLOOP_NEIGHBOUR_SHARES_H
 
 #include <float.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
@@ -14,26 +15,27 @@
 #include "droplet_pass.h"
 #include "instruction_sets.h"
 
-enum { BAND = 64, FRAMED_BAND = BAND + 2 }; /* columns (by trial); cell k of a band stands at 1 + k */
+enum { VECTOR = 4 }; /* cells that are taken at once: loops over rows go on to whole vectors, in clear cells */
+enum { BAND = 64, FRAMED_BAND = BAND + 2 * VECTOR }; /* columns (by trial); cell k of a band stands at 1 + k */
 enum { SIDE_PART, CORNER_PART, PARTS };
 
 /* Cells of a row. */
 typedef struct {
-    bool is_jetted;            /* on any cell */
-    int32_t kind[FRAMED_BAND]; /* of the droplet: 0 none, 1 + index of the ink */
-    double height[FRAMED_BAND];
+    _Alignas(CACHE_LINE) double height[FRAMED_BAND];
+    double kind[FRAMED_BAND];         /* of the droplet: 0 none, 1 + index of the ink; as wide as what it chooses */
     double volume[FRAMED_BAND];       /* of a droplet [1] */
     double own[FRAMED_BAND];          /* h1 times volume [m] */
     double part[PARTS][FRAMED_BAND];  /* h2 and h3 times volume, without a droplet -0.0 [m] */
     double width[PARTS][FRAMED_BAND]; /* own and a part, at which a share ends [m] */
+    bool is_jetted;                   /* on any cell */
 } CellRow;
 
 /* Shares between the cells of a row and those of the next one. Number k stands for cell k and: the next cell in
  * to_right and down_right; the cell below in down; in down_left cell k is that below. Backwards: to_left, up_left, up,
  * up_right. */
 typedef struct {
-    double to_right[FRAMED_BAND], down_left[FRAMED_BAND], down[FRAMED_BAND], down_right[FRAMED_BAND];
-    double to_left[FRAMED_BAND], up_right[FRAMED_BAND], up[FRAMED_BAND], up_left[FRAMED_BAND];
+    _Alignas(CACHE_LINE) double to_right[FRAMED_BAND], down_left[FRAMED_BAND], down[FRAMED_BAND];
+    double down_right[FRAMED_BAND], to_left[FRAMED_BAND], up_right[FRAMED_BAND], up[FRAMED_BAND], up_left[FRAMED_BAND];
 } RowShares;
 
 /* Some columns of a grid, three rows of them at a time. */
@@ -57,43 +59,59 @@ typedef struct {
     const RowShares *over, *under; /* of the row above and of this one */
 } Surroundings;
 
-static INLINED void clear_cell(CellRow *row, size_t k) {
-    row->height[k] = -DBL_MAX; /* not infinite: differences stay numbers */
-    row->kind[k] = 0;
-    row->volume[k] = row->own[k] = 0.0;
-    row->part[SIDE_PART][k] = row->part[CORNER_PART][k] = -0.0;
-    row->width[SIDE_PART][k] = row->width[CORNER_PART][k] = DBL_MIN;
+/* So many cells, and those that fill the last vector. */
+static INLINED size_t whole_vectors(size_t count) {
+    return (count + VECTOR - 1) & ~(size_t)(VECTOR - 1);
+}
+
+static INLINED void clear_row(CellRow *row) {
+    row->is_jetted = false;
+    for (size_t k = 0; k < FRAMED_BAND; k++) {
+        row->height[k] = -DBL_MAX; /* not infinite: differences stay numbers */
+        row->kind[k] = 0.0;
+        row->volume[k] = row->own[k] = 0.0;
+        row->part[SIDE_PART][k] = row->part[CORNER_PART][k] = -0.0;
+        row->width[SIDE_PART][k] = row->width[CORNER_PART][k] = DBL_MIN;
+    }
+}
+
+/* What the droplets of a row leave and give at most. */
+static INLINED void spread_droplets(Ink one, Ink other, size_t count, CellRow *row) {
+    const size_t whole = whole_vectors(count);
+    for (size_t k = 0; k < whole; k++) {
+        const double kind = row->kind[k], volume = row->volume[k];
+        const double own = (kind > 1.0 ? other.h1 : one.h1) * volume, side = (kind > 1.0 ? other.h2 : one.h2) * volume,
+                     corner = (kind > 1.0 ? other.h3 : one.h3) * volume;
+        const double side_width = own + side, corner_width = own + corner;
+        row->own[k] = own;
+        row->part[SIDE_PART][k] = kind > 0.0 ? side : -0.0;
+        row->part[CORNER_PART][k] = kind > 0.0 ? corner : -0.0;
+        row->width[SIDE_PART][k] = side_width > DBL_MIN ? side_width : DBL_MIN; /* nothing is to be divided by 0 */
+        row->width[CORNER_PART][k] = corner_width > DBL_MIN ? corner_width : DBL_MIN;
+    }
 }
 
 /* The droplets of row i, `from` and `end` counted with the frame. */
 static INLINED void load_droplets(const DropletPass *pass, size_t i, size_t first, size_t from, size_t end,
                                   CellRow *row) {
-    const Ink one = pass->ink[0], other = pass->ink[1];
-    const size_t corner = i * pass->ny + first;
-    int32_t any = 0; /* one loop for each step: gcc 12 does not vectorise them together */
-    for (size_t k = from; k < end; k++) {
-        row->kind[k] = pass->pattern[corner + k - 1];
-        row->volume[k] = 1.0;
-    }
-    if (pass->factor)
-        memcpy(row->volume + from, pass->factor + corner + from - 1, (end - from) * sizeof(double));
+    const size_t corner = i * pass->ny + first + from - 1;
+    int32_t kind[FRAMED_BAND], any = 0; /* one loop for each step: gcc 12 does not vectorise them together */
+    memcpy(kind + from, pass->pattern + corner, (end - from) * sizeof(int32_t));
     for (size_t k = from; pass->colour != COLOUR_ALL && k < end; k++)
-        row->kind[k] = pass->colour == cell_colour(i, first + k - 1) ? row->kind[k] : 0;
+        kind[k] = pass->colour == cell_colour(i, first + k - 1) ? kind[k] : 0;
     for (size_t k = from; k < end; k++)
-        any |= row->kind[k];
+        any |= kind[k];
+    for (size_t k = from; k < end; k++)
+        row->kind[k] = (double)kind[k];
+    for (size_t k = from; !pass->factor && k < end; k++)
+        row->volume[k] = 1.0;
+    if (pass->factor)
+        memcpy(row->volume + from, pass->factor + corner, (end - from) * sizeof(double));
     row->is_jetted = any != 0;
-    for (size_t k = from; k < end; k++) {
-        const int32_t kind = row->kind[k];
-        const double volume = row->volume[k], own = (kind == 1 ? one.h1 : other.h1) * volume,
-                     side = (kind == 1 ? one.h2 : other.h2) * volume,
-                     corner_part = (kind == 1 ? one.h3 : other.h3) * volume;
-        const double side_width = own + side, corner_width = own + corner_part;
-        row->own[k] = own;
-        row->part[SIDE_PART][k] = kind != 0 ? side : -0.0;
-        row->part[CORNER_PART][k] = kind != 0 ? corner_part : -0.0;
-        row->width[SIDE_PART][k] = side_width > 0.0 ? side_width : DBL_MIN; /* nothing is to be divided by 0 */
-        row->width[CORNER_PART][k] = corner_width > 0.0 ? corner_width : DBL_MIN;
-    }
+    if (any > 1)
+        spread_droplets(pass->ink[0], pass->ink[1], end, row);
+    else /* nothing to choose */
+        spread_droplets(pass->ink[0], pass->ink[0], end, row);
 }
 
 /* Asks for the cells of row `row` of the grid in a band. */
@@ -107,28 +125,28 @@ static INLINED void prefetch_row(const DropletPass *pass, const Band *band, size
         prefetch(pass->factor + corner, band->count * sizeof(double));
 }
 
-/* Row i - 1 of the grid; 0 and nx + 1 are the frame. */
+/* Row i - 1 of the grid; 0 and nx + 1 are the frame. Cells of the band beyond the grid stay clear. */
 static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i, CellRow *row) {
-    const bool is_inside = i > 0 && i <= pass->nx;
     const size_t from = band->first > 0 ? 0 : 1, end = band->count + (band->first + band->count < pass->ny ? 2 : 1);
-    row->is_jetted = false;
-    for (size_t k = 0; k < band->count + 2; k += is_inside ? band->count + 1 : 1)
-        clear_cell(row, k);
-    if (!is_inside)
+    if (i == 0 || i > pass->nx) {
+        clear_row(row);
         return;
+    }
     memcpy(row->height + from, pass->before + (i - 1) * pass->ny + band->first + from - 1,
            (end - from) * sizeof(double));
     load_droplets(pass, i - 1, band->first, from, end, row);
     prefetch_row(pass, band, i);
 }
 
-/* Shares of `count` pairs of cells: what one gives to the other, and what it is given. */
+/* Shares of `count` pairs of cells, and of those that fill a vector: what one gives to the other, and what it is given.
+ */
 static INLINED void pair_shares(size_t count, const double *one, const double *other, const double *width_one,
                                 const double *width_other, double *restrict given, double *restrict taken) {
-    for (size_t k = 0; k < count; k++) {
-        const double rise = one[k] - other[k], mine = width_one[k], its = width_other[k];
-        const double width = rise < 0.0 ? mine : its, fall = rise < 0.0 ? rise : -rise;
-        const double share = 1.0 + (fall <= -width ? -width : fall) / width;
+    const size_t whole = whole_vectors(count);
+    for (size_t k = 0; k < whole; k++) {
+        const double rise = one[k] - other[k], fall = fabs(rise), mine = width_one[k], its = width_other[k];
+        const double width = rise < 0.0 ? mine : its;
+        const double share = 1.0 - (fall < width ? fall : width) / width;
         given[k] = rise >= 0.0 ? 1.0 : share;
         taken[k] = rise <= 0.0 ? 1.0 : share;
     }
@@ -152,6 +170,8 @@ static INLINED void begin_band(const DropletPass *pass, size_t first, size_t top
     band->first = first;
     band->count = pass->ny - first < BAND ? pass->ny - first : BAND;
     memset(band->shares, 0, sizeof band->shares);
+    for (size_t k = 0; k < 3; k++)
+        clear_row(&band->row[k]);
     load_row(pass, band, top, above);
     load_row(pass, band, top + 1, here);
     row_shares(above, here, band->count, &band->shares[top % 2]);

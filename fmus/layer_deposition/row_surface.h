@@ -4,50 +4,53 @@
 
 #include "neighbour_shares.h"
 
-/* Adds to each cell of a row what it is given from the next one. */
-static INLINED void add_given(const NextRow *next, size_t count, double *restrict after) {
+/* The height of cell k after what the next row gives it. */
+static INLINED double after_given(const NextRow *next, size_t k, double height) {
     const double *side = next->row->part[SIDE_PART], *corner = next->row->part[CORNER_PART];
-    for (size_t k = 1; k <= count; k++) {
-        double height = after[k - 1];
-        height += corner[k - 1] * next->left[k - 1];
-        height += side[k] * next->straight[k];
-        height += corner[k + 1] * next->right[k];
-        after[k - 1] = height;
-    }
+    height += corner[k - 1] * next->left[k - 1];
+    height += side[k] * next->straight[k];
+    height += corner[k + 1] * next->right[k];
+    return height;
 }
 
-/* Adds what the droplets of a row leave on it. */
-static INLINED void add_kept(const Surroundings *row, size_t count, double *restrict after) {
-    const RowShares *over = row->over, *under = row->under;
-    const int32_t *kind = row->here->kind;
-    const double *side = row->here->part[SIDE_PART], *corner = row->here->part[CORNER_PART];
-    for (size_t k = 1; k <= count; k++) {
-        double kept = 0.0, height = after[k - 1];
-        kept += corner[k] - corner[k] * over->up_left[k - 1];
-        kept += side[k] - side[k] * over->up[k];
-        kept += corner[k] - corner[k] * over->up_right[k];
-        kept += side[k] - side[k] * under->to_left[k - 1];
-        kept += side[k] - side[k] * under->to_right[k];
-        kept += corner[k] - corner[k] * under->down_left[k - 1];
-        kept += side[k] - side[k] * under->down[k];
-        kept += corner[k] - corner[k] * under->down_right[k];
-        const double own = row->here->own[k] + kept;
-        height += side[k - 1] * under->to_right[k - 1];
-        height += kind[k] != 0 ? own : -0.0;
-        height += side[k + 1] * under->to_left[k];
-        after[k - 1] = height;
-    }
+/* The same after what its own row leaves there. */
+static INLINED double after_kept(const CellRow *here, const RowShares *over, const RowShares *under, size_t k,
+                                 double height) {
+    const double *side = here->part[SIDE_PART], *corner = here->part[CORNER_PART];
+    double kept = 0.0;
+    kept += corner[k] - corner[k] * over->up_left[k - 1];
+    kept += side[k] - side[k] * over->up[k];
+    kept += corner[k] - corner[k] * over->up_right[k];
+    kept += side[k] - side[k] * under->to_left[k - 1];
+    kept += side[k] - side[k] * under->to_right[k];
+    kept += corner[k] - corner[k] * under->down_left[k - 1];
+    kept += side[k] - side[k] * under->down[k];
+    kept += corner[k] - corner[k] * under->down_right[k];
+    const double own = here->own[k] + kept;
+    height += side[k - 1] * under->to_right[k - 1];
+    height += here->kind[k] > 0.0 ? own : -0.0;
+    height += side[k + 1] * under->to_left[k];
+    return height;
+}
+
+/* Whether droplets reach a row. */
+static INLINED bool is_reached(const Surroundings *row) {
+    return row->above.row->is_jetted || row->here->is_jetted || row->below.row->is_jetted;
 }
 
 /* The heights of a row and what reaches them, in the order of the cells that it comes from. */
-static INLINED void deposit_row(const Surroundings *row, size_t count, double *after) {
-    memcpy(after, row->here->height + 1, count * sizeof *after);
-    if (row->above.row->is_jetted)
-        add_given(&row->above, count, after);
-    if (row->here->is_jetted)
-        add_kept(row, count, after);
-    if (row->below.row->is_jetted)
-        add_given(&row->below, count, after);
+static INLINED void deposit_row(const Surroundings *row, size_t count, double *restrict after) {
+    const Surroundings near = *row;
+    if (!is_reached(row)) {
+        memcpy(after, near.here->height + 1, count * sizeof *after);
+        return;
+    }
+    for (size_t k = 1; k <= count; k++) {
+        double height = near.here->height[k];
+        height = after_given(&near.above, k, height);
+        height = after_kept(near.here, near.over, near.under, k, height);
+        after[k - 1] = after_given(&near.below, k, height);
+    }
 }
 
 #endif

@@ -15,7 +15,7 @@ typedef struct {
 } IncrementPass;
 
 /* Volumes of the droplets of a kind, 0 elsewhere. */
-static INLINED void volumes_of(const CellRow *row, size_t count, int32_t kind, double *restrict volumes) {
+static INLINED void volumes_of(const CellRow *row, size_t count, double kind, double *restrict volumes) {
     for (size_t k = 0; k < count + 2; k++) {
         const double volume = row->volume[k];
         volumes[k] = row->kind[k] == kind ? volume : 0.0;
@@ -36,7 +36,7 @@ static INLINED bool is_of_surface(const IncrementPass *pass) {
 /* What each droplet of a row leaves on its cell. */
 static INLINED void add_own(const Surroundings *row, size_t count, double *restrict own) {
     const RowShares *over = row->over, *under = row->under;
-    const int32_t *kind = row->here->kind;
+    const double *kind = row->here->kind;
     const double *side = row->here->part[SIDE_PART], *corner = row->here->part[CORNER_PART];
     for (size_t k = 1; k <= count; k++) {
         double sides = side[k] - side[k] * over->up[k], corners = corner[k] - corner[k] * over->up_left[k - 1];
@@ -46,12 +46,12 @@ static INLINED void add_own(const Surroundings *row, size_t count, double *restr
         corners += corner[k] - corner[k] * over->up_right[k];
         corners += corner[k] - corner[k] * under->down_left[k - 1];
         corners += corner[k] - corner[k] * under->down_right[k];
-        own[k - 1] = kind[k] != 0 ? row->here->own[k] + sides + corners : 0.0;
+        own[k - 1] = kind[k] > 0.0 ? row->here->own[k] + sides + corners : 0.0;
     }
 }
 
 /* Adds the rates of an ink by what is given from the next row. */
-static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32_t kind, double rates[ORDERS][BAND]) {
+static INLINED void add_rates_from_next(const NextRow *next, size_t count, double kind, double rates[ORDERS][BAND]) {
     double volume[FRAMED_BAND], *restrict h2 = rates[1], *restrict h3 = rates[2];
     volumes_of(next->row, count, kind, volume);
     for (size_t k = 1; k <= count; k++) {
@@ -64,7 +64,7 @@ static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32
 }
 
 /* Adds the rates of an ink by the droplets of a row itself; own: what each leaves on its cell. */
-static INLINED void add_rates_from_here(const Surroundings *row, size_t count, int32_t kind, const Ink *ink,
+static INLINED void add_rates_from_here(const Surroundings *row, size_t count, double kind, const Ink *ink,
                                         double rates[ORDERS][BAND], double *restrict own) {
     const RowShares *over = row->over, *under = row->under;
     double volumes[FRAMED_BAND], *restrict h1 = rates[0], *restrict h2 = rates[1], *restrict h3 = rates[2];
@@ -94,58 +94,51 @@ static INLINED double square(double x) {
     return x * x;
 }
 
-static INLINED void add_squares_from_next(const NextRow *next, size_t count, double *restrict squares) {
+/* Adds the squares of what the next row gives. */
+static INLINED double squares_from_next(const NextRow *next, size_t k, double sum) {
     const double *side = next->row->part[SIDE_PART], *corner = next->row->part[CORNER_PART];
-    for (size_t k = 1; k <= count; k++) {
-        double sum = squares[k - 1];
-        sum += square(next->left[k - 1] * corner[k - 1]);
-        sum += square(next->straight[k] * side[k]);
-        sum += square(next->right[k] * corner[k + 1]);
-        squares[k - 1] = sum;
-    }
+    sum += square(next->left[k - 1] * corner[k - 1]);
+    sum += square(next->straight[k] * side[k]);
+    sum += square(next->right[k] * corner[k + 1]);
+    return sum;
 }
 
-static INLINED void add_squares_from_here(const Surroundings *row, size_t count, const double *restrict own,
-                                          double *restrict squares) {
-    const double *side = row->here->part[SIDE_PART];
+/* Adds the squares of what each droplet leaves on a cell, in the order of the cells that it comes from. */
+static INLINED void add_squares(const Surroundings *row, size_t count, const double *restrict own,
+                                double *restrict squares) {
+    const Surroundings near = *row;
+    const double *side = near.here->part[SIDE_PART];
     for (size_t k = 1; k <= count; k++) {
-        double sum = squares[k - 1];
-        sum += square(row->under->to_right[k - 1] * side[k - 1]);
+        double sum = squares_from_next(&near.above, k, squares[k - 1]);
+        sum += square(near.under->to_right[k - 1] * side[k - 1]);
         sum += square(own[k - 1]);
-        sum += square(row->under->to_left[k] * side[k + 1]);
-        squares[k - 1] = sum;
+        sum += square(near.under->to_left[k] * side[k + 1]);
+        squares[k - 1] = squares_from_next(&near.below, k, sum);
     }
 }
 
-/* Adds what is given from the next row. */
-static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, RowIncrements *found) {
-    if (!next->row->is_jetted)
-        return;
-    for (size_t ink = 0; !is_of_surface(pass) && ink < pass->inks; ink++)
-        add_rates_from_next(next, count, (int32_t)ink + 1, found->rates[ink]);
-    add_squares_from_next(next, count, found->squares);
+/* Adds the rates of each ink, from above, here and below. */
+static INLINED void add_rates(const IncrementPass *pass, const Surroundings *row, size_t count, RowIncrements *found) {
+    for (size_t ink = 0; ink < pass->inks; ink++) {
+        const double kind = (double)(ink + 1);
+        if (row->above.row->is_jetted)
+            add_rates_from_next(&row->above, count, kind, found->rates[ink]);
+        if (row->here->is_jetted)
+            add_rates_from_here(row, count, kind, &pass->droplets.ink[ink], found->rates[ink], found->own);
+        if (row->below.row->is_jetted)
+            add_rates_from_next(&row->below, count, kind, found->rates[ink]);
+    }
 }
 
-/* The same for the droplets of the row itself. */
-static INLINED void add_from_here(const IncrementPass *pass, const Surroundings *row, size_t count,
-                                  RowIncrements *found) {
-    if (!row->here->is_jetted)
-        return;
-    if (is_of_surface(pass))
-        add_own(row, count, found->own);
-    for (size_t ink = 0; !is_of_surface(pass) && ink < pass->inks; ink++)
-        add_rates_from_here(row, count, (int32_t)ink + 1, &pass->droplets.ink[ink], found->rates[ink], found->own);
-    add_squares_from_here(row, count, found->own, found->squares);
-}
-
-/* From above, here and below, in this order; the loop needs the code for a next row only once. */
 static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings *row, size_t count,
                                   RowIncrements *found) {
-    for (const NextRow *next = &row->above; next; next = next == &row->above ? &row->below : NULL) {
-        add_from_next(pass, next, count, found);
-        if (next == &row->above)
-            add_from_here(pass, row, count, found);
-    }
+    if (!is_reached(row))
+        return;
+    if (!is_of_surface(pass))
+        add_rates(pass, row, count, found);
+    else if (row->here->is_jetted)
+        add_own(row, count, found->own);
+    add_squares(row, count, found->own, found->squares);
 }
 
 /* What stands in a map, or 0. */
