@@ -1,5 +1,6 @@
 #include "flip_bounds.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "instruction_sets.h"
@@ -162,6 +163,7 @@ static INLINED void prefetch_row(const FlipBounds *bounds, const PlanSurface *su
         return;
     prefetch(bounds->least + cell, count * sizeof(float));
     prefetch(surface_layer(surface, 0) + cell, count);
+    prefetch(surface->problem->choices + i * surface->ny + tile->left, count * sizeof(uint16_t));
     for (size_t k = 0; k < sizeof maps / sizeof *maps; k++)
         prefetch(maps[k] + cell, count * sizeof(double));
 }
@@ -198,6 +200,64 @@ void flip_bounds_renew(FlipBounds *bounds, const PlanSurface *surface, const Til
         return;
     const Renewal renewal = {awake, move, bounds->sure + (move == MOVE_SWAPS ? bounds->loss[0][1] : 0.0f)};
     (HAS_AVX2 ? renew_avx2 : renew_plain)(bounds, surface, tile, &renewal);
+}
+
+/* Of a row of cells, with one more at either end: what it costs at least to jet one droplet more; infinite where there
+ * is one. */
+static INLINED void cost_to_jet(const FlipBounds *bounds, const uint8_t *plan, size_t cell, size_t count,
+                                float *restrict least) {
+    for (size_t k = 0; k < count + 2; k++) {
+        const float bound = bounds->least[cell + k - 1];
+        least[k] = plan[cell + k - 1] ? INFINITY : bound;
+    }
+}
+
+/* Leaves those open whose droplet may be worth swapping with a neighbour that has none. */
+static INLINED void close_swaps(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                                uint8_t *restrict open) {
+    const uint8_t *plan = surface_layer(surface, 0);
+    const float side = bounds->loss[0][1] + bounds->sure, corner = bounds->loss[1][1] + bounds->sure;
+    float rows[3][TILE + 2];
+    int32_t may_help[TILE];
+    for (size_t row = 0; row < 3; row++)
+        cost_to_jet(bounds, plan, cell + row * surface->stride - surface->stride, count, rows[row]);
+    const float *above = rows[0], *here = rows[1], *below = rows[2];
+    AS_LOOP for (size_t k = 0; k < count; k++) {
+        const float own = bounds->least[cell + k]; /* NaN may help */
+        may_help[k] = !(own + above[k] > corner) | !(own + above[k + 1] > side) | !(own + above[k + 2] > corner) |
+                      !(own + here[k] > side) | !(own + here[k + 2] > side) | !(own + below[k] > corner) |
+                      !(own + below[k + 1] > side) | !(own + below[k + 2] > corner);
+    }
+    AS_LOOP for (size_t k = 0; k < count; k++) open[k] = plan[cell + k] && may_help[k] ? open[k] : 0;
+}
+
+static INLINED void mark_open(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                              const Renewal *renewal, uint8_t *restrict open) {
+    open_cells(bounds, cell, count, renewal, open);
+    if (renewal->move == MOVE_SWAPS)
+        close_swaps(bounds, surface, cell, count, open);
+}
+
+static void mark_plain(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                       const Renewal *renewal, uint8_t *open) {
+    mark_open(bounds, surface, cell, count, renewal, open);
+}
+
+static WITH_AVX2 void mark_avx2(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                                const Renewal *renewal, uint8_t *open) {
+    if (count == TILE) /* a constant: whole vectors */
+        mark_open(bounds, surface, cell, TILE, renewal, open);
+    else
+        mark_open(bounds, surface, cell, count, renewal, open);
+}
+
+void flip_bounds_mark(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                      const uint8_t *awake, uint8_t move, uint8_t *open) {
+    const Renewal renewal = {awake, move, move == MOVE_SWAPS ? INFINITY : bounds->sure};
+    if (bounds->least)
+        (HAS_AVX2 ? mark_avx2 : mark_plain)(bounds, surface, cell, count, &renewal, open);
+    for (size_t k = 0; !bounds->least && k < count; k++)
+        open[k] = awake[cell + k] & move;
 }
 
 static INLINED uint32_t four_bytes(const uint8_t *bytes) {

@@ -38,6 +38,11 @@ void flip_bounds_clear(FlipBounds *bounds, const PlanSurface *surface);
 void flip_bounds_renew(FlipBounds *bounds, const PlanSurface *surface, const Tile *tile, const uint8_t *awake,
                        uint8_t move);
 
+/* Marks cells of a row of a tile, from `cell` on: with the move where it may help, as they are awake for it and it is
+ * not certainly in vain, else with 0. */
+void flip_bounds_mark(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                      const uint8_t *awake, uint8_t move, uint8_t *open);
+
 /* The plan has got this value at cell (i, j), which it had not; flip: what it costs to take that back, NaN: unknown. */
 void flip_bounds_change(FlipBounds *bounds, const PlanSurface *surface, size_t i, size_t j, unsigned value,
                         double flip);

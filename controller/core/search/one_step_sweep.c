@@ -17,6 +17,7 @@ typedef struct {
     FlipBounds *flips;
     int64_t *work;
     Tally *tally;
+    int64_t next_look; /* at the clock, by `work` */
     bool cost_alone;
     FirstChange first;
 } TileWork;
@@ -176,48 +177,73 @@ static void swap(TileWork *work, size_t i, size_t j) {
     work->tally->swaps++;
 }
 
-enum { WORD = 8 }; /* cells whose bits are looked at together */
+enum { WORD = 8 };        /* cells that are looked at together */
+enum { FELT_BEHIND = 4 }; /* cells behind one whose move was made: it may help on them from now on */
 
-/* The first cell of the row from j on where the move may have begun to help; `right`: there is none. */
-static size_t next_awake(const uint8_t *awake, uint8_t move, size_t j, size_t right) {
-    const uint64_t wanted = move * UINT64_C(0x0101010101010101);
-    for (; j + WORD <= right; j += WORD) {
-        uint64_t cells;
-        memcpy(&cells, awake + j, WORD);
-        if (cells & wanted)
+/* The first cell of the row from k on that has any of the bits, or `count`. */
+static size_t next_with(const uint8_t *cells, uint8_t bits, size_t k, size_t count) {
+    const uint64_t wanted = bits * UINT64_C(0x0101010101010101);
+    for (; k + WORD <= count; k += WORD) {
+        uint64_t word;
+        memcpy(&word, cells + k, WORD);
+        if (word & wanted)
             break;
     }
-    while (j < right && !(awake[j] & move))
-        j++;
-    return j;
+    while (k < count && !(cells[k] & bits))
+        k++;
+    return k;
+}
+
+static void put_to_sleep(uint8_t *awake, size_t count, uint8_t move) {
+    for (size_t k = 0; k < count; k++)
+        awake[k] &= (uint8_t)~move;
+}
+
+static bool is_out_of_time(TileWork *work, double deadline) {
+    if (*work->work >= work->next_look) {
+        work->next_look = *work->work + WORK_BETWEEN_LOOKS;
+        work->tally->out_of_time = stopwatch_seconds() >= deadline;
+    }
+    return work->tally->out_of_time;
+}
+
+/* The cells of a row that are awake for the move; false if the time has ended. */
+static bool sweep_row(TileWork *work, size_t i, const Tile *tile, const Sweep *sweep) {
+    const uint8_t move = (uint8_t)sweep->move;
+    const size_t cell = surface_cell(work->surface, i, tile->left), count = tile->right - tile->left;
+    uint8_t *awake = work->awake + cell, open[TILE];
+    size_t done = next_with(awake, move, 0, count);
+    if (done == count)
+        return true;
+    flip_bounds_mark(work->flips, work->surface, cell, count, work->awake, move, open);
+    for (size_t k = done; (k = next_with(open, move, k, count)) < count; k++) {
+        const int64_t changes = work->tally->flips + work->tally->swaps;
+        put_to_sleep(awake + done, k + 1 - done, move);
+        done = k + 1;
+        if (move == MOVE_FLIPS && is_flip_in_vain(work->flips, cell + k))
+            continue;
+        if (is_out_of_time(work, sweep->deadline))
+            return false;
+        if (move == MOVE_FLIPS)
+            flip(work, i, tile->left + k);
+        else
+            swap(work, i, tile->left + k);
+        if (work->tally->flips + work->tally->swaps > changes)
+            memcpy(open + done, awake + done, FELT_BEHIND < count - done ? FELT_BEHIND : count - done);
+    }
+    put_to_sleep(awake + done, count - done, move);
+    return true;
 }
 
 static void sweep_tile(TileWork *work, const Tile *tile, const Sweep *sweep) {
-    const uint8_t move = (uint8_t)sweep->move;
-    int64_t next_look = *work->work;
-    if (move == MOVE_SWAPS)
-        flip_bounds_renew(work->flips, work->surface, tile, work->awake, move);
+    if (sweep->move == MOVE_SWAPS)
+        flip_bounds_renew(work->flips, work->surface, tile, work->awake, MOVE_SWAPS);
     for (size_t i = tile->top; i < tile->bottom; i++) {
-        const size_t row_cell = surface_cell(work->surface, i, 0);
-        uint8_t *awake = work->awake + row_cell;
         const Tile row = {i, i + 1, tile->left, tile->right};
-        if (move == MOVE_FLIPS)
-            flip_bounds_renew(work->flips, work->surface, &row, work->awake, move);
-        for (size_t j = tile->left; (j = next_awake(awake, move, j, tile->right)) < tile->right; j++) {
-            awake[j] &= (uint8_t)~move;
-            if (move == MOVE_FLIPS && is_flip_in_vain(work->flips, row_cell + j))
-                continue;
-            if (*work->work >= next_look) {
-                next_look = *work->work + WORK_BETWEEN_LOOKS;
-                work->tally->out_of_time = stopwatch_seconds() >= sweep->deadline;
-                if (work->tally->out_of_time)
-                    return;
-            }
-            if (move == MOVE_FLIPS)
-                flip(work, i, j);
-            else
-                swap(work, i, j);
-        }
+        if (sweep->move == MOVE_FLIPS)
+            flip_bounds_renew(work->flips, work->surface, &row, work->awake, MOVE_FLIPS);
+        if (!sweep_row(work, i, tile, sweep))
+            return;
     }
 }
 
@@ -229,6 +255,7 @@ void one_step_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, cons
     work.before = before;
     work.flips = flips;
     work.work = cells_printed;
+    work.next_look = *cells_printed;
     work.tally = tally;
     work.cost_alone = is_cost_enough(surface);
     first_open(&work.first);
