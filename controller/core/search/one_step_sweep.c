@@ -52,8 +52,9 @@ static void flip(TileWork *work, size_t i, size_t j) {
     unsigned best = own;
     CellChange change = {i, j, own, own};
     ChangedCells cells;
-    for (unsigned value = 0; value <= surface->problem->kinds; value++) {
-        if (value == own || (value && !surface_allows(surface, 0, i, j, value))) /* 0 always may */
+    for (unsigned other = 0; other < surface->problem->kinds; other++) {
+        const unsigned value = other + (other >= own); /* no branch on the plan: no processor could predict it */
+        if (!surface_allows(surface, 0, i, j, value))
             continue;
         change.to = value;
         look_at_change(surface, &change, work->cost_alone, &cells);
