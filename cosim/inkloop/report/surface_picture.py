@@ -66,9 +66,9 @@ def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappa
     faces[:, 1::2] = to_rgba(WALL_COLOURS[1])
     faces[::2, ::2] = np.where(np.isnan(shown)[..., None], to_rgba("0.96"), colours.to_rgba(np.nan_to_num(shown)))
     # as thin a line as closes the seams; in a PDF or an SVG the faces are one image
-    axes.plot_surface(
-        x, y, plates, facecolors=faces, rstride=1, cstride=1, linewidth=0.15, shade=False, rasterized=True
-    )
+    drawn = axes.plot_surface(x, y, plates, rstride=1, cstride=1, linewidth=0.15, shade=False, rasterized=True)
+    drawn.set_facecolor(faces.reshape(-1, 4))  # plot_surface takes each colour by itself: a second for two pictures
+    drawn.set_edgecolor(faces.reshape(-1, 4))
     axes.set_xlabel("x [mm]", labelpad=-4)
     axes.set_ylabel("y [mm]", labelpad=-4)
     axes.tick_params(pad=-2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -179,14 +180,19 @@ def test_surface_of_any_grid_has_its_shape_and_coloured_tops_only(
     nx: int, ny: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[Any] = []
+    painted = Mock()
 
-    def plot_surface(axes: Any, *corners: Any, facecolors: Any, rstride: int, cstride: int, **_: Any) -> None:
+    def plot_surface(axes: Any, *corners: Any, rstride: int, cstride: int, **_: Any) -> Mock:
         assert (rstride, cstride) == (1, 1)  # every face, whatever the size
-        drawn.append((axes, corners, facecolors))
+        drawn.append((axes, corners))
+        return painted
 
     monkeypatch.setattr(Axes3D, "plot_surface", plot_surface)
     figure = surfaces({"a": slab(nx, ny)})
-    ((axes, (x, y, z), colours),) = drawn
+    ((axes, (x, y, z)),) = drawn
+    ((flat,), _) = painted.set_facecolor.call_args
+    colours = flat.reshape(z.shape[0] - 1, z.shape[1] - 1, 4)
+    assert (painted.set_edgecolor.call_args[0][0] == flat).all()  # else there are seams
     width, depth, _ = axes._box_aspect
     assert depth / width == pytest.approx(ny / nx, rel=1e-12, abs=0.0)
     assert np.ptp(x) == pytest.approx(nx * PITCH * 1e3, rel=1e-12, abs=0.0)
