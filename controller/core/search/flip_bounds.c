@@ -231,11 +231,19 @@ static INLINED void close_swaps(const FlipBounds *bounds, const PlanSurface *sur
     AS_LOOP for (size_t k = 0; k < count; k++) open[k] = plan[cell + k] && may_help[k] ? open[k] : 0;
 }
 
-static INLINED void mark_open(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+static INLINED void mark_some(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                               const Renewal *renewal, uint8_t *restrict open) {
     open_cells(bounds, cell, count, renewal, open);
     if (renewal->move == MOVE_SWAPS)
         close_swaps(bounds, surface, cell, count, open);
+}
+
+static INLINED void mark_open(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
+                              const Renewal *renewal, uint8_t *restrict open) {
+    if (count == TILE) /* a constant: whole vectors */
+        mark_some(bounds, surface, cell, TILE, renewal, open);
+    else
+        mark_some(bounds, surface, cell, count, renewal, open);
 }
 
 static void mark_plain(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
@@ -245,10 +253,7 @@ static void mark_plain(const FlipBounds *bounds, const PlanSurface *surface, siz
 
 static WITH_AVX2 void mark_avx2(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                                 const Renewal *renewal, uint8_t *open) {
-    if (count == TILE) /* a constant: whole vectors */
-        mark_open(bounds, surface, cell, TILE, renewal, open);
-    else
-        mark_open(bounds, surface, cell, count, renewal, open);
+    mark_open(bounds, surface, cell, count, renewal, open);
 }
 
 void flip_bounds_mark(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
