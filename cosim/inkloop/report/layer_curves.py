@@ -33,15 +33,16 @@ def cross_section(runs: Runs) -> Figure:
     every = max(1, first.sizes["layer"] // 10)
     for layer in range(0, first.sizes["layer"] - 1, every):
         label = f"{name}, every {f'{every} layers' if every > 1 else 'layer'}" if layer == 0 else None
-        whole.step(x, first.height[layer, :, row] * UM_PER_M, where="mid", color="0.75", linewidth=0.7, label=label)
-    target = first.target_height[:, row] * UM_PER_M
+        cut = first.height[layer, :, row].values * UM_PER_M
+        whole.step(x, cut, where="mid", color="0.75", linewidth=0.7, label=label)
+    target = first.target_height[:, row].values * UM_PER_M
     whole.step(x, target, where="mid", color="black", linestyle="--", linewidth=1, label="target")
     errors = {name: error_of(run)[:, row] for name, run in runs.items()}
     near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
     limit = max(0.1, *(1.2 * float(np.nanmax(np.abs(error))) for error in near))
     outside = []
     for number, (name, run) in enumerate(runs.items()):
-        draw_line(whole, number, x, run.height[-1, :, row] * UM_PER_M, name, ends=False, drawstyle="steps-mid")
+        draw_line(whole, number, x, run.height[-1, :, row].values * UM_PER_M, name, ends=False, drawstyle="steps-mid")
         part = np.flatnonzero(np.isfinite(errors[name]))
         draw_line(top, number, x[part], errors[name][part], ends=False, drawstyle="steps-mid")
         mean = float(np.nanmean(errors[name]))

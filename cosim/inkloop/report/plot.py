@@ -27,7 +27,7 @@ from inkloop.report.terminal import decimals
 from inkloop.results.metrics import SIGN, TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
 
-WIDTH_IN = 7.0
+WIDTH_IN, DPI = 7.0, 200
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
 DASHES: tuple[Any, ...] = ((0, (5, 2)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (8, 3)))
@@ -70,10 +70,20 @@ def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Pa
     """Write `path` with the suffix of each format, to a temporary name that is then put in place; the files."""
     name = path.stem if path.suffix.removeprefix(".") in FORMATS else path.name
     written = [path.with_name(f"{name}.{each}") for each in formats]
-    for each, file in zip(formats, written, strict=True):
-        with rc_context(STYLE), replaced(file) as partial:
-            figure.savefig(partial, dpi=200, format=each, facecolor="white", metadata=_UNDATED.get(each))
+    with rc_context(STYLE):
+        _lay_out(figure)
+        for each, file in zip(formats, written, strict=True):
+            with replaced(file) as partial:
+                figure.savefig(partial, dpi=DPI, format=each, facecolor="white", metadata=_UNDATED.get(each))
     return written
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give axes and texts their places, once: a figure with a layout engine is drawn twice for each format."""
+    figure.set_dpi(DPI)
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 def new_figure(height_in: float) -> Figure:
