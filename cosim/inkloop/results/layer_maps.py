@@ -95,12 +95,11 @@ class LayerMaps:
             file.check()
 
     def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
-        """Put every map into its place in `arrays`, with a check after each; returns what follows from all of them."""
-        for name, layer, map_ in self.rows:
-            if layer >= self.shape[0]:
-                continue
-            for rows in _bands(map_.shape):
-                arrays[name][layer, rows] = self._stored(name, map_[rows])
+        """Put every map into its place in `arrays`, with a check after each write; returns what follows from them."""
+        for name, first, maps in _neighbours(row for row in self.rows if row[1] < self.shape[0]):
+            layers = slice(first, first + len(maps))
+            for rows in _bands(maps[0].shape):
+                arrays[name][layers, rows] = self._stored(name, np.stack([map_[rows] for map_ in maps]))
                 check()
         return self._derived(arrays)
 
@@ -135,6 +134,21 @@ class LayerMaps:
             compression_opts=_COMPRESSION,
             shuffle=True,
         )
+
+
+def _neighbours(rows: Iterable[tuple[str, int, NDArray[Any]]]) -> Iterator[tuple[str, int, list[NDArray[Any]]]]:
+    """Name, first layer and maps of layers that follow each other, about a chunk together: a write takes its time."""
+    held: dict[str, tuple[int, list[NDArray[Any]]]] = {}
+    for name, layer, map_ in rows:
+        first, maps = held.get(name, (layer, []))
+        if layer != first + len(maps):
+            yield name, first, maps
+            first, maps = layer, []
+        maps.append(map_)
+        held[name] = first, maps
+        if len(maps) * map_.size >= _CHUNK_CELLS:
+            yield name, *held.pop(name)
+    yield from ((name, *last) for name, last in held.items())
 
 
 def _bands(shape: tuple[int, ...]) -> Iterator[slice]:
