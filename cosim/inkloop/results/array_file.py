@@ -24,7 +24,7 @@ _CHUNK = 1 << 20
 
 def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
     """Write arrays, each taken when it is its turn. Raises OSError, and what taking them raises."""
-    with zipfile.ZipFile(file, "w", allowZip64=True) as archive:
+    with zipfile.ZipFile(_InOrder(file), "w", allowZip64=True) as archive:
         for name, array in arrays:
             if array.nbytes < _SMALL and array.flags.c_contiguous and not array.dtype.hasobject:
                 archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _header(array.dtype, array.shape) + array.tobytes())
@@ -32,6 +32,13 @@ def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) ->
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
             del array  # it may be large, and the next one is made now
+
+
+class _InOrder:
+    """A file without a way back: zipfile would go to the begin of each member again, and empty the buffer each time."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.write, self.flush, self.close = file.write, file.flush, file.close
 
 
 @lru_cache(256)
