@@ -51,7 +51,7 @@ class Master:
     those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
     every: component -> whole number of master steps per own step, 1 if not named; its outputs hold in between.
     events: changes to values between components, see `inkloop.master.events`. pacing: waits for the clock after each
-    step.
+    step. on_interrupt: called with time and outputs when Ctrl-C ends the run, before the components are terminated.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class Master:
         observers: Sequence[Observer] = (),
         events: Sequence[Event] = (),
         pacing: Pacing | None = None,
+        on_interrupt: Callable[[int, Mapping[str, Values]], None] | None = None,
     ) -> None:
         errors = check(components, connections)
         errors += [
@@ -83,7 +84,7 @@ class Master:
         self._observers = tuple(observers)
         self._feeds = feeds(components, connections)
         self._manipulator, self._has_events = Manipulator(events, components), bool(events)
-        self._pacing = pacing
+        self._pacing, self._on_interrupt = pacing, on_interrupt
         read = {connection.source for connection in connections}
         self._checked_ports = {
             name: [
@@ -142,6 +143,8 @@ class Master:
                 self._pacing.start(time_ns)
             while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
                 if interrupted():
+                    if self._on_interrupt:
+                        self._on_interrupt(time_ns, self._outputs)
                     return "interrupted"
                 time_ns += self._step_ns
                 step += 1

@@ -54,6 +54,7 @@ class Print:
             observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],
             events=self._events,
             pacing=self._pacing,
+            on_interrupt=self._checkpoints.interrupted if self._checkpoints else None,
         )
 
     def run(self) -> Result:

@@ -1,10 +1,10 @@
-"""Layers on disk during a run, so that Ctrl-C, a crash or a full disk costs no finished layer.
+"""Layers on disk during a run, so that Ctrl-C costs no finished layer, a crash or a full disk a tenth of the time.
 
 `layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/0007_1.npz` what followed
 before layer 8, as its scan. `layers/state.npz` is the communication point after one of these files: time, outputs and
 states of all components. Each file is there whole or not at all, and the state comes after its layer: a run resumes
-from the state, no matter when it was stopped. A scan is kept as soon as it is there, for no real sensor would repeat it
-to the bit: the plan made from it is made again.
+from the state, no matter when it was stopped, and prints the layers after it again, if there are any. A scan is kept as
+soon as it is there, for no real sensor would repeat it to the bit: the plan made from it is made again.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
+from math import inf
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -30,10 +31,8 @@ from inkloop.results.recorder import Recorder
 from inkloop.results.stored_point import StoredOutputs, StoredStates
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
-LARGE_STATE = 1 << 26
-"""Bytes from which on a state is not written for every layer."""
-_STATE_SHARE = 9.0
-"""Seconds of printing for each second of writing such a state."""
+STATE_SHARE = 0.1
+"""Of the time of a print, at most, that its states take."""
 _NEW_PART = (
     "its layers lie on the stage and cannot be printed again, and what was measured of them is lost: take the part "
     "off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new folder. Keep this one as it is"
@@ -61,11 +60,10 @@ class Checkpoint:
 class Checkpoints:
     """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
-    It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
-    all the same; the last state that could be saved stays, and the layers after it are printed again by a resumed run.
-    So does a state of LARGE_STATE bytes or more, as long as writing one would take more than a tenth of the time.
-    Without one the checkpoint states why it cannot be resumed, so does any with a device, whose layers cannot be
-    printed again and whose checkpoints outlive a power failure too.
+    It stands after `recorder`, whose rows it writes. States take a tenth of the time at most: the layers after the last
+    one are printed again by a resumed run. So they are where a component cannot save its state; if it never could, the
+    checkpoint states why no run can be resumed from it. With a device, whose layers cannot be printed again, each
+    checkpoint has its state, or states why not, and outlives a power failure too.
 
     clock: seconds, of which only differences count.
     """
@@ -86,7 +84,7 @@ class Checkpoints:
         self._file: tuple[int, int] | None = None  # the last one: layer, and which one of it
         self._scanned = -1
         self._holds_state = False
-        self._state_size, self._state_s, self._state_at = 0, 0.0, 0.0
+        self._state_ns, self._state_s, self._state_at = -1, 0.0, -inf
         self.refusal = ""
 
     @property
@@ -105,6 +103,12 @@ class Checkpoints:
         if (self._recorder.layers, self._recorder.scanned) != (self.layer, self._scanned):
             self._write(time_ns, outputs)
 
+    def interrupted(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Write the state of this point, if it is not on disk: Ctrl-C costs no layer."""
+        if not self._durable and self._state_ns != time_ns:
+            self._state_at = -inf
+            self._write(time_ns, outputs)
+
     def load(self) -> Checkpoint | None:
         """The last checkpoint, None if there is none; the recorder gets the rows of its layers. Raises ResultError."""
         advice = _NEW_PART if self._durable else f"remove {self._folder}, and the run begins at its first layer"
@@ -121,7 +125,7 @@ class Checkpoints:
         except array_file.UNREADABLE as error:
             raise _unreadable(self._folder, error, advice) from error
         self._file, self.refusal = checkpoint.file, checkpoint.refusal
-        self._holds_state, self._state_at = not checkpoint.refusal, self._clock()
+        self._holds_state, self._state_ns, self._state_at = not checkpoint.refusal, checkpoint.time_ns, self._clock()
         return checkpoint
 
     def maps(self) -> LayerMaps:
@@ -156,8 +160,8 @@ class Checkpoints:
         gc.collect(1)  # ctypes leaves maps in reference cycles; the collector counts objects, not their bytes
 
     def _state_is_due(self) -> bool:
-        is_cheap = self._state_size < LARGE_STATE or self._durable
-        return is_cheap or self._clock() - self._state_at >= _STATE_SHARE * self._state_s
+        since = self._clock() - self._state_at
+        return self._durable or self._state_s <= STATE_SHARE * (since + self._state_s)
 
     def _write_state(self, path: Path, point: Checkpoint) -> None:
         """Write the states, one of them in memory at a time; without them the reason, if there are none on disk."""
@@ -170,7 +174,7 @@ class Checkpoints:
                 self.refusal, self._holds_state = str(error), False
             return
         self.refusal, self._holds_state = "", True
-        self._state_size, self._state_at = path.stat().st_size, self._clock()
+        self._state_ns, self._state_at = point.time_ns, self._clock()
         self._state_s = self._state_at - begin
 
 

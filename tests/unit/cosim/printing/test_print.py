@@ -15,6 +15,7 @@ from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
+from inkloop.results import checkpoint
 from inkloop.results.checkpoint import layer_files
 from inkloop.results.result import Result
 from support.toys import toy_job, toy_loop
@@ -111,7 +112,10 @@ def test_layer_is_modified_by_what_was_in_effect_in_the_step_that_completed_it()
     assert result.dataset.attrs["events"] == f"{events[0]}\n{events[1]}"
 
 
-def test_print_that_has_ended_leaves_no_checkpoints_and_an_interrupted_one_is_resumed(tmp_path: Path) -> None:
+def test_print_that_has_ended_leaves_no_checkpoints_and_an_interrupted_one_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
     whole = printed(Loop())
     failing = Loop(fails_ns=5 * SECOND // 2)
     with pytest.raises(ComponentError) as raised:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from inkloop.errors import ResultError
-from inkloop.results import checkpoint
 from inkloop.results.checkpoint import LAYERS_FOLDER, STATE_FILE, Checkpoints, last, layer_files
 
 
@@ -36,9 +35,11 @@ def test_reader_that_does_not_know_of_devices_gives_no_advice_of_its_own(tmp_pat
         last(tmp_path)
 
 
-def test_large_state_is_written_for_a_tenth_of_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Layers between two states are on disk, and are printed again by a run that is resumed."""
-    monkeypatch.setattr(checkpoint, "LARGE_STATE", 1)
+def seven_layers(folder: Path) -> tuple[Checkpoints, Any, list[int]]:
+    """The checkpoints of a print whose layers take 7 s and whose states take 2 s, its recorder, and the states' layers.
+
+    States are saved at 0, 23 and 46 s.
+    """
     time, saved = [0.0], list[int]()
 
     def save() -> bytes:
@@ -48,19 +49,39 @@ def test_large_state_is_written_for_a_tenth_of_the_time(tmp_path: Path, monkeypa
 
     part: Any = SimpleNamespace(save=save, restore=None, is_device=False)
     recorder: Any = SimpleNamespace(layers=0, scanned=-1, take_rows=lambda: {"row": np.array(recorder.layers)})
-    written = Checkpoints(tmp_path, {"part": part}, recorder, clock=lambda: time[0])
+    recorder.put_rows = lambda rows: None
+    written = Checkpoints(folder, {"part": part}, recorder, clock=lambda: time[0])
     written.initialized(0, {})
     for layer in range(1, 8):
         recorder.layers, time[0] = layer, time[0] + 7.0
         written.stepped(layer, {})
+    return written, recorder, saved
+
+
+def test_states_take_a_tenth_of_the_time(tmp_path: Path) -> None:
+    """Layers between two states are on disk, and are printed again by a run that is resumed."""
+    written, recorder, saved = seven_layers(tmp_path)
     assert saved == [0, 3, 6], "18 s of printing for the 2 s of a state"
     assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(8)]
     found = last(tmp_path)
     assert found is not None
     assert (found.layer, found.file, found.time_ns) == (6, (6, 0), 6)
-    recorder.put_rows = lambda rows: None
-    Checkpoints(tmp_path, {"part": part}, recorder).load()
+    written.load()
     assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(7)]
+    written.interrupted(6, {})
+    recorder.layers = 7
+    written.interrupted(7, {})
+    assert saved == [0, 3, 6, 7], "the state that was loaded is on disk"
+
+
+def test_run_that_is_interrupted_keeps_the_state_of_its_last_layer(tmp_path: Path) -> None:
+    written, _, saved = seven_layers(tmp_path)
+    for _ in range(2):
+        written.interrupted(7, {})
+    assert saved == [0, 3, 6, 7]
+    found = last(tmp_path)
+    assert found is not None
+    assert (found.layer, found.file, found.time_ns) == (7, (7, 1), 7)
 
 
 def test_files_of_layers_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -14,6 +14,12 @@ from inkloop.results import checkpoint
 from inkloop.results.checkpoint import LAYERS_FOLDER, Checkpoints, last, layer_files, remove_layers
 
 
+@pytest.fixture(autouse=True)
+def all_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    """States are written however long that takes."""
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
+
+
 def recorder_of() -> Any:
     """Rows with a number each, that are given back in the order in which they were written."""
     made = SimpleNamespace(layers=0, scanned=-1, taken=0, put=[])
@@ -145,8 +151,9 @@ def test_state_that_can_be_saved_again_takes_the_refusal_back(tmp_path: Path) ->
     assert (found.layer, found.refusal, written.refusal) == (1, "", "")
 
 
-def test_large_state_of_a_device_is_written_for_every_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoint, "LARGE_STATE", 1)
+def test_state_of_a_device_is_written_for_every_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between them, where Ctrl-C may end the run, a device need not have a state that can be saved."""
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1e-9)
     recorder = recorder_of()
     seconds = iter(float(n) for n in range(99))
     written = Checkpoints(tmp_path, {"printer": part(is_device=True)}, recorder, clock=lambda: next(seconds))
@@ -156,6 +163,8 @@ def test_large_state_of_a_device_is_written_for_every_layer(tmp_path: Path, monk
         found = last(tmp_path)
         assert found is not None
         assert found.layer == recorder.layers
+    written.interrupted(9, {})
+    assert names(tmp_path) == ["0000.npz", "0001.npz", "0002.npz"]
 
 
 def test_folder_without_layers_has_no_checkpoint(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from inkloop.fmu_writer.export import find_fmu
 from inkloop.printing.device_log import live_words
 from inkloop.printing.print import Print
 from inkloop.report.terminal import Terminal
-from inkloop.results import array_file
+from inkloop.results import array_file, checkpoint
 from inkloop.results.checkpoint import LAYERS_FOLDER
 from inkloop.results.result import RESULT_FILE
 from inkloop.scenario.file import Scenario
@@ -89,6 +89,7 @@ def test_checkpoint_without_room_names_the_disk(
     number: int, reason: str, scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write, calls = array_file.write_arrays, []
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
 
     def filling(file: Any, arrays: Any) -> None:
         calls.append("state.npz" in str(getattr(file, "name", "")))

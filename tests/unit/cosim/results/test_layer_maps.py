@@ -12,7 +12,7 @@ import xarray as xr
 
 from inkloop.component import Ink, Job
 from inkloop.printing.print import Print
-from inkloop.results import layer_maps, result, solid
+from inkloop.results import checkpoint, layer_maps, result, solid
 from inkloop.results.checkpoint import Checkpoints, last
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.result import Result
@@ -118,6 +118,7 @@ def test_state_that_cannot_be_saved_leaves_the_last_good_one(
     failing: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As for lack of memory in layers 2, or 2 and 3; the run is stopped there, and resumes with the layers before."""
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
     scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 4, "part.height_um": 40.0})
     whole = Print(scenario).run()
     printing = Print(scenario, tmp_path)
