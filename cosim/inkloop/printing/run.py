@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -131,6 +132,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
     from inkloop.report import run_report
     from inkloop.report.remarks import remarks
 
+    gc.freeze()  # what was imported stays: no collection has to go through it
     notes = origin_of(scenario, compare=compare)
     stopped, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
