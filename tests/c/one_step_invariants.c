@@ -54,48 +54,73 @@ static HorizonProblem random_problem(uint64_t seed) {
     return problem;
 }
 
-static const char *sweeps_differ(const HorizonProblem *problem) {
-    static uint8_t awake[2][FRAMED + 8];
-    PlanSurface surface[2];
+/* What sweeps of any plan work with. */
+typedef struct {
+    PlanSurface *surface;
+    uint8_t *awake;
+    const Sums *before;
     Window window;
     ChangeBound bound;
+    Tally tally;
+} AnySweep;
+
+/* Sweeps of any plan by these moves, each until it helps nowhere in the tile, in rounds until none does. */
+static void repeat_sweeps(AnySweep *any, const Tile *tile, int32_t moves) {
+    static const int32_t MOVES[] = {MOVE_FLIPS, MOVE_SWAPS};
+    const Tally *tally = &any->tally;
+    for (int64_t round = -1; tally->flips + tally->swaps > round;) {
+        round = tally->flips + tally->swaps;
+        for (size_t k = 0; k < 2; k++)
+            for (int64_t made = -1; moves & MOVES[k] && tally->flips + tally->swaps > made;) {
+                const Sweep sweep = {.move = MOVES[k], .deadline = 1.0};
+                made = tally->flips + tally->swaps;
+                tile_sweep(any->surface, any->awake, tile, &sweep, any->before, &any->window, &any->bound, &any->tally);
+                forget_tries(any->surface, any->awake);
+            }
+    }
+}
+
+static const char *sweeps_differ(const HorizonProblem *problem) {
+    static const int32_t MOVES[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_FLIPS | MOVE_SWAPS};
+    static uint8_t awake[2][FRAMED + 8];
+    PlanSurface surface[2];
+    const Sums *before = &surface[0].sums;
+    AnySweep any = {.surface = &surface[0], .awake = awake[0], .before = before};
     FlipBounds flips;
-    Tally tally[2] = {{.evaluations = 0}};
+    Tally tally = {.evaluations = 0};
     int64_t work = 0;
     if (!surface_open(&surface[0], problem, plan) || !surface_open(&surface[1], problem, plan) ||
-        !window_open(&window, &surface[0]) || !bound_open(&bound, &surface[0]) ||
+        !window_open(&any.window, &surface[0]) || !bound_open(&any.bound, &surface[0]) ||
         !flip_bounds_open(&flips, &surface[1]))
         return "there is memory";
     wake_all(&surface[0], awake[0]);
     wake_all(&surface[1], awake[1]);
     const char *broken = NULL;
-    const Sums before = surface[0].sums;
     for (int round = 0; !broken && round < 8; round++) {
-        const Sweep sweep = {.move = round % 4 < 2 ? MOVE_FLIPS : MOVE_SWAPS, .deadline = 1.0};
+        const Sweep sweep = {.move = MOVES[round % 3], .deadline = 1.0};
         for (int tile = 0; tile < 2; tile++) {
-            tile_sweep(&surface[0], awake[0], &TILES[tile], &sweep, &before, &window, &bound, &tally[0]);
-            one_step_sweep(&surface[1], awake[1], &TILES[tile], &sweep, &before, &flips, &work, &tally[1]);
+            repeat_sweeps(&any, &TILES[tile], sweep.move);
+            one_step_sweep(&surface[1], awake[1], &TILES[tile], &sweep, before, &flips, &work, &tally);
         }
-        if (memcmp(surface[0].plan, surface[1].plan, FRAMED) != 0 || tally[0].flips != tally[1].flips ||
-            tally[0].swaps != tally[1].swaps)
-            broken = "a sweep in one step makes the changes of any sweep";
+        if (memcmp(surface[0].plan, surface[1].plan, FRAMED) != 0 || any.tally.flips != tally.flips ||
+            any.tally.swaps != tally.swaps)
+            broken = "a sweep in one step makes the changes of sweeps of any plan";
         if (memcmp(surface[0].height, surface[1].height, 2 * FRAMED * sizeof(double)) != 0 ||
             memcmp(surface[0].cost, surface[1].cost, FRAMED * sizeof(double)) != 0)
             broken = "and leaves the same surface";
-        forget_tries(&surface[0], awake[0]);
         if (memcmp(awake[0], awake[1], FRAMED) != 0)
             broken = "and the same cells awake";
     }
     const bool is_plain = problem->kinds == 1 && problem->alpha == 1.0 && !problem->ceiling;
-    if (!broken && is_plain && problem->droplet_std == 0.0 && 4 * tally[1].evaluations > 3 * tally[0].evaluations)
+    if (!broken && is_plain && problem->droplet_std == 0.0 && 4 * tally.evaluations > 3 * any.tally.evaluations)
         broken = "bounds leave out a quarter of all moves";
-    if (!broken && tally[1].flips + tally[1].swaps < CELLS / 10)
+    if (!broken && tally.flips + tally.swaps < CELLS / 10)
         broken = "there is much to change";
     for (size_t cell = 0; cell < FRAMED; cell++)
         bits = mix64(bits + surface[1].plan[cell]);
     flip_bounds_close(&flips);
-    bound_close(&bound);
-    window_close(&window);
+    bound_close(&any.bound);
+    window_close(&any.window);
     surface_close(&surface[1]);
     surface_close(&surface[0]);
     return broken;
@@ -103,7 +128,7 @@ static const char *sweeps_differ(const HorizonProblem *problem) {
 
 /* Sweeps over all tiles, and after each of them a look at the cells of those that the next one would pass over. */
 static const char *awake_cells_are_missed(const HorizonProblem *problem) {
-    static const int32_t MOVES[] = {MOVE_FLIPS, MOVE_SWAPS};
+    static const int32_t MOVES[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_FLIPS | MOVE_SWAPS};
     PlanSurface surface;
     Tiling tiling;
     if (!surface_open(&surface, problem, plan) || !tiling_open(&tiling, &surface, 1))
@@ -113,7 +138,7 @@ static const char *awake_cells_are_missed(const HorizonProblem *problem) {
     tiling_wake(&tiling);
     for (int round = 0; round < 16; round++) {
         SearchReport report = {.sweeps = 0};
-        const Sweep sweep = {.move = MOVES[round / 4 % 2], .deadline = 1.0};
+        const Sweep sweep = {.move = MOVES[round / 2 % 3], .deadline = 1.0};
         tiled_sweep(&tiling, &sweep, &report, &out_of_time);
         for (size_t k = 0; k < CELLS; k++) {
             const uint8_t awake = tiling.awake[surface_cell(&surface, k / NY, k % NY)] & (MOVE_FLIPS | MOVE_SWAPS);

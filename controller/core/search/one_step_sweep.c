@@ -17,6 +17,7 @@ typedef struct {
     FlipBounds *flips;
     int64_t *work;
     Tally *tally;
+    double deadline;   /* by the stopwatch [s] */
     int64_t next_look; /* at the clock, by `work` */
     bool cost_alone;
     FirstChange first;
@@ -200,17 +201,20 @@ static void put_to_sleep(uint8_t *awake, size_t count, uint8_t move) {
         awake[k] &= (uint8_t)~move;
 }
 
-static bool is_out_of_time(TileWork *work, double deadline) {
+static bool is_out_of_time(TileWork *work) {
     if (*work->work >= work->next_look) {
         work->next_look = *work->work + WORK_BETWEEN_LOOKS;
-        work->tally->out_of_time = stopwatch_seconds() >= deadline;
+        work->tally->out_of_time = stopwatch_seconds() >= work->deadline;
     }
     return work->tally->out_of_time;
 }
 
+static inline int64_t moves_made(const TileWork *work) {
+    return work->tally->flips + work->tally->swaps;
+}
+
 /* The cells of a row that are awake for the move; false if the time has ended. */
-static bool sweep_row(TileWork *work, size_t i, const Tile *tile, const Sweep *sweep) {
-    const uint8_t move = (uint8_t)sweep->move;
+static bool sweep_row(TileWork *work, size_t i, const Tile *tile, uint8_t move) {
     const size_t cell = surface_cell(work->surface, i, tile->left), count = tile->right - tile->left;
     uint8_t *awake = work->awake + cell, open[TILE];
     size_t done = next_with(awake, move, 0, count);
@@ -218,33 +222,41 @@ static bool sweep_row(TileWork *work, size_t i, const Tile *tile, const Sweep *s
         return true;
     flip_bounds_mark(work->flips, work->surface, cell, count, work->awake, move, open);
     for (size_t k = done; (k = next_with(open, move, k, count)) < count; k++) {
-        const int64_t changes = work->tally->flips + work->tally->swaps;
+        const int64_t made = moves_made(work);
         put_to_sleep(awake + done, k + 1 - done, move);
         done = k + 1;
         if (move == MOVE_FLIPS && is_flip_in_vain(work->flips, cell + k))
             continue;
-        if (is_out_of_time(work, sweep->deadline))
+        if (is_out_of_time(work))
             return false;
         if (move == MOVE_FLIPS)
             flip(work, i, tile->left + k);
         else
             swap(work, i, tile->left + k);
-        if (work->tally->flips + work->tally->swaps > changes)
+        if (moves_made(work) > made)
             memcpy(open + done, awake + done, FELT_BEHIND < count - done ? FELT_BEHIND : count - done);
     }
     put_to_sleep(awake + done, count - done, move);
     return true;
 }
 
-static void sweep_tile(TileWork *work, const Tile *tile, const Sweep *sweep) {
-    if (sweep->move == MOVE_SWAPS)
+static void sweep_tile(TileWork *work, const Tile *tile, uint8_t move) {
+    if (move == MOVE_SWAPS)
         flip_bounds_renew(work->flips, work->surface, tile, work->awake, MOVE_SWAPS);
     for (size_t i = tile->top; i < tile->bottom; i++) {
         const Tile row = {i, i + 1, tile->left, tile->right};
-        if (sweep->move == MOVE_FLIPS)
+        if (move == MOVE_FLIPS)
             flip_bounds_renew(work->flips, work->surface, &row, work->awake, MOVE_FLIPS);
-        if (!sweep_row(work, i, tile, sweep))
+        if (!sweep_row(work, i, tile, move))
             return;
+    }
+}
+
+/* Sweeps the tile until the move helps nowhere, or the time has ended. */
+static void repeat(TileWork *work, const Tile *tile, uint8_t move) {
+    for (int64_t made = -1; moves_made(work) > made && !work->tally->out_of_time;) {
+        made = moves_made(work);
+        sweep_tile(work, tile, move);
     }
 }
 
@@ -256,9 +268,16 @@ void one_step_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, cons
     work.before = before;
     work.flips = flips;
     work.work = cells_printed;
+    work.deadline = sweep->deadline;
     work.next_look = *cells_printed;
     work.tally = tally;
     work.cost_alone = is_cost_enough(surface);
     first_open(&work.first);
-    sweep_tile(&work, tile, sweep);
+    for (int64_t made = -1; moves_made(&work) > made && !tally->out_of_time;) {
+        made = moves_made(&work);
+        if (sweep->move & MOVE_FLIPS)
+            repeat(&work, tile, MOVE_FLIPS);
+        if (sweep->move & MOVE_SWAPS)
+            repeat(&work, tile, MOVE_SWAPS);
+    }
 }

@@ -59,9 +59,9 @@ static int32_t anneal(Search *search) {
     return status;
 }
 
-/* Sweeps one move until none helps; *changed is set if one did. */
-static int32_t repeat(Search *search, int32_t move, int64_t *sweeps, bool *changed) {
-    const Sweep wanted = {.move = move, .deadline = search->deadline};
+/* Sweeps moves of one sort until none helps; *changed is set if one did. */
+static int32_t repeat(Search *search, int32_t moves, int64_t *sweeps, bool *changed) {
+    const Sweep wanted = {.move = moves, .deadline = search->deadline};
     for (int64_t changes = 1; changes > 0;) {
         if ((*sweeps)++ == search->options->sweeps_max)
             return CORE_BUDGET;
@@ -73,11 +73,14 @@ static int32_t repeat(Search *search, int32_t move, int64_t *sweeps, bool *chang
     return CORE_DONE;
 }
 
-/* Rounds of flips, swaps and shifts, each until none helps (the order by trial on nearly flat printed surfaces). When a
- * round has changed nothing, one more over all cells makes sure, unless no change is felt further than it wakes. */
+/* Rounds of flips, swaps and shifts, each until none helps (the order by trial on nearly flat printed surfaces); what
+ * is printed in one step has no shifts, and the others together, tile by tile. When a round has changed nothing, one
+ * more over all cells makes sure, unless no change is felt further than it wakes. */
 static int32_t descend(Search *search) {
-    static const int32_t ORDER[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_SHIFTS};
+    static const int32_t ORDER[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_SHIFTS}, TOGETHER[] = {MOVE_FLIPS | MOVE_SWAPS};
     const PlanSurface *surface = search->surface;
+    const int32_t *order = surface->steps == 1 ? TOGETHER : ORDER;
+    const size_t sorts = surface->steps == 1 ? 1 : sizeof ORDER / sizeof ORDER[0];
     const bool local = surface->steps == 1 && surface->weighting.alpha == 1.0;
     int64_t sweeps = 0;
     for (bool changed_since_all = true; changed_since_all;) {
@@ -85,10 +88,9 @@ static int32_t descend(Search *search) {
         changed_since_all = false;
         for (bool changed = true; changed;) {
             changed = false;
-            for (size_t k = 0; k < sizeof ORDER / sizeof ORDER[0]; k++) {
-                if (!(search->options->moves & ORDER[k]))
-                    continue;
-                const int32_t status = repeat(search, ORDER[k], &sweeps, &changed);
+            for (size_t k = 0; k < sorts; k++) {
+                const int32_t moves = search->options->moves & order[k];
+                const int32_t status = moves ? repeat(search, moves, &sweeps, &changed) : CORE_DONE;
                 if (status != CORE_DONE)
                     return status;
             }
