@@ -16,7 +16,7 @@ typedef struct {
 enum { MOVE_ANNEAL = 8 };
 
 typedef struct {
-    int32_t move;       /* MOVE_..., of one_step_sweep several */
+    int32_t move;       /* MOVE_...; one_step_sweep takes several */
     double temperature; /* of annealing [m] */
     uint64_t key;       /* of its random numbers, one for each sweep */
     double deadline;    /* by the stopwatch [s] */

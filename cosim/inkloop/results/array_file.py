@@ -35,7 +35,7 @@ def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) ->
 
 
 class _InOrder:
-    """A file without a way back: zipfile would go to the begin of each member again, and empty the buffer each time."""
+    """A file that is written in order: zipfile would return to each member's header, and empty the buffer each time."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self.write, self.flush, self.close = file.write, file.flush, file.close

@@ -1,4 +1,4 @@
-"""Layers on disk during a run, so that Ctrl-C costs no finished layer, a crash or a full disk a tenth of the time.
+"""Layers on disk during a run: Ctrl-C costs no finished layer, a crash or a full disk those since the last state.
 
 `layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/0007_1.npz` what followed
 before layer 8, as its scan. `layers/state.npz` is the communication point after one of these files: time, outputs and

@@ -137,7 +137,7 @@ class LayerMaps:
 
 
 def _neighbours(rows: Iterable[tuple[str, int, NDArray[Any]]]) -> Iterator[tuple[str, int, list[NDArray[Any]]]]:
-    """Name, first layer and maps of layers that follow each other, about a chunk together: a write takes its time."""
+    """Name, first layer and maps of neighbouring layers, about a chunk together: each write takes its time."""
     held: dict[str, tuple[int, list[NDArray[Any]]]] = {}
     for name, layer, map_ in rows:
         first, maps = held.get(name, (layer, []))
