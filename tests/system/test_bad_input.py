@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -162,7 +163,8 @@ def test_crash_in_a_step_ends_with_a_message(crash: tuple[str, Path, subprocess.
     folder = path.parent / "run"
     assert run.returncode == 1
     assert f"the print was ended by {signal_name}: native code crashed, most likely of components.lamp" in run.stderr
-    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in run.stderr
+    kept = rf"layers 0 to [0-2] are in {re.escape(str(folder))}; fix the cause, then continue with `inkloop resume "
+    assert re.search(kept, run.stderr), "up to the last state: not every layer has one"
     assert half_written(folder) == []
     assert list((path.parent / "unpacked").iterdir()) == []
 

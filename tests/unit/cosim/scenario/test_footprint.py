@@ -21,7 +21,7 @@ from inkloop.errors import FmuError, ResultError, ScenarioError
 from inkloop.limits import GIB, KIB, MIB
 from inkloop.printing.print import Print
 from inkloop.printing.run import checked_run_folder
-from inkloop.results import array_file
+from inkloop.results import array_file, checkpoint
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.scenario import footprint
 from inkloop.scenario.file import Scenario
@@ -189,7 +189,11 @@ def test_layers_ahead_are_those_of_the_controller(finish: Literal["even", "fast"
 
 
 def test_disk_is_what_a_print_takes_when_most_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run folder while a file is replaced, and while the result is written, for each cell beyond a small grid."""
+    """The run folder while a file is replaced, and while the result is written, for each cell beyond a small grid.
+
+    Of a state, which every layer has here, there are two while one is replaced.
+    """
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
     peaks: dict[int, int] = {}
 
     def watched(write: Any) -> Any:
