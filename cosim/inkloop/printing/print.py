@@ -16,7 +16,7 @@ from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
 from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
-from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
+from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
 
@@ -99,7 +99,7 @@ class Print:
         return checkpoint
 
     def _result(self, stop_reason: str) -> Result:
-        """The result so far: saved and read back if there is a folder, so that its maps need not be in memory."""
+        """The result so far, saved if there is a folder; the maps of a large one stay there until they are used."""
         tables, notes = self._scenario.tables, dict(self._notes)
         if self._events:
             notes["events"] = [str(event) for event in self._events]
@@ -108,11 +108,12 @@ class Print:
         if self._checkpoints and self._checkpoints.refusal:
             notes["not_resumable"] = self._checkpoints.refusal
         manipulator = Manipulator(self._events, self._components)
-        table = self._recorder.table()
-        if not self._checkpoints:
-            table = self._evaluated(self._recorder.maps().added_to(table))
+        dataset, maps = self._recorder.table(), (self._checkpoints or self._recorder).maps()
+        in_memory = not self._folder or maps.nbytes <= READ_AT_ONCE
+        if in_memory:
+            dataset = self._evaluated(maps.added_to(dataset))
         result = Result.of(
-            _marked(table, self._events, manipulator, self._step_ns),
+            _marked(dataset, self._events, manipulator, self._step_ns),
             title=tables.title,
             label=tables.label,
             scenario_text=self._scenario.text,
@@ -122,13 +123,17 @@ class Print:
             components=self._components,
             notes=notes,
         )
-        if self._folder and self._checkpoints:
-            result.save(self._folder, self._checkpoints.maps())
-            result = Result.load(self._folder)
-            if tables.metrology:
-                Result(self._evaluated(result.dataset), result.run).save(self._folder)
-                result = Result.load(self._folder)
-        return result
+        if not self._folder:
+            return result
+        result.save(self._folder, None if in_memory else maps)
+        return result if in_memory else self._read_back(self._folder)
+
+    def _read_back(self, folder: Path) -> Result:
+        """The result in `folder`, with the parameters of its surface; its maps are read when they are used."""
+        if self._scenario.tables.metrology:
+            result = Result.load(folder)
+            Result(self._evaluated(result.dataset), result.run).save(folder)
+        return Result.load(folder)
 
     def _evaluated(self, run: xr.Dataset) -> xr.Dataset:
         """The run with the parameters that the scenario's [metrology] asks for."""

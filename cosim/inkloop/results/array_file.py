@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import shutil
 import zipfile
-from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 UNREADABLE = (OSError, ValueError, KeyError, zipfile.BadZipFile)
 """What reading such a file raises."""
 _SMALL = 1 << 18
-"""Bytes of an array that is copied to be written: a checkpoint has some sixty, whose headers recur."""
+"""Bytes of an array that is copied to be written or read: the headers of such arrays recur from layer to layer."""
+_LENGTH = slice(8, 10)
+"""Where a header says how long its rest is, in the NPY format 1.0."""
 _CHUNK = 1 << 20
 """Bytes read at a time."""
 
@@ -50,17 +52,53 @@ def _header(dtype: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
     return header.getvalue()
 
 
-def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
-    """The arrays of a file, each read when it is asked for."""
-    found: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path, allow_pickle=False)
-    return found
+def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether in Fortran order, and type of an array, to whose elements this reads. Raises ValueError."""
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    return read(file)
+
+
+@lru_cache(256)
+def _described(header: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    return read_header(io.BytesIO(header))
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Mapping[str, NDArray[Any]]]:
+    """The arrays of a file, each read when it is asked for. Raises what is in UNREADABLE."""
+    with zipfile.ZipFile(path) as archive:
+        yield _StoredArrays(archive)
+
+
+class _StoredArrays(Mapping[str, NDArray[Any]]):
+    """The arrays of an open file; small ones cannot be written to."""
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._archive = archive
+        self._names = [name.removesuffix(".npy") for name in archive.namelist()]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        member = self._archive.getinfo(f"{name}.npy")
+        if member.file_size < _SMALL:
+            content = self._archive.read(member)
+            begin = _LENGTH.stop + int.from_bytes(content[_LENGTH], "little")
+            shape, is_fortran, dtype = _described(content[:begin])
+            return np.ndarray(shape, dtype, content, begin, order="F" if is_fortran else "C")
+        with self._archive.open(member) as stored:
+            found: NDArray[Any] = np.lib.format.read_array(stored, allow_pickle=False)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def bytes_of(path: Path, name: str) -> bytes:
     """The content of an array, which is once in memory."""
     with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as member:
-        version = np.lib.format.read_magic(member)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         read_header(member)
         content = io.BytesIO()
         shutil.copyfileobj(member, content, _CHUNK)  # ZipExtFile.read joins what it reads, which is then there twice

@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import FileIO
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,10 +49,15 @@ class LayerMaps:
     rows: Iterable[tuple[str, int, NDArray[Any]]]
     job: Job | None = None
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all maps."""
+        return prod(self.shape) * sum(dtype.itemsize for dtype, _ in self.variables.values())
+
     @classmethod
     def taken_from(cls, run: xr.Dataset) -> tuple[xr.Dataset, LayerMaps]:
         """A dataset without its maps by layer, and these."""
-        found = {str(name): values for name, values in run.data_vars.items() if values.dims == DIMENSIONS}
+        found = {str(name): run.variables[name] for name in run.data_vars if run.variables[name].dims == DIMENSIONS}
         count, nx, ny = (int(run.sizes[name]) for name in DIMENSIONS)
         variables = {name: (values.dtype, values.attrs) for name, values in found.items()}
         rows = ((name, layer, found[name][layer].values) for name in found for layer in range(count))
@@ -63,7 +69,7 @@ class LayerMaps:
             name: np.full(self.shape, _unknown(dtype), dtype=dtype) for name, (dtype, _) in self.variables.items()
         }
         scalars = self._fill(arrays)
-        maps = {name: (DIMENSIONS, values, dict(self.variables[name][1])) for name, values in arrays.items()}
+        maps = {name: (DIMENSIONS, values, self._attributes(name)) for name, values in arrays.items()}
         return table.assign({**maps, **scalars})
 
     def laid_over(self, table: xr.Dataset) -> xr.Dataset:
@@ -114,21 +120,22 @@ class LayerMaps:
         dtype, attributes = self.variables[name]
         return nx * ny > ROUNDED_CELLS and dtype.kind == "f" and attributes.get("units") == "m"
 
+    def _attributes(self, name: str) -> dict[str, Any]:
+        return dict(self.variables[name][1]) | ({"rounded_to": ROUNDED_M} if self._is_rounded(name) else {})
+
     def _stored(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.round(values / ROUNDED_M) * ROUNDED_M) if self._is_rounded(name) else values
 
     def _new_variable(self, stored: Any, name: str) -> Any:
         """A variable of a netCDF file as xarray would write it."""
-        dtype, attributes = self.variables[name]
+        dtype, _ = self.variables[name]
         count, nx, ny = self.shape
-        if self._is_rounded(name):
-            attributes = {**attributes, "rounded_to": ROUNDED_M}
         return netcdf.add(
             stored,
             name,
             DIMENSIONS,
             np.dtype(dtype),
-            attributes,
+            self._attributes(name),
             chunks=(min(count, max(1, _CHUNK_CELLS // (nx * ny))), min(nx, _CHUNK_SIDE), min(ny, _CHUNK_SIDE)),
             compression="gzip",
             compression_opts=_COMPRESSION,

@@ -54,6 +54,8 @@ LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
 _RUN = "run"
 """Role of recorded values of no component."""
+_SCALARS = "scalars"
+"""Role of tables of recorded scalars: a file takes much less time for a few of them than for each scalar."""
 DROPLETS = ("droplets_a", "droplets_b")
 """Droplets of each ink so far, by a printer that counts them."""
 COUNTER_END = 2**31 - 1
@@ -153,15 +155,29 @@ class Recorder:
                 self._scanned(number, time_ns, values)
 
     def take_rows(self) -> dict[str, NDArray[Any]]:
-        """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
+        """What was recorded since this was last called, for `put_rows` of a recorder of the same components.
+
+        Scalars are in tables, one for each type, of their places and values.
+        """
         rows, self._new_rows = self._new_rows, {}
+        scalars: dict[np.dtype[Any], list[tuple[str, Any]]] = {}
+        for place in [place for place, value in rows.items() if not value.shape]:
+            value = rows.pop(place)
+            scalars.setdefault(value.dtype, []).append((place, value[()]))
+        for dtype, placed in scalars.items():
+            length = max(len(place) for place, _ in placed)
+            table = np.array(placed, [("place", f"U{length}"), ("value", dtype)])
+            rows[f"{_SCALARS}/{dtype}/{self.layers}"] = table
         return rows
 
     def put_rows(self, rows: Mapping[str, NDArray[Any]]) -> None:
         """Record what `take_rows` of an earlier part of the run gave; all of its calls in their order."""
         for key in rows:
             role, name, layer = _place(key)
-            if role == _RUN:
+            if role == _SCALARS:
+                table = rows[key]
+                self.put_rows(dict(zip(table["place"].tolist(), map(np.asarray, table["value"]), strict=True)))
+            elif role == _RUN:
                 self._of_run[name][layer] = rows[key]
             elif (label := self._label(role, name)) and not self._ports[label].shape:
                 self._scalars.setdefault(label, {})[layer] = rows[key]
@@ -240,7 +256,7 @@ class Recorder:
         for part in parts:
             for key in part:
                 role, name, layer = _place(key)
-                label = "" if role == _RUN else self._label(role, name)
+                label = "" if role in {_RUN, _SCALARS} else self._label(role, name)
                 if not label or not self._ports[label].shape:
                     continue
                 map_ = part[key]
@@ -350,7 +366,7 @@ class Recorder:
 
 
 def _place(key: str) -> tuple[str, str, int]:
-    """Role, name and layer of a recorded value; the role `_RUN` is that of values of no component."""
+    """Role, name and layer of a recorded value; the roles `_RUN` and `_SCALARS` are those of no component."""
     place, _, layer = key.rpartition("/")
     role, _, name = place.partition("/")
     return role, name, int(layer)

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from inkloop.results.array_file import read_header
+
 _LOCAL_HEADER = struct.Struct("<26xHH")
 """Of a member of a ZIP file: the lengths of its name and of what else stands before its bytes."""
 
@@ -46,9 +48,7 @@ def stacked(layers: Sequence[NDArray[Any] | None], empty: NDArray[Any], attribut
 
 def _array_at(file: IO[bytes]) -> NDArray[Any]:
     """The array in NPY form from the present place of a file on."""
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = read(file)
+    shape, is_fortran, dtype = read_header(file)
     if not shape:
         return np.fromfile(file, dtype, 1).reshape(())
     order = "F" if is_fortran else "C"

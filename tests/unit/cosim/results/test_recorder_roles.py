@@ -221,4 +221,5 @@ def test_rows_that_were_handed_over_are_put_back_as_they_were() -> None:
     steps(resumed, 3, 4)
     both = resumed.maps([rows]).added_to(resumed.table())
     assert both.identical(whole.dataset())
+    assert both.dtypes == whole.dataset().dtypes
     np.testing.assert_allclose(both.height[:, 1, 1], [0.0, DROPLET, 2 * DROPLET, 3 * DROPLET], rtol=1e-9)
