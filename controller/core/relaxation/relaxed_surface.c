@@ -3,35 +3,25 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cell_colour.h"
 #include "drop_levels.h"
 #include "parallel.h"
 #include "stopwatch.h"
-
-/* Cells that a step jets on: those of one `cell_colour` in four passes, all in one. */
-typedef struct {
-    size_t layer, first_i, first_j, stride;
-} Step;
-
-static Step step_of(const HorizonProblem *problem, size_t step) {
-    if (problem->passes == 1)
-        return (Step){step, 0, 0, 1};
-    const int32_t colour = problem->colours[step / 4][step % 4];
-    return (Step){step / 4, (size_t)colour / 2, (size_t)colour % 2, 2};
-}
 
 static size_t framed_cell(const HorizonProblem *problem, size_t i, size_t j) {
     return (i + 1) * (problem->ny + 2) + j + 1;
 }
 
 static Footprint footprint_of(const Ink *ink) {
-    Footprint footprint = {.h1 = ink->h1};
-    for (int k = 0; k < FOOTPRINT; k++) {
-        if (k == CENTRE)
-            continue;
-        footprint.spread[k] = k % 2 ? ink->h2 : ink->h3;
-        footprint.steepness[k] = 1.0 / (ink->h1 + footprint.spread[k]);
-    }
-    return footprint;
+    return (Footprint){ink->h1, {ink->h2, ink->h3}, {1.0 / (ink->h1 + ink->h2), 1.0 / (ink->h1 + ink->h3)}};
+}
+
+static void set_frame(const HorizonProblem *problem, double value, double *map) {
+    const size_t nx = problem->nx, ny = problem->ny;
+    for (size_t j = 0; j < ny + 2; j++)
+        map[j] = map[(nx + 1) * (ny + 2) + j] = value;
+    for (size_t i = 0; i < nx; i++)
+        map[framed_cell(problem, i, 0) - 1] = map[framed_cell(problem, i, ny)] = value;
 }
 
 bool relaxed_open(RelaxedSurface *surface, const HorizonProblem *problem) {
@@ -48,17 +38,16 @@ bool relaxed_open(RelaxedSurface *surface, const HorizonProblem *problem) {
     surface->height = surface->memory;
     surface->sensitivity = surface->height + (surface->steps + 1) * surface->framed;
     surface->first = (uint8_t *)(surface->sensitivity + 2 * surface->framed);
-    for (int k = 0; k < FOOTPRINT; k++)
-        surface->offset[k] = (ptrdiff_t)(k / 3 - 1) * (ptrdiff_t)(problem->ny + 2) + k % 3 - 1;
     for (size_t kind = 0; kind < problem->kinds; kind++)
         surface->kind[kind] = footprint_of(&problem->kind[kind]);
     for (size_t place = 0; place < problem->layers * cells; place++)
         surface->first[place] = first_kind(problem, problem->choices[place]);
     for (size_t cell = 0; cell < cells; cell++)
         surface->count += problem->part[cell] != 0;
-    /* A frame that lies infinitely low takes every share in full, and no share ever lifts it: an open edge. */
-    for (size_t cell = 0; cell < surface->framed; cell++)
-        surface->height[cell] = -INFINITY;
+    for (size_t number = 0; number <= surface->steps; number++)
+        set_frame(problem, -INFINITY, surface->height + number * surface->framed);
+    for (size_t k = 0; k < 2; k++)
+        set_frame(problem, 0.0, surface->sensitivity + k * surface->framed);
     for (size_t i = 0; i < problem->nx; i++)
         memcpy(surface->height + framed_cell(problem, i, 0), problem->height + i * problem->ny,
                problem->ny * sizeof(double));
@@ -69,69 +58,31 @@ void relaxed_close(RelaxedSurface *surface) {
     free(surface->memory);
 }
 
-static double saturate(double rise, double steepness) {
-    const double share = 1.0 + (rise < 0.0 ? rise : 0.0) * steepness;
-    return share > 0.0 ? share : 0.0;
+static RelaxedStep step_at(const RelaxedSurface *surface, const double *droplets, size_t number) {
+    const HorizonProblem *problem = surface->problem;
+    const size_t passes = (size_t)problem->passes, layer = number / passes, place = layer * problem->nx * problem->ny;
+    return (RelaxedStep){problem,
+                         surface->kind,
+                         surface->first + place,
+                         droplets + place,
+                         passes == 1 ? COLOUR_ALL : problem->colours[layer][number % passes],
+                         surface->ends_at,
+                         surface->height + number * surface->framed};
 }
 
-/* The rows of the cell above a droplet, its own and below that a thread writes to. */
+/* Rows of the grid, `top` to `bottom` excluded, that one thread makes. */
 typedef struct {
-    bool is_own[3];
-} OwnRows;
-
-static inline void jet_droplet(const Footprint *ink, const ptrdiff_t *offset, double amount, const OwnRows *rows,
-                               const double *before, double *after) {
-    double kept = 0.0;
-    for (int k = 0; k < FOOTPRINT; k++) {
-        const double taken = ink->spread[k] * saturate(before[0] - before[offset[k]], ink->steepness[k]);
-        if (rows->is_own[k / 3])
-            after[offset[k]] += amount * taken;
-        kept += ink->spread[k] - taken;
-    }
-    if (rows->is_own[1])
-        after[0] += amount * (ink->h1 + kept);
-}
-
-/* Adds to `earlier` what `later` passes back through the flow of a droplet; returns the sensitivity to its amount. */
-static inline double trace_droplet(const Footprint *ink, const ptrdiff_t *offset, double amount, const OwnRows *rows,
-                                   const double *before, const double *later, double *earlier) {
-    double gain = ink->h1 * later[0];
-    for (int k = 0; k < FOOTPRINT; k++) {
-        const double rise = before[0] - before[offset[k]];
-        const double share = saturate(rise, ink->steepness[k]);
-        const double difference = ink->spread[k] * (later[offset[k]] - later[0]);
-        gain += ink->spread[k] * later[0] + share * difference;
-        if (rise < 0.0 && share > 0.0) {
-            const double passed = amount * ink->steepness[k] * difference;
-            if (rows->is_own[1])
-                earlier[0] += passed;
-            if (rows->is_own[k / 3])
-                earlier[offset[k]] -= passed;
-        }
-    }
-    return gain;
-}
-
-/* Rows of a step between looks at the stopwatch. */
-static size_t band_rows(const HorizonProblem *problem) {
-    return 2 + 2 * (BAND_CELLS / 2 / problem->ny); /* even: each colour begins one */
-}
-
-/* Rows of a map with a frame, `top` to `bottom` excluded, that one thread writes; what reaches them comes from the rows
- * next to them, too: a droplet there is looked at by both threads. So each cell gets the same sums in the same order.
- */
-typedef struct {
-    RelaxedSurface *surface;
-    size_t number, top, bottom; /* number: of the step */
-    const double *droplets, *later;
-    double *gradient, *earlier;
+    const RelaxedStep *step;
+    size_t top, bottom;
+    double *after;
+    const double *later;
+    double *earlier, *gradient;
     bool is_done;
 } Share;
 
-/* Calls `work` for all rows of the maps in shares like this one; false if one of them has run out of time. */
-static bool run_shares(void *(*work)(void *share), const Share *like) {
-    const RelaxedSurface *surface = like->surface;
-    const size_t rows = surface->problem->nx + 2;
+/* Calls `work` for all rows in shares like this one; false if one of them has run out of time. */
+static bool run_shares(const RelaxedSurface *surface, void *(*work)(void *share), const Share *like) {
+    const size_t rows = surface->problem->nx;
     size_t threads = useful_threads(surface->threads, surface->framed);
     Share shares[MAX_PARALLEL];
     bool is_done = true;
@@ -147,75 +98,31 @@ static bool run_shares(void *(*work)(void *share), const Share *like) {
     return is_done;
 }
 
-/* The rows about row i of the grid that the share writes; row i stands at i + 1 with the frame. */
-static OwnRows own_rows(const Share *share, size_t i) {
-    OwnRows rows;
-    for (size_t k = 0; k < 3; k++)
-        rows.is_own[k] = i + k >= share->top && i + k < share->bottom;
-    return rows;
-}
-
-/* The first and behind the last row of the grid that a share looks at, of those that a step jets on. */
-static size_t first_row(const Share *share, const Step *step) {
-    const size_t first = share->top > 2 ? share->top - 2 : 0;
-    return first + (first + step->first_i) % step->stride;
-}
-
-static size_t end_row(const Share *share) {
-    const size_t nx = share->surface->problem->nx;
-    return share->bottom < nx ? share->bottom : nx;
-}
-
-static void copy_rows(const Share *share, const double *from, double *to) {
-    const size_t stride = share->surface->problem->ny + 2, first = share->top * stride;
-    memcpy(to + first, from + first, (share->bottom - share->top) * stride * sizeof(double));
-}
-
-static inline void jet_row(const Share *share, const Step *step, size_t i, const OwnRows *rows, const double *before,
-                           double *after) {
-    const RelaxedSurface *surface = share->surface;
-    for (size_t j = step->first_j; j < surface->problem->ny; j += step->stride) {
-        const size_t place = (step->layer * surface->problem->nx + i) * surface->problem->ny + j;
-        if (surface->first[place] == NO_KIND || share->droplets[place] == 0.0)
-            continue;
-        const size_t cell = framed_cell(surface->problem, i, j);
-        jet_droplet(&surface->kind[surface->first[place]], surface->offset, share->droplets[place], rows, before + cell,
-                    after + cell);
-    }
-}
-
-static const OwnRows ALL_ROWS = {{true, true, true}};
-
-static bool is_inner(const OwnRows *rows) {
-    return rows->is_own[0] && rows->is_own[1] && rows->is_own[2];
-}
-
 static void *jet_share(void *handed) {
     Share *share = handed;
-    const HorizonProblem *problem = share->surface->problem;
-    const Step step = step_of(problem, share->number);
-    const double *before = share->surface->height + share->number * share->surface->framed;
-    double *after = share->surface->height + (share->number + 1) * share->surface->framed;
-    const size_t band = band_rows(problem);
-    copy_rows(share, before, after);
-    for (size_t i = first_row(share, &step); i < end_row(share); i += step.stride) {
-        const OwnRows rows = own_rows(share, i);
-        if (i % band == step.first_i && is_past(share->surface->ends_at))
-            return NULL;
-        if (is_inner(&rows))
-            jet_row(share, &step, i, &ALL_ROWS, before, after);
-        else
-            jet_row(share, &step, i, &rows, before, after);
-    }
-    share->is_done = true;
+    share->is_done = jet_rows(share->step, share->top, share->bottom, share->after);
+    return NULL;
+}
+
+static void *trace_share(void *handed) {
+    Share *share = handed;
+    share->is_done = trace_rows(share->step, share->top, share->bottom, share->later, share->earlier, share->gradient);
     return NULL;
 }
 
 static bool jet_all(RelaxedSurface *surface, const double *droplets) {
-    for (size_t number = 0; number < surface->steps; number++)
-        if (!run_shares(jet_share, &(Share){.surface = surface, .number = number, .droplets = droplets}))
+    for (size_t number = 0; number < surface->steps; number++) {
+        const RelaxedStep step = step_at(surface, droplets, number);
+        double *after = surface->height + (number + 1) * surface->framed;
+        if (!run_shares(surface, jet_share, &(Share){.step = &step, .after = after}))
             return false;
+    }
     return true;
+}
+
+/* Rows of a map between looks at the stopwatch. */
+static size_t band_rows(const HorizonProblem *problem) {
+    return 1 + BAND_CELLS / problem->ny;
 }
 
 static double positive_part(double x, double smoothing) {
@@ -277,7 +184,6 @@ static bool seed_sensitivity(const RelaxedSurface *surface, double smoothing, do
     const double *height = surface->height + surface->steps * surface->framed;
     double mean, deviation;
     spread_of(surface, height, smoothing, &mean, &deviation);
-    memset(sensitivity, 0, surface->framed * sizeof(double));
     for (size_t i = 0; i < problem->nx; i++) {
         if (i % band_rows(problem) == 0 && is_past(surface->ends_at))
             return false;
@@ -297,52 +203,16 @@ static bool seed_sensitivity(const RelaxedSurface *surface, double smoothing, do
     return true;
 }
 
-static inline void trace_row(const Share *share, const Step *step, size_t i, const OwnRows *rows,
-                             const double *before) {
-    const RelaxedSurface *surface = share->surface;
-    for (size_t j = step->first_j; j < surface->problem->ny; j += step->stride) {
-        const size_t place = (step->layer * surface->problem->nx + i) * surface->problem->ny + j;
-        double gain = 0.0;
-        if (surface->first[place] != NO_KIND) {
-            const size_t cell = framed_cell(surface->problem, i, j);
-            gain = trace_droplet(&surface->kind[surface->first[place]], surface->offset, share->droplets[place], rows,
-                                 before + cell, share->later + cell, share->earlier + cell);
-        }
-        if (rows->is_own[1])
-            share->gradient[place] = gain;
-    }
-}
-
-static void *trace_share(void *handed) {
-    Share *share = handed;
-    const HorizonProblem *problem = share->surface->problem;
-    const Step step = step_of(problem, share->number);
-    const double *before = share->surface->height + share->number * share->surface->framed;
-    const size_t band = band_rows(problem);
-    copy_rows(share, share->later, share->earlier);
-    for (size_t i = first_row(share, &step); i < end_row(share); i += step.stride) {
-        const OwnRows rows = own_rows(share, i);
-        if (i % band == step.first_i && is_past(share->surface->ends_at))
-            return NULL;
-        if (is_inner(&rows))
-            trace_row(share, &step, i, &ALL_ROWS, before);
-        else
-            trace_row(share, &step, i, &rows, before);
-    }
-    share->is_done = true;
-    return NULL;
-}
-
 bool relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient) {
-    Share share = {.surface = surface, .droplets = droplets, .gradient = gradient};
+    const size_t cells = surface->problem->nx * surface->problem->ny, passes = (size_t)surface->problem->passes;
     double *later = surface->sensitivity, *earlier = surface->sensitivity + surface->framed;
     if (!seed_sensitivity(surface, smoothing, later))
         return false;
     for (size_t number = surface->steps; number-- > 0;) {
-        share.number = number;
-        share.later = later;
-        share.earlier = earlier;
-        if (!run_shares(trace_share, &share))
+        const RelaxedStep step = step_at(surface, droplets, number);
+        const Share share = {
+            .step = &step, .later = later, .earlier = earlier, .gradient = gradient + number / passes * cells};
+        if (!run_shares(surface, trace_share, &share))
             return false;
         double *next = later;
         later = earlier;

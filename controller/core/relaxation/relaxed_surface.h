@@ -9,19 +9,12 @@
 
 #include <stdbool.h>
 
-#include "horizon_problem.h"
-
-typedef struct {
-    double h1;                   /* [m] */
-    double spread[FOOTPRINT];    /* what each neighbour takes at most, 0 for the cell itself [m] */
-    double steepness[FOOTPRINT]; /* of the saturation: 1 / (h1 + spread) [1/m] */
-} Footprint;
+#include "relaxed_flow.h"
 
 typedef struct {
     const HorizonProblem *problem;
-    size_t steps;                /* layers * passes */
-    size_t framed;               /* cells of a map with a frame of one cell, (nx + 2) * (ny + 2) */
-    ptrdiff_t offset[FOOTPRINT]; /* from a cell to its 3x3 cells in a map with a frame */
+    size_t steps;  /* layers * passes */
+    size_t framed; /* cells of a map with a frame of one cell, (nx + 2) * (ny + 2) */
     Footprint kind[KINDS_MAX];
     uint8_t *first;      /* layers * nx * ny: first kind allowed, or NO_KIND */
     double *height;      /* steps + 1 framed maps: before the first step, after each [m] */
