@@ -79,11 +79,11 @@ def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Pa
 
 
 def _lay_out(figure: Figure) -> None:
-    """Give axes and texts their places, once: a figure with a layout engine is drawn twice for each format."""
+    """Give axes and texts their places, once: a figure with a layout engine, also "none", is drawn twice a format."""
     figure.set_dpi(DPI)
     if engine := figure.get_layout_engine():
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
 
 
 def new_figure(height_in: float) -> Figure:

@@ -24,7 +24,7 @@ FIRST_ROW = "y = 0; rows follow along +y"
 FIRST_COLUMN = "x = 0; columns follow along +x"
 POLARITY = "a set bit is a droplet, shown black; a clear bit is none, shown white"
 _LISTED = 3
-_READ = ConfigDict(frozen=True, strict=True)  # other keys are for people, and for other programs
+_READ = ConfigDict(frozen=True, strict=True, defer_build=True)  # other keys are for people, and for other programs
 
 
 class ManifestFile(BaseModel):

@@ -283,12 +283,17 @@ def test_picture_is_written_in_each_format_with_the_same_bytes_each_time(tmp_pat
         assert content == (tmp_path / "second" / name).read_bytes()
 
 
-def test_saved_picture_has_room_for_its_labels(tmp_path: Path) -> None:
-    figure = plot.new_figure(2.0)
+def test_saved_picture_has_room_for_its_labels_and_is_drawn_once_a_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure, drawn = plot.new_figure(2.0), []
     label = figure.subplots().set_ylabel("height", fontsize=40)
     assert label.get_window_extent().x0 < 0.0
-    plot.save(figure, tmp_path / "cut", ["png"])
+    draw = label.draw
+    monkeypatch.setattr(label, "draw", lambda renderer: (drawn.append(renderer), draw(renderer)))
+    plot.save(figure, tmp_path / "cut", ["pdf", "png"])
     assert label.get_window_extent().x0 > 0.0
+    assert len(drawn) == 2
 
 
 @pytest.mark.parametrize(
