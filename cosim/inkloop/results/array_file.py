@@ -21,19 +21,30 @@ _SMALL = 1 << 18
 _LENGTH = slice(8, 10)
 """Where a header says how long its rest is, in the NPY format 1.0."""
 _CHUNK = 1 << 20
-"""Bytes read at a time."""
+"""Bytes of a large array that are read or written at a time."""
 
 
 def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
     """Write arrays, each taken when it is its turn. Raises OSError, and what taking them raises."""
     with zipfile.ZipFile(_InOrder(file), "w", allowZip64=True) as archive:
         for name, array in arrays:
-            if array.nbytes < _SMALL and array.flags.c_contiguous and not array.dtype.hasobject:
+            if not array.flags.c_contiguous or array.dtype.hasobject:
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            elif array.nbytes < _SMALL:
                 archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _header(array.dtype, array.shape) + array.tobytes())
             else:
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+                    _write_in_pieces(member, array)
             del array  # it may be large, and the next one is made now
+
+
+def _write_in_pieces(file: IO[bytes], array: NDArray[Any]) -> None:
+    """Write an array in C order without a copy, where NumPy would make one of each piece."""
+    file.write(_header(array.dtype, array.shape))
+    content = array.reshape(-1).view(np.uint8)
+    for begin in range(0, content.size, _CHUNK):
+        file.write(content[begin : begin + _CHUNK].data)
 
 
 class _InOrder:

@@ -30,8 +30,6 @@ DIMENSIONS = ("layer", "x", "y")
 _CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
 """A chunk holds tiles of a large map, several layers of a small one: what is read is a layer, a row, or one cell."""
 _BAND_CELLS = 1 << 21
-_COMPRESSION = 1
-"""Higher levels take up to twice the time; noise in the heights leaves them one hundredth less."""
 ROUNDED_M = 2.0**-40
 """Heights of maps with more than ROUNDED_CELLS are multiples of this, 0.9 pm: an error of 0.46 pm at most."""
 
@@ -68,9 +66,9 @@ class LayerMaps:
         arrays = {
             name: np.full(self.shape, _unknown(dtype), dtype=dtype) for name, (dtype, _) in self.variables.items()
         }
-        scalars = self._fill(arrays)
+        self._fill(arrays)
         maps = {name: (DIMENSIONS, values, self._attributes(name)) for name, values in arrays.items()}
-        return table.assign({**maps, **scalars})
+        return table.assign({**maps, **self._derived(arrays)})
 
     def laid_over(self, table: xr.Dataset) -> xr.Dataset:
         """The dataset with these maps where they are: each is read when it is used."""
@@ -96,18 +94,24 @@ class LayerMaps:
             file.check()
             with h5py.File(file, "r+") as stored:
                 arrays = {name: self._new_variable(stored, name) for name in self.variables}
-                for name, scalar in self._fill(arrays, file.check).items():
+                self._fill({name: netcdf.ChunkedMaps(array) for name, array in arrays.items()}, file.check)
+                for name, scalar in self._derived(arrays).items():
                     netcdf.add(stored, name, (), scalar.dtype, scalar.attrs)[()] = scalar.values
             file.check()
 
-    def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
-        """Put every map into its place in `arrays`, with a check after each write; returns what follows from them."""
-        for name, first, maps in _neighbours(row for row in self.rows if row[1] < self.shape[0]):
+    def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> None:
+        """Put every map into its place in `arrays`, with a check after each write."""
+        together = self._chunks[0]
+        for name, first, maps in _neighbours((row for row in self.rows if row[1] < self.shape[0]), together):
             layers = slice(first, first + len(maps))
             for rows in _bands(maps[0].shape):
                 arrays[name][layers, rows] = self._stored(name, np.stack([map_[rows] for map_ in maps]))
                 check()
-        return self._derived(arrays)
+
+    @property
+    def _chunks(self) -> tuple[int, int, int]:
+        count, nx, ny = self.shape
+        return min(count, max(1, _CHUNK_CELLS // (nx * ny))), min(nx, _CHUNK_SIDE), min(ny, _CHUNK_SIDE)
 
     def _derived(self, arrays: Mapping[str, Any]) -> dict[str, xr.Variable]:
         """What follows from all maps."""
@@ -124,27 +128,22 @@ class LayerMaps:
         return dict(self.variables[name][1]) | ({"rounded_to": ROUNDED_M} if self._is_rounded(name) else {})
 
     def _stored(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(np.round(values / ROUNDED_M) * ROUNDED_M) if self._is_rounded(name) else values
+        if self._is_rounded(name):
+            values = values / ROUNDED_M
+            np.rint(values, out=values)
+            values *= ROUNDED_M
+        return values
 
     def _new_variable(self, stored: Any, name: str) -> Any:
         """A variable of a netCDF file as xarray would write it."""
-        dtype, _ = self.variables[name]
-        count, nx, ny = self.shape
-        return netcdf.add(
-            stored,
-            name,
-            DIMENSIONS,
-            np.dtype(dtype),
-            self._attributes(name),
-            chunks=(min(count, max(1, _CHUNK_CELLS // (nx * ny))), min(nx, _CHUNK_SIDE), min(ny, _CHUNK_SIDE)),
-            compression="gzip",
-            compression_opts=_COMPRESSION,
-            shuffle=True,
-        )
+        dtype, filters = np.dtype(self.variables[name][0]), netcdf.ChunkedMaps.FILTERS
+        return netcdf.add(stored, name, DIMENSIONS, dtype, self._attributes(name), chunks=self._chunks, **filters)
 
 
-def _neighbours(rows: Iterable[tuple[str, int, NDArray[Any]]]) -> Iterator[tuple[str, int, list[NDArray[Any]]]]:
-    """Name, first layer and maps of neighbouring layers, about a chunk together: each write takes its time."""
+def _neighbours(
+    rows: Iterable[tuple[str, int, NDArray[Any]]], together: int
+) -> Iterator[tuple[str, int, list[NDArray[Any]]]]:
+    """Name, first layer and maps of neighbouring layers, those of a chunk together: each write takes its time."""
     held: dict[str, tuple[int, list[NDArray[Any]]]] = {}
     for name, layer, map_ in rows:
         first, maps = held.get(name, (layer, []))
@@ -153,7 +152,7 @@ def _neighbours(rows: Iterable[tuple[str, int, NDArray[Any]]]) -> Iterator[tuple
             first, maps = layer, []
         maps.append(map_)
         held[name] = first, maps
-        if len(maps) * map_.size >= _CHUNK_CELLS:
+        if (layer + 1) % together == 0:
             yield name, *held.pop(name)
     yield from ((name, *last) for name, last in held.items())
 

@@ -26,9 +26,12 @@ ARRAYS: dict[str, NDArray[Any]] = {
 }
 
 
-@pytest.mark.parametrize("small", [array_file._SMALL, 0], ids=["copied", "in pieces"])
-def test_arrays_are_read_as_they_were_written(small: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("small", "piece"), [(1 << 18, 1 << 20), (0, 7)], ids=["copied", "in pieces"])
+def test_arrays_are_read_as_they_were_written(
+    small: int, piece: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(array_file, "_SMALL", small)
+    monkeypatch.setattr(array_file, "_CHUNK", piece)
     path = tmp_path / "arrays.npz"
     with path.open("wb") as file:
         write_arrays(file, ARRAYS.items())

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -70,3 +72,36 @@ def test_file_has_dimensions_and_fill_values_of_netcdf_and_packed_maps(run: xr.D
 def test_dimension_without_coordinates_is_refused() -> None:
     with pytest.raises(KeyError):
         netcdf.packed(xr.Dataset({"height": (("x",), np.zeros(3))}))
+
+
+@pytest.mark.parametrize(
+    "writes",
+    [
+        [(slice(0, 2), slice(0, 8)), (slice(2, 4), slice(0, 8)), (slice(4, 5), slice(0, 8))],
+        [(slice(layer, layer + 1), slice(row, row + 3)) for layer in range(5) for row in range(0, 8, 3)],
+        [
+            (slice(0, 2), slice(0, 6)),
+            (slice(1, 5), slice(4, 8)),
+            (slice(0, 1), slice(6, 8)),
+            (slice(2, 5), slice(0, 4)),
+        ],
+        [(slice(2, 4), slice(0, 8)), (slice(0, 5), slice(0, 8))],
+    ],
+    ids=["whole chunks", "parts of chunks", "neither", "again"],
+)
+@pytest.mark.parametrize("dtype", [np.float64, np.int32, np.bool_])
+def test_maps_that_are_compressed_here_are_read_by_others(writes: Any, dtype: Any, tmp_path: Path) -> None:
+    """In chunks of two layers, three rows and four columns, that do not fill the maps."""
+    values = np.random.default_rng(1).normal(size=(5, 8, 10)).round().astype(dtype)
+    path = tmp_path / "result.nc"
+    coordinates = {name: np.arange(count) for name, count in zip(("layer", "x", "y"), values.shape, strict=True)}
+    path.write_bytes(netcdf.packed(xr.Dataset(coords=coordinates)))
+    filters = netcdf.ChunkedMaps.FILTERS
+    with h5py.File(path, "r+") as file:
+        stored = netcdf.add(file, "map", ("layer", "x", "y"), np.dtype(dtype), {}, chunks=(2, 3, 4), **filters)
+        maps = netcdf.ChunkedMaps(stored)
+        for place in writes:
+            maps[place] = values[place]
+    with xr.open_dataset(path, engine="h5netcdf") as found:
+        assert found["map"].dtype == dtype
+        np.testing.assert_array_equal(found["map"], values)
