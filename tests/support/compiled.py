@@ -27,6 +27,15 @@ unmarked_test = ""
 Word = str | Path
 KEPT = ROOT / "build" / "test-objects"
 HEADERS_FOLLOW = ("-I", "-isystem")
+EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
+"""The flags of the build for which clones give the bits of the plain loops."""
+BUILDS: dict[str, tuple[str, ...]] = {
+    "as shipped": ("-O3", *EXACT),
+    "without clones": ("-O3", *EXACT, "-DINKLOOP_BASELINE"),
+    "of an importer": ("-O2",),
+    "not optimised": ("-O0", "-DINKLOOP_BASELINE"),
+}
+"""Flags by which loops with clones are compared."""
 
 
 def once(make: Callable[..., object], *key: object) -> Path:

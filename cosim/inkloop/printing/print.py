@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
 from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
-from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, UNFINISHED, Result
+from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, UNFINISHED, Result, saving
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
 
@@ -111,7 +112,9 @@ class Print:
         dataset, maps = self._recorder.table(), (self._checkpoints or self._recorder).maps()
         in_memory = not self._folder or maps.nbytes <= READ_AT_ONCE
         if in_memory:
-            dataset = self._evaluated(maps.added_to(dataset))
+            with saving(self._folder) if self._folder else nullcontext():
+                dataset = maps.added_to(dataset)
+            dataset = self._evaluated(dataset)
         result = Result.of(
             _marked(dataset, self._events, manipulator, self._step_ns),
             title=tables.title,

@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
+from math import prod
 from pathlib import Path
 from typing import IO, Any
 
@@ -95,7 +96,8 @@ class _StoredArrays(Mapping[str, NDArray[Any]]):
             content = self._archive.read(member)
             begin = _LENGTH.stop + int.from_bytes(content[_LENGTH], "little")
             shape, is_fortran, dtype = _described(content[:begin])
-            return np.ndarray(shape, dtype, content, begin, order="F" if is_fortran else "C")
+            elements = np.frombuffer(content, dtype, prod(shape), begin)
+            return elements.reshape(shape, order="F" if is_fortran else "C")
         with self._archive.open(member) as stored:
             found: NDArray[Any] = np.lib.format.read_array(stored, allow_pickle=False)
         return found

@@ -10,7 +10,8 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -159,16 +160,12 @@ class Result:
         maps: those by layer, where `dataset` does not hold them.
         """
         table, maps = (self.dataset, maps) if maps else LayerMaps.taken_from(self.dataset)
-        try:
+        with saving(folder):
             folder.mkdir(parents=True, exist_ok=True)
             with replaced(folder / RESULT_FILE) as partial:
                 maps.write(partial, table)
             write_text(folder / SCENARIO_FILE, self.scenario_text)
             write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
-        except (OSError, MemoryError) as error:
-            has_no_room = isinstance(error, MemoryError) or is_full(error)
-            advice = f"; make room, then continue with `inkloop resume {folder}`" if has_no_room else ""
-            raise ResultError(f"{folder}: the run cannot be saved: {reason_of(error)}{advice}") from error
 
     @classmethod
     def load(cls, folder: Path) -> Result:
@@ -197,6 +194,17 @@ class Result:
         if "pattern" not in self.dataset:
             return float("nan")
         return float(sum(np.count_nonzero(pattern) for pattern in self.dataset["pattern"]))
+
+
+@contextmanager
+def saving(folder: Path) -> Iterator[None]:
+    """What puts a result together and writes it; raises ResultError where there is no room or no file."""
+    try:
+        yield
+    except (OSError, MemoryError) as error:
+        has_no_room = isinstance(error, MemoryError) or is_full(error)
+        advice = f"; make room, then continue with `inkloop resume {folder}`" if has_no_room else ""
+        raise ResultError(f"{folder}: the run cannot be saved: {reason_of(error)}{advice}") from error
 
 
 def read_record(folder: Path) -> dict[str, Any]:

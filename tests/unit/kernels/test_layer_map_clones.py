@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from inkloop.contract import pass_colour
-from support.compiled import library
+from support.compiled import BUILDS, library
 from support.long_proofs import rest_is_long
 from support.places import ROOT
 
@@ -21,13 +21,6 @@ CORE = ROOT / "controller" / "core"
 FOLDERS = (ROOT / "fmus" / "deposition", ROOT / "fmus" / "layer_deposition", CORE / "model", CORE / "problem")
 PARALLEL = tuple(CORE / "problem" / name for name in ("row_ranges.c", "parallel_pthread.c"))
 SOURCES = (FOLDERS[1] / "layer_map.c", CORE / "model" / "droplet_increments.c", *PARALLEL)
-EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
-BUILDS = {
-    "as shipped": ("-O3", *EXACT),
-    "without clones": ("-O3", *EXACT, "-DINKLOOP_BASELINE"),
-    "of an importer": ("-O2",),
-    "not optimised": ("-O0", "-DINKLOOP_BASELINE"),
-}
 INKS = ((4.4e-6, 0.6e-6, 0.2e-6), (3.9e-6, 0.5e-6, 0.1e-6))
 NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=2) if step != (0, 0)]
 ALL = -1

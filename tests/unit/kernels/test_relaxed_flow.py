@@ -15,7 +15,7 @@ import pytest
 
 from inkloop.contract import pass_colour
 from inkloop_controller.core.structs import ProblemStruct
-from support.compiled import library
+from support.compiled import BUILDS, library
 from support.long_proofs import rest_is_long
 from support.places import ROOT
 
@@ -23,13 +23,6 @@ CORE = ROOT / "controller" / "core"
 FOLDERS = tuple(CORE / group for group in ("relaxation", "model", "problem"))
 FOLDERS += tuple(ROOT / "fmus" / group for group in ("deposition", "layer_deposition"))
 SOURCES = (CORE / "relaxation" / "relaxed_flow.c", CORE / "problem" / "stopwatch.c")
-EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
-BUILDS = {
-    "as shipped": ("-O3", *EXACT),
-    "without clones": ("-O3", *EXACT, "-DINKLOOP_BASELINE"),
-    "of an importer": ("-O2",),
-    "not optimised": ("-O0", "-DINKLOOP_BASELINE"),
-}
 INKS = ((4.4e-6, 0.6e-6, 0.2e-6), (3.9e-6, 0.5e-6, 0.1e-6), (2.1e-6, 0.2e-6, 0.0))
 NO_KIND = 255  # of drop_levels.h
 ALL = -1

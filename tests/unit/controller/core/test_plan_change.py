@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from support.compiled import program
+from support.compiled import EXACT, program
 from support.places import C_SOURCES, ROOT
 
 CORE = ROOT / "controller" / "core"
@@ -23,7 +23,6 @@ SHARED = (
 FOLDERS = (*(CORE / group for group in ("problem", "model", "search")), FMUS / "layer_deposition", FMUS / "deposition")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-EXACT = ("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno")
 BUILDS = {
     "sanitized": ("-O1", "-g", "-ffp-contract=off", *SANITIZED),
     "sanitized, without clones": ("-O1", "-g", "-ffp-contract=off", *SANITIZED, "-DINKLOOP_BASELINE"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -53,4 +54,12 @@ def test_array_with_a_byte_changed_is_not_read(tmp_path: Path) -> None:
     content[content.index(MAP.tobytes()) + 3] ^= 1
     path.write_bytes(content)
     with opened(path) as found, pytest.raises(array_file.UNREADABLE, match=r"Bad CRC-32 for file 'map\.npy'"):
+        found["map"]
+
+
+def test_array_shorter_than_its_header_says_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "arrays.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("map.npy", array_file._header(MAP.dtype, MAP.shape) + MAP[:2].tobytes())
+    with opened(path) as found, pytest.raises(array_file.UNREADABLE, match="smaller"):
         found["map"]

@@ -26,6 +26,7 @@ from inkloop.printing.print import Print
 from inkloop.report.terminal import Terminal
 from inkloop.results import array_file, checkpoint
 from inkloop.results.checkpoint import LAYERS_FOLDER
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.result import RESULT_FILE
 from inkloop.scenario.file import Scenario
 from support.places import ROOT
@@ -103,6 +104,19 @@ def test_checkpoint_without_room_names_the_disk(
     monkeypatch.undo()
     resumed = Print(scenario, tmp_path).run()
     assert resumed.run["resumed_after_layer"] == 0
+
+
+def test_result_without_memory_says_how_to_continue(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lacking(*_: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(LayerMaps, "added_to", lacking)
+    with pytest.raises(ResultError, match=rf"{tmp_path}: the run cannot be saved: .*; make room, .* `inkloop resume"):
+        Print(scenario, tmp_path).run()
+    monkeypatch.undo()
+    assert "resumed_after_layer" in Print(scenario, tmp_path).run().run
 
 
 def test_fmu_for_which_the_temporary_disk_has_no_room_names_it(tmp_path: Path) -> None:
