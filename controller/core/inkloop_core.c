@@ -88,38 +88,27 @@ void inkloop_finish(int32_t finish, Finish *chosen) {
     *chosen = finish_of(finish);
 }
 
-int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                              const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
-    return estimate_next(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
-}
-
-int32_t inkloop_estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before,
-                                 const JettedLayer *layer, const double *measured, const uint8_t *valid,
-                                 SurfaceEstimate *after) {
-    return estimate_unknown(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
-}
-
-void inkloop_no_registration(Registration *registration) {
-    *registration = no_registration();
-}
-
-void inkloop_displacement(const Registration *registration, ScanDisplacement *displacement) {
-    *displacement = reported_displacement(registration);
-}
-
-int32_t inkloop_untrusted_reasons(const LoopTrust *trust) {
-    return untrusted_reasons(trust);
-}
-
-int32_t inkloop_is_plant_foreign(const LoopTrust *trust) {
-    return is_plant_foreign(trust);
-}
-
-double inkloop_droplet_std(const LoopTrust *trust) {
-    return droplet_deviation(trust, DROPLET_STD);
+size_t inkloop_knowledge_size(void) {
+    return sizeof(Knowledge);
 }
 
 int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
                                const uint8_t *valid, SurfaceEstimate *estimate) {
     return estimate_first(options, layer, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;
+}
+
+int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                              int32_t number, int32_t is_unknown, const double *measured, const uint8_t *valid,
+                              SurfaceEstimate *after) {
+    const bool is_done = estimate_next(options, before, layer, number, is_unknown != 0, measured, valid, after);
+    return is_done ? CORE_DONE : CORE_NO_MEMORY;
+}
+
+void inkloop_estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate,
+                              EstimateFigures *figures) {
+    *figures = estimate_figures(options, estimate);
+}
+
+void inkloop_trust_again(SurfaceEstimate *estimate, size_t cells) {
+    trust_again(estimate, cells);
 }

@@ -7,10 +7,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "height_estimator.h"
 #include "horizon_planner.h"
 #include "horizon_problem.h"
 #include "ink_regions.h"
+#include "observer.h"
 #include "shortest_plan.h"
 
 #if defined(_WIN32)
@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 15 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 16 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -70,29 +70,22 @@ INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanW
 /* The horizons and the worth of a layer for a FINISH_.... */
 INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
 
-/* What is known of a displacement of the scans before the first one, and what is reported of it (scan_registration.h).
+/* Size of what an estimate holds besides its maps [bytes]; it has no addresses and no padding. */
+INKLOOP_CORE_API size_t inkloop_knowledge_size(void);
+
+/* The estimate after the first scan, and after each one that follows a layer (observer.h). CORE_DONE or CORE_NO_MEMORY.
  */
-INKLOOP_CORE_API void inkloop_no_registration(Registration *registration);
-INKLOOP_CORE_API void inkloop_displacement(const Registration *registration, ScanDisplacement *displacement);
-
-/* The reasons why the loop is not trusted, UNTRUSTED_... added up (loop_trust.h). */
-INKLOOP_CORE_API int32_t inkloop_untrusted_reasons(const LoopTrust *trust);
-
-/* Whether droplets spill onto their neighbours in another way than the model's (loop_trust.h). */
-INKLOOP_CORE_API int32_t inkloop_is_plant_foreign(const LoopTrust *trust);
-
-/* Standard deviation of a droplet's volume, as a share of it, as the residuals show; 0 before there are any. */
-INKLOOP_CORE_API double inkloop_droplet_std(const LoopTrust *trust);
-
-/* The estimate after the first scan, after each one that follows a layer, and after one that follows a layer that was
- * abandoned midway (height_estimator.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
                                                 const uint8_t *valid, SurfaceEstimate *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
-                                               const JettedLayer *layer, const double *measured, const uint8_t *valid,
-                                               SurfaceEstimate *after);
-INKLOOP_CORE_API int32_t inkloop_estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before,
-                                                  const JettedLayer *layer, const double *measured,
-                                                  const uint8_t *valid, SurfaceEstimate *after);
+                                               const JettedLayer *layer, int32_t number, int32_t is_unknown,
+                                               const double *measured, const uint8_t *valid, SurfaceEstimate *after);
+
+/* What is reported of an estimate, and what a plan needs of it besides the surface. */
+INKLOOP_CORE_API void inkloop_estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate,
+                                               EstimateFigures *figures);
+
+/* A person has looked: the print goes on, and the next scan is taken as it is. */
+INKLOOP_CORE_API void inkloop_trust_again(SurfaceEstimate *estimate, size_t cells);
 
 #endif

@@ -6,6 +6,7 @@ import io
 from dataclasses import dataclass, fields, replace
 from math import isfinite, nan
 from time import perf_counter
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -24,9 +25,14 @@ from inkloop.contract import (
 )
 from inkloop.errors import ComponentError
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.estimation.scan_registration import ScanDisplacement
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, is_finite
+
+
+OnDoubt: TypeAlias = Literal["stop", "continue"]
+"""What follows where the scans do not show what was printed."""
+
+_DISPLACEMENTS = ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +67,10 @@ class LayerController:
     printer calls unknown it takes the scan and learns nothing.
     """
 
-    def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
-        shape = (job.nx, job.ny)
+    def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
+        if on_doubt not in ("stop", "continue"):
+            raise ValueError(f'on_doubt is {on_doubt!r}; needs "stop" or "continue"')
+        shape, self._on_doubt = (job.nx, job.ny), on_doubt
         self._job, self._planner, self._estimator = job, planner, estimator
         self.inputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, LAYERS_PRINTED, LAYER_UNKNOWN)
         self.outputs = (
@@ -96,7 +104,13 @@ class LayerController:
             Port("height_excess_i", dtype="int32"),
             Port("height_excess_j", dtype="int32"),
             Port("scan_corrected", dtype="bool"),
-            *(Port(f"scan_{field.name}", "m") for field in fields(ScanDisplacement)),
+            *(Port(f"scan_{name}", "m") for name in _DISPLACEMENTS),
+            Port("scan_rotation", "rad"),
+            Port("scan_magnification"),
+            Port("stop_reason", dtype="int32"),
+            Port("stop_layer", dtype="int32"),
+            Port("stop_transform", dtype="int32"),
+            Port("stop_figure"),
         )
         self._state = _start(job, 0)
 
@@ -126,7 +140,7 @@ class LayerController:
         if not any(self._state.drop_level.strides):
             state[DROP_LEVEL] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
-        np.savez(buffer, **state, **self._state.estimate.arrays())
+        np.savez(buffer, **state, **self._state.estimate.state)
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
@@ -134,13 +148,13 @@ class LayerController:
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
                 found = {name: array if array.ndim else array.item() for name, array in arrays.items()}
-            found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
             if "pattern" not in found:
                 found["pattern"] = found["plan"][0]
             if np.ndim(found[DROP_LEVEL]) == 0:
                 found[DROP_LEVEL] = np.full(found["pattern"].shape, found[DROP_LEVEL], np.int32)
             own = {field.name for field in fields(_State)}
-            estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
+            known = {name: found.pop(name) for name in found.keys() - own}
+            estimate = self._estimator.restored(known) if known else _start(self._job, 0).estimate
             whole = _State(**found, estimate=estimate)
             state = replace(whole, drop_level=_lean(whole.drop_level))
         except (ValueError, TypeError, KeyError, OSError) as error:
@@ -151,6 +165,10 @@ class LayerController:
                 f"needs {self._state.pattern.shape}"
             )
         self._state = state
+
+    def _is_stopped(self) -> bool:
+        """Whether the scans do not show what was printed, and that ends the print."""
+        return self._on_doubt == "stop" and bool(self._state.estimate.figures.stop)
 
     def _is_new(self, scanned: int, printed: int) -> bool:
         """Whether the scan is of the layer commanded last, and has not been answered."""
@@ -167,6 +185,9 @@ class LayerController:
             )
         before = self._state  # that before the estimate is no longer in memory
         estimate = before.estimate
+        if self._is_stopped():
+            self._state = replace(before, pattern=np.zeros_like(before.pattern), answered=scan, status=int(Status.UNTRUSTED))
+            return
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE
         self._state = replace(
@@ -177,7 +198,7 @@ class LayerController:
             drop_level=_lean(np.maximum(plan.drop_level, 1)),
             layer_command=before.layer_command if done else before.layer_command + 1,
             answered=scan,
-            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.trust.reasons else Status.IDLE),
+            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.figures.reasons else Status.IDLE),
             objective=plan.objective.value,
             objective_error=plan.objective.error,
             objective_deviation=plan.objective.deviation,
@@ -198,31 +219,35 @@ class LayerController:
             return self._estimator.first(measured, valid, scan)
         drops = before.drop_level.astype(np.float64) if (before.drop_level != 1).any() else None
         seen = (before.estimate, before.pattern, scan, measured, valid, drops)
-        after = self._estimator.after_unknown if is_unknown else self._estimator.next
-        return after(*seen, in_place=True)
+        return self._estimator.next(*seen, is_unknown=is_unknown)
 
     def _outputs(self) -> Values:
-        estimate, pitch, trust = self._state.estimate, self._job.pitch, self._state.estimate.trust
-        displacement = vars(estimate.registration.displacement)
-        if estimate.scans == 0:
-            displacement = dict.fromkeys(displacement, 0.0)
+        estimate, figures, ny = self._state.estimate, self._state.estimate.figures, self._job.ny
         values = {
             **vars(self._state),
             "estimated_height": estimate.height,
-            "volume_scale": estimate.ink_scale,
-            "untrusted_cells": np.count_nonzero(estimate.untrusted),
-            "dead_cells": np.count_nonzero(estimate.dead),
-            **vars(trust),
-            "untrusted_reasons": trust.reasons,
-            "scan_surprise": trust.surprise,
-            "ink_excess": trust.excess,
-            "ink_excess_i": trust.excess_cell // self._job.ny,
-            "ink_excess_j": trust.excess_cell % self._job.ny,
-            "height_excess": trust.rise,
-            "height_excess_i": trust.rise_cell // self._job.ny,
-            "height_excess_j": trust.rise_cell % self._job.ny,
-            "scan_corrected": estimate.registration.is_applied,
-            **{f"scan_{name}": pitch * value for name, value in displacement.items()},
+            "volume_scale": figures.volume,
+            "untrusted_cells": figures.unseen_cells,
+            "dead_cells": figures.dead_cells,
+            "capped_cells": figures.capped_cells,
+            "untrusted_reasons": figures.reasons,
+            "blind_share": figures.blind_share,
+            **dict(zip(("ground_offset", "ground_rise_x", "ground_rise_y"), figures.ground, strict=True)),
+            "scan_surprise": figures.surprise,
+            "ink_excess": figures.excess,
+            "ink_excess_i": figures.excess_cell // ny,
+            "ink_excess_j": figures.excess_cell % ny,
+            "height_excess": figures.rise,
+            "height_excess_i": figures.rise_cell // ny,
+            "height_excess_j": figures.rise_cell % ny,
+            "scan_corrected": figures.is_displaced,
+            **{f"scan_{name}": self._job.pitch * getattr(figures, name) for name in _DISPLACEMENTS},
+            "scan_rotation": figures.rotation,
+            "scan_magnification": figures.magnification,
+            "stop_reason": figures.stop if self._is_stopped() else 0,
+            "stop_layer": figures.stop_layer,
+            "stop_transform": figures.transform,
+            "stop_figure": figures.stop_figure,
         }
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
 

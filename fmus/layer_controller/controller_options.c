@@ -21,8 +21,7 @@ InkPrior nominal_inks(const LayerControllerVariables *v) {
     return (InkPrior){(size_t)*v->inks, {a, *v->inks == 1 ? a : b}, (int32_t)*v->adapt_ink};
 }
 
-/* Height of all inks' full layers together [m]. */
-double layers_of_all(const Ink ink[], size_t inks) {
+static double layers_of_all(const Ink ink[], size_t inks) {
     double height = full_layer_height(&ink[0]);
     for (size_t k = 1; k < inks; k++)
         height += full_layer_height(&ink[k]);
@@ -50,7 +49,9 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
                               .unseen_layers = *v->untrusted_layers,
                               .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
                               .steps_variance = steps,
-                              .first_variance = layer * layer};
+                              .first_variance = layer * layer,
+                              .volume_least = *v->volume_least,
+                              .volume_most = *v->volume_most};
 }
 
 PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions regions) {

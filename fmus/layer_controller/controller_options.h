@@ -12,9 +12,6 @@ int32_t horizon_of(const LayerControllerVariables *v);
 
 InkPrior nominal_inks(const LayerControllerVariables *v);
 
-/* Height of all inks' full layers together [m]. */
-double layers_of_all(const Ink ink[], size_t inks);
-
 EstimatorOptions estimator_options(const LayerControllerVariables *v);
 
 /* regions: the columns of `region_columns`. */

@@ -1,7 +1,7 @@
 #include "controller_options.h"
-#include "dead_cells.h"
 #include "layer_planner.h"
 #include "layer_surface.h"
+#include "observer.h"
 #include "region_columns.h"
 #include "stopwatch.h"
 
@@ -11,21 +11,14 @@
 
 enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 };
 enum { NO_SCAN = -1 };
+enum { STOP_ON_DOUBT = 1 }; /* of OnDoubt in variables.toml */
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
 static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
-
-/* What is kept in addition to the variables: numbers without padding, the response of the estimate, the last plan. */
-typedef struct {
-    Ink ink[INKS_MAX];
-    InkKnowledge learnt;
-    Registration registration;
-    LoopTrust trust;
-    double response[];
-} Kept;
 
 /* An answer under construction: the instance does not change before it is complete. */
 typedef struct {
     SurfaceEstimate estimate;
+    EstimateFigures figures;
     double *factor;
     int32_t *plan;
     PlanReport report;
@@ -36,36 +29,33 @@ static size_t cell_count(const LayerControllerVariables *v) {
     return (size_t)(*v->nx * *v->ny);
 }
 
-static Kept *kept_of(Instance *instance, const LayerControllerVariables *v) {
-    const size_t numbers = DISPLACEMENTS * sizeof(double) + (size_t)horizon_of(v) * sizeof(int32_t);
-    return kept_memory(instance, sizeof(Kept) + cell_count(v) * numbers);
+static size_t plan_size(const LayerControllerVariables *v) {
+    return (size_t)horizon_of(v) * cell_count(v) * sizeof(int32_t);
 }
 
-static int32_t *kept_plan(const LayerControllerVariables *v, Kept *kept) {
-    return (int32_t *)(kept->response + DISPLACEMENTS * cell_count(v));
+/* What is kept in addition to the variables: the estimate in one block, and the last plan behind it. */
+static void *kept_of(Instance *instance, const LayerControllerVariables *v) {
+    return kept_memory(instance, estimate_size(cell_count(v)) + plan_size(v));
+}
+
+static int32_t *kept_plan(const LayerControllerVariables *v, void *kept) {
+    return (int32_t *)((char *)kept + estimate_size(cell_count(v)));
 }
 
 static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
-    const size_t cells = cell_count(v);
-    double *real =
-        malloc(cells * ((5 + DISPLACEMENTS) * sizeof(double) + (1 + (size_t)horizon_of(v)) * sizeof(int32_t) + 1));
-    *answer = (Answer){.memory = real};
-    if (!real)
+    const size_t cells = cell_count(v), size = estimate_size(cells);
+    char *memory = malloc(size + cells * sizeof(double) + plan_size(v));
+    *answer = (Answer){.memory = memory};
+    if (!memory)
         return false;
-    answer->estimate.height = real;
-    answer->estimate.variance = real + cells;
-    answer->estimate.dead_evidence = real + 2 * cells;
-    answer->factor = real + 3 * cells;
-    answer->estimate.reckoned = real + 4 * cells;
-    answer->estimate.response = real + 5 * cells;
-    answer->estimate.unseen = (int32_t *)(real + (5 + DISPLACEMENTS) * cells);
-    answer->plan = answer->estimate.unseen + cells;
-    answer->estimate.capped = (uint8_t *)(answer->plan + (size_t)horizon_of(v) * cells);
+    answer->estimate = estimate_in(memory, cells);
+    answer->factor = (double *)(memory + size);
+    answer->plan = (int32_t *)(answer->factor + cells);
     return true;
 }
 
 /* What is known after the scan at the inputs; false if there is no memory. */
-static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answer) {
+static bool estimate(const LayerControllerVariables *v, void *kept, Answer *answer) {
     const EstimatorOptions options = estimator_options(v);
     const Passes passes = passes_of(v);
     const uint8_t *valid = (const uint8_t *)v->valid;
@@ -77,20 +67,9 @@ static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answ
     for (size_t cell = 0; cell < cell_count(v); cell++)
         answer->factor[cell] = v->drop_level[cell];
     const JettedLayer layer = {options.nx, options.ny, v->pattern, answer->factor, *v->passes, order, 1};
-    SurfaceEstimate before = {.height = v->estimated_height,
-                              .variance = v->height_variance,
-                              .unseen = v->unseen,
-                              .dead_evidence = v->dead_evidence,
-                              .response = kept->response,
-                              .reckoned = v->reckoned,
-                              .learnt = kept->learnt,
-                              .registration = kept->registration,
-                              .trust = kept->trust,
-                              .noise_variance = *v->noise_variance,
-                              .scans = *v->scans};
-    memcpy(before.ink, kept->ink, sizeof before.ink);
-    return *v->layer_unknown ? estimate_unknown(&options, &before, &layer, v->measured_height, valid, &answer->estimate)
-                             : estimate_next(&options, &before, &layer, v->measured_height, valid, &answer->estimate);
+    const SurfaceEstimate before = estimate_in(kept, options.nx * options.ny);
+    return estimate_next(&options, &before, &layer, *v->layers_scanned, *v->layer_unknown, v->measured_height, valid,
+                         &answer->estimate);
 }
 
 static Outcome check_heights(Instance *instance, const LayerControllerVariables *v, const double *height) {
@@ -110,7 +89,7 @@ static Outcome check_heights(Instance *instance, const LayerControllerVariables 
 }
 
 /* The plan for the layers after the scan, which was taken `elapsed` seconds ago; false if there is no memory. */
-static bool plan(Instance *instance, const LayerControllerVariables *v, Kept *kept, Answer *answer, double elapsed) {
+static bool plan(Instance *instance, const LayerControllerVariables *v, void *kept, Answer *answer, double elapsed) {
     InkRegions regions;
     if (!region_columns(instance, v, &regions))
         return false;
@@ -121,71 +100,70 @@ static bool plan(Instance *instance, const LayerControllerVariables *v, Kept *ke
     for (int32_t ahead = 0; ahead < HORIZON_MAX; ahead++)
         for (int pass = 0; pass < COLOURS; pass++)
             colours[ahead][pass] = pass_colour(&passes, *v->layers_scanned + 1 + ahead, pass);
-    return plan_layers(&options, colours, &answer->estimate, *v->layers_scanned, kept_plan(v, kept), answer->plan,
-                       &answer->report) == CORE_DONE;
+    return plan_layers(&options, colours, &answer->estimate, &answer->figures, *v->layers_scanned, kept_plan(v, kept),
+                       answer->plan, &answer->report) == CORE_DONE;
 }
 
-static void publish_displacement(const LayerControllerVariables *v, const Registration *registration) {
-    const ScanDisplacement cells = reported_displacement(registration);
-    *v->scan_corrected = is_displaced(registration);
-    *v->scan_shift_x = *v->pitch * cells.shift_x;
-    *v->scan_shift_y = *v->pitch * cells.shift_y;
-    *v->scan_shift_std = *v->pitch * cells.shift_std;
-    *v->scan_spot_radius = *v->pitch * cells.spot_radius;
-    *v->scan_spot_std = *v->pitch * cells.spot_std;
+/* Whether the scans do not show what was printed, and that ends the print. */
+static bool is_stopped(const LayerControllerVariables *v, const EstimateFigures *figures) {
+    return *v->on_doubt == STOP_ON_DOUBT && figures->stop != 0;
 }
 
-static void publish_trust(const LayerControllerVariables *v, const LoopTrust *trust) {
-    *v->untrusted_reasons = untrusted_reasons(trust);
-    *v->untrusted_cells = trust->unseen_cells;
-    *v->capped_cells = (int32_t)trust->capped_cells;
-    *v->blind_share = trust->blind_share;
-    *v->ground_offset = trust->ground[0];
-    *v->ground_rise_x = trust->ground[1];
-    *v->ground_rise_y = trust->ground[2];
-    *v->scan_surprise = sqrt(trust->residual);
-    *v->ink_excess = trust->excess;
-    *v->ink_excess_i = (int32_t)(trust->excess_cell / (int64_t)*v->ny);
-    *v->ink_excess_j = (int32_t)(trust->excess_cell % (int64_t)*v->ny);
-    *v->height_excess = trust->rise;
-    *v->height_excess_i = (int32_t)(trust->rise_cell / (int64_t)*v->ny);
-    *v->height_excess_j = (int32_t)(trust->rise_cell % (int64_t)*v->ny);
+static void publish_figures(const LayerControllerVariables *v, const EstimateFigures *figures) {
+    *v->scan_corrected = figures->is_displaced != 0;
+    *v->scan_shift_x = *v->pitch * figures->shift_x;
+    *v->scan_shift_y = *v->pitch * figures->shift_y;
+    *v->scan_shift_std = *v->pitch * figures->shift_std;
+    *v->scan_spot_radius = *v->pitch * figures->spot_radius;
+    *v->scan_spot_std = *v->pitch * figures->spot_std;
+    *v->scan_rotation = figures->rotation;
+    *v->scan_magnification = figures->magnification;
+    *v->untrusted_reasons = (int32_t)figures->reasons;
+    *v->untrusted_cells = (int32_t)figures->unseen_cells;
+    *v->dead_cells = (int32_t)figures->dead_cells;
+    *v->capped_cells = (int32_t)figures->capped_cells;
+    *v->blind_share = figures->blind_share;
+    *v->ground_offset = figures->ground[0];
+    *v->ground_rise_x = figures->ground[1];
+    *v->ground_rise_y = figures->ground[2];
+    *v->scan_surprise = figures->surprise;
+    *v->ink_excess = figures->excess;
+    *v->ink_excess_i = (int32_t)(figures->excess_cell / (int64_t)*v->ny);
+    *v->ink_excess_j = (int32_t)(figures->excess_cell % (int64_t)*v->ny);
+    *v->height_excess = figures->rise;
+    *v->height_excess_i = (int32_t)(figures->rise_cell / (int64_t)*v->ny);
+    *v->height_excess_j = (int32_t)(figures->rise_cell % (int64_t)*v->ny);
+    *v->volume_scale = figures->volume;
+    *v->stop_reason = is_stopped(v, figures) ? (int32_t)figures->stop : 0;
+    *v->stop_layer = (int32_t)figures->stop_layer;
+    *v->stop_transform = (int32_t)figures->transform;
+    *v->stop_figure = figures->stop_figure;
 }
 
-static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {
+static void keep_estimate(const LayerControllerVariables *v, void *kept, const Answer *answer) {
     const size_t cells = cell_count(v);
-    const InkPrior prior = nominal_inks(v);
-    memcpy(v->estimated_height, estimate->height, cells * sizeof(double));
-    memcpy(v->height_variance, estimate->variance, cells * sizeof(double));
-    memcpy(v->dead_evidence, estimate->dead_evidence, cells * sizeof(double));
-    memcpy(kept->response, estimate->response, DISPLACEMENTS * cells * sizeof(double));
-    memcpy(v->unseen, estimate->unseen, cells * sizeof(int32_t));
-    memcpy(kept->ink, estimate->ink, sizeof kept->ink);
-    memcpy(v->reckoned, estimate->reckoned, cells * sizeof(double));
-    kept->learnt = estimate->learnt;
-    kept->registration = estimate->registration;
-    kept->trust = estimate->trust;
-    publish_displacement(v, &estimate->registration);
-    publish_trust(v, &estimate->trust);
-    *v->noise_variance = estimate->noise_variance;
-    *v->scans = estimate->scans;
-    *v->volume_scale = layers_of_all(estimate->ink, prior.inks) / layers_of_all(prior.nominal, prior.inks);
-    *v->dead_cells = 0;
-    for (size_t cell = 0; cell < cells; cell++)
-        *v->dead_cells += v->dead_evidence[cell] >= DEAD_EVIDENCE;
+    memcpy(v->estimated_height, answer->estimate.height, cells * sizeof(double));
+    memcpy(kept, answer->memory, estimate_size(cells));
+    publish_figures(v, &answer->figures);
+    *v->answered = *v->layers_scanned;
 }
 
-static void publish_plan(const LayerControllerVariables *v, Kept *kept, const Answer *answer, double seconds) {
+/* The print ends here: nothing is jetted any longer. */
+static void publish_stop(const LayerControllerVariables *v) {
+    memset(v->pattern, 0, cell_count(v) * sizeof *v->pattern);
+    *v->status = UNTRUSTED;
+}
+
+static void publish_plan(const LayerControllerVariables *v, void *kept, const Answer *answer, double seconds) {
     const size_t cells = cell_count(v);
     const bool is_done = answer->report.status == PLAN_DONE;
-    memcpy(kept_plan(v, kept), answer->plan, (size_t)horizon_of(v) * cells * sizeof(int32_t));
+    memcpy(kept_plan(v, kept), answer->plan, plan_size(v));
     for (size_t cell = 0; cell < cells; cell++) {
         const int32_t kind = answer->plan[cell] - 1;
         v->pattern[cell] = kind < 0 ? 0 : 1 + kind % *v->inks;
         v->drop_level[cell] = kind < 0 ? 1 : 1 + kind / *v->inks;
     }
     *v->layer_command += is_done ? 0 : 1;
-    *v->answered = *v->layers_scanned;
     *v->status = is_done ? DONE : *v->untrusted_reasons > 0 ? UNTRUSTED : IDLE;
     *v->objective = answer->report.objective.value;
     *v->objective_error = answer->report.objective.error;
@@ -214,6 +192,8 @@ static void calculate(Instance *instance) {
     *v.scan_corrected = false;
     *v.scan_shift_x = *v.scan_shift_y = *v.scan_shift_std = *v.scan_spot_radius = *v.scan_spot_std = 0.0;
     *v.plan_status = *v.sweeps = *v.left_out = *v.untrusted_cells = *v.dead_cells = 0;
+    *v.stop_reason = *v.stop_layer = *v.stop_transform = 0;
+    *v.stop_figure = *v.scan_rotation = *v.scan_magnification = 0.0;
     *v.volume_scale = 1.0;
 }
 
@@ -227,10 +207,10 @@ static Outcome initialize(Instance *instance) {
     if (*v.drop_levels * *v.inks > KINDS_MAX)
         return refuse(instance, "drop_levels is %ld with %ld inks; expected at most %d", (long)*v.drop_levels,
                       (long)*v.inks, KINDS_MAX / (int)*v.inks);
-    Kept *kept = kept_of(instance, &v);
+    void *kept = kept_of(instance, &v);
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));
-    memset(kept_plan(&v, kept), 0, (size_t)horizon_of(&v) * cell_count(&v) * sizeof(int32_t));
+    memset(kept_plan(&v, kept), 0, plan_size(&v));
     calculate(instance);
     *v.layer_command = *v.layers_printed;
     *v.answered = NO_SCAN;
@@ -245,22 +225,29 @@ static Outcome do_step(Instance *instance, double start, double end) {
     if (*v.status == DONE || !is_new)
         return ACCEPTED;
     const double began = stopwatch_seconds();
-    Kept *kept = kept_of(instance, &v);
+    void *kept = kept_of(instance, &v);
     Answer answer;
     if (!kept || !answer_open(&answer, &v))
         return refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cell_count(&v));
     Outcome outcome = ACCEPTED;
     if (!estimate(&v, kept, &answer))
         outcome = refuse(instance, "no memory to estimate %lu cells", (unsigned long)cell_count(&v));
-    if (outcome == ACCEPTED)
+    if (outcome == ACCEPTED) {
+        const EstimatorOptions options = estimator_options(&v);
+        answer.figures = estimate_figures(&options, &answer.estimate);
         outcome = check_heights(instance, &v, answer.estimate.height);
-    if (outcome == ACCEPTED && !plan(instance, &v, kept, &answer, stopwatch_seconds() - began))
+    }
+    const bool has_plan = !is_stopped(&v, &answer.figures);
+    if (outcome == ACCEPTED && has_plan && !plan(instance, &v, kept, &answer, stopwatch_seconds() - began))
         outcome = refuse(instance, "no memory to plan %lu cells", (unsigned long)cell_count(&v));
     if (outcome == ACCEPTED && !keep_values(instance))
         outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");
     if (outcome == ACCEPTED) {
-        keep_estimate(&v, kept, &answer.estimate);
-        publish_plan(&v, kept, &answer, stopwatch_seconds() - began);
+        keep_estimate(&v, kept, &answer);
+        if (has_plan)
+            publish_plan(&v, kept, &answer, stopwatch_seconds() - began);
+        else
+            publish_stop(&v);
     }
     free(answer.memory);
     return outcome;

@@ -8,14 +8,14 @@
 #include "stopwatch.h"
 
 int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4], const SurfaceEstimate *estimate,
-                    int32_t layer, const int32_t *last, int32_t *plan, PlanReport *report) {
+                    const EstimateFigures *figures, int32_t layer, const int32_t *last, int32_t *plan, PlanReport *report) {
     const size_t cells = options->nx * options->ny;
     const double began = stopwatch_seconds();
     double *memory = malloc(cells * (2 * sizeof(double) + options->horizon * sizeof(uint16_t)));
     if (!memory)
         return CORE_NO_MEMORY;
     const ProblemMaps maps = {memory, memory + cells, (uint16_t *)(memory + 2 * cells)};
-    const HorizonProblem problem = layer_problem(options, colours, estimate, layer, &maps);
+    const HorizonProblem problem = layer_problem(options, colours, estimate, figures, layer, &maps);
     const PlanWork work = {.last = last,
                            .last_layers = options->horizon,
                            .layer_worth = options->layer_worth,

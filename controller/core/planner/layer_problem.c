@@ -3,9 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "dead_cells.h"
 #include "near_cells.h"
-#include "scan_registration.h"
 
 static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 below the target (assumed) */
 static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
@@ -28,28 +26,17 @@ static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate 
     }
 }
 
-/* Of the height of a cell after one more layer, whose droplets add `of_droplets` [m^2]. */
-static double predicted_variance_at(const SurfaceEstimate *estimate, double of_droplets, size_t cells, size_t cell) {
-    const double variance = estimate->variance[cell] + of_droplets;
-    if (!is_displaced(&estimate->registration))
-        return variance;
-    double response[DISPLACEMENTS];
-    for (size_t k = 0; k < DISPLACEMENTS; k++)
-        response[k] = estimate->response[k * cells + cell];
-    return variance + displacement_variance(&estimate->registration, response);
-}
-
 /* Weights of the cells' errors, and what the surface is not to exceed. */
-static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *estimate, const ProblemMaps *maps) {
+static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *estimate, const EstimateFigures *figures,
+                        const ProblemMaps *maps) {
     const size_t cells = options->nx * options->ny;
     double squares = 0.0;
     for (size_t k = 0; k < options->inks; k++) {
-        const Ink ink = estimate->ink[k];
+        const Ink ink = figures->ink[k];
         squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
     }
     for (size_t cell = 0; cell < cells; cell++) {
-        const double deviation =
-            sqrt(predicted_variance_at(estimate, DROPLET_STD * DROPLET_STD * squares, cells, cell));
+        const double deviation = sqrt(estimate->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
         const bool is_fringe = is_near_marked(options->part, options->nx, options->ny, cell);
         maps->weight[cell] = options->part[cell] ? 1.0 : is_fringe ? options->fringe_weight : 0.0;
         maps->ceiling[cell] =
@@ -59,12 +46,13 @@ static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *es
 }
 
 HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4],
-                             const SurfaceEstimate *estimate, int32_t layer, const ProblemMaps *maps) {
-    const size_t layers = is_plant_foreign(&estimate->trust) ? options->foreign_horizon : options->horizon;
+                             const SurfaceEstimate *estimate, const EstimateFigures *figures, int32_t layer,
+                             const ProblemMaps *maps) {
+    const size_t layers = figures->is_foreign ? options->foreign_horizon : options->horizon;
     allow_droplets(options, estimate, layer, layers, maps->choices);
-    weigh_cells(options, estimate, maps);
+    weigh_cells(options, estimate, figures, maps);
     const double droplet_std =
-        options->droplet_std < 0.0 ? droplet_deviation(&estimate->trust, DROPLET_STD) : options->droplet_std;
+        options->droplet_std < 0.0 ? figures->droplet_std : options->droplet_std;
     HorizonProblem problem = {.nx = options->nx,
                               .ny = options->ny,
                               .layers = layers,
@@ -81,7 +69,7 @@ HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORI
                               .droplet_std = droplet_std,
                               .passes = options->passes};
     for (size_t kind = 0; kind < problem.kinds; kind++) {
-        const Ink ink = estimate->ink[kind % options->inks];
+        const Ink ink = figures->ink[kind % options->inks];
         const double level = (double)(kind / options->inks + 1);
         problem.kind[kind] = (Ink){level * ink.h1, level * ink.h2, level * ink.h3};
     }

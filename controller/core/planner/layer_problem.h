@@ -2,7 +2,7 @@
 #ifndef INKLOOP_LAYER_PROBLEM_H
 #define INKLOOP_LAYER_PROBLEM_H
 
-#include "height_estimator.h"
+#include "surface_estimate.h"
 #include "horizon_problem.h"
 #include "ink_regions.h"
 
@@ -38,10 +38,11 @@ typedef struct {
     uint16_t *choices;
 } ProblemMaps;
 
-/* The problem of the layers that follow layer number `layer`, whose surface is `estimate`; it points into that, into
+/* The problem of the layers that follow layer number `layer`, whose surface is `estimate`, with its `figures`; it points into that, into
  * the options and into the maps, which it fills. colours: for 4 passes, of each layer of the horizon in the order
  * jetted. */
 HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4],
-                             const SurfaceEstimate *estimate, int32_t layer, const ProblemMaps *maps);
+                             const SurfaceEstimate *estimate, const EstimateFigures *figures, int32_t layer,
+                             const ProblemMaps *maps);
 
 #endif

@@ -282,6 +282,7 @@ _C_ARRAYS: dict[np.dtype[Any], Any] = {  # of one element
     np.dtype(np.int64): ctypes.c_int64 * 1,
     np.dtype(np.uint16): ctypes.c_uint16 * 1,
     np.dtype(np.bool_): ctypes.c_uint8 * 1,
+    np.dtype(np.uint8): ctypes.c_uint8 * 1,
 }
 
 

@@ -12,25 +12,23 @@ from inkloop_controller.core.structs import (
     REALS,
     EstimateStruct,
     EstimatorOptionsStruct,
+    FiguresStruct,
     FinishStruct,
     InkRegionsStruct,
     InkStruct,
     JettedLayerStruct,
-    LoopTrustStruct,
     ObjectiveStruct,
     PlanReportStruct,
     PlanWorkStruct,
     ProblemStruct,
-    RegistrationStruct,
     RelaxationOptionsStruct,
     RelaxationReportStruct,
     ReportStruct,
-    ScanDisplacementStruct,
     SearchOptionsStruct,
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 15  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 16  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 
@@ -68,16 +66,14 @@ _ENTRY_POINTS = {
     ),
     "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, REALS, ctypes.c_double, REALS, REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, REALS, INTEGERS)),
-    "inkloop_no_registration": (None, (ctypes.POINTER(RegistrationStruct),)),
-    "inkloop_displacement": (None, (ctypes.POINTER(RegistrationStruct), ctypes.POINTER(ScanDisplacementStruct))),
-    "inkloop_untrusted_reasons": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
-    "inkloop_is_plant_foreign": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
-    "inkloop_droplet_std": (ctypes.c_double, (ctypes.POINTER(LoopTrustStruct),)),
+    "inkloop_knowledge_size": (ctypes.c_size_t, ()),
     "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, ctypes.c_int32, REALS, MARKS, _ESTIMATE)),
-    **dict.fromkeys(
-        ("inkloop_estimate_next", "inkloop_estimate_unknown"),
-        (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, REALS, MARKS, _ESTIMATE)),
+    "inkloop_estimate_next": (
+        ctypes.c_int32,
+        (_ESTIMATOR, _ESTIMATE, _LAYER, ctypes.c_int32, ctypes.c_int32, REALS, MARKS, _ESTIMATE),
     ),
+    "inkloop_estimate_figures": (None, (_ESTIMATOR, _ESTIMATE, ctypes.POINTER(FiguresStruct))),
+    "inkloop_trust_again": (None, (_ESTIMATE, ctypes.c_size_t)),
 }
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, KINDS_MAX, SearchProgress
 
-SHARES_MAX = 6  # of ink_identification.h
 REALS = ctypes.POINTER(ctypes.c_double)
 INTEGERS = ctypes.POINTER(ctypes.c_int32)
 MARKS = ctypes.POINTER(ctypes.c_uint8)
@@ -157,80 +156,14 @@ class InkRegionsStruct(ctypes.Structure):
     )
 
 
-class InkEvidenceStruct(ctypes.Structure):
-    """`InkEvidence` of ink_identification.h."""
-
-    _fields_ = (
-        ("response", ctypes.c_double * SHARES_MAX**2),
-        ("covariance", ctypes.c_double * SHARES_MAX**2),
-        ("surplus", ctypes.c_double * SHARES_MAX),
-    )
-
-
 class InkPriorStruct(ctypes.Structure):
-    """`InkPrior` of ink_identification.h."""
+    """`InkPrior` of surface_estimate.h."""
 
     _fields_ = (("inks", ctypes.c_size_t), ("nominal", InkStruct * 2), ("model", ctypes.c_int32))
 
 
-class RegistrationStruct(ctypes.Structure):
-    """`Registration` of scan_registration.h."""
-
-    _fields_ = (
-        ("estimate", ctypes.c_double * 3),
-        ("covariance", ctypes.c_double * 9),
-        ("applied", ctypes.c_double * 3),
-        ("steps_variance", ctypes.c_double),
-        ("misfit", ctypes.c_double),
-        ("far_product", ctypes.c_double),
-        ("far_information", ctypes.c_double),
-        ("scans", ctypes.c_int64),
-        ("has_shift", ctypes.c_int32),
-        ("has_wide_spot", ctypes.c_int32),
-    )
-
-
-class ScanDisplacementStruct(ctypes.Structure):
-    """`ScanDisplacement` of scan_registration.h."""
-
-    _fields_ = tuple((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std"))
-
-
-class InkKnowledgeStruct(ctypes.Structure):
-    """`InkKnowledge` of ink_learning.h."""
-
-    _fields_ = (
-        ("evidence", InkEvidenceStruct),
-        ("volumes", InkEvidenceStruct),
-        ("errors", ctypes.c_double * 2),
-    )
-
-
-class LoopTrustStruct(ctypes.Structure):
-    """`LoopTrust` of loop_trust.h."""
-
-    _fields_ = (
-        ("ground", ctypes.c_double * 3),
-        ("early", ctypes.c_double),
-        ("residual", ctypes.c_double),
-        ("volume", ctypes.c_double),
-        ("usual", ctypes.c_double),
-        ("blind_share", ctypes.c_double),
-        ("excess", ctypes.c_double),
-        ("rise", ctypes.c_double),
-        ("excess_cell", ctypes.c_int64),
-        ("rise_cell", ctypes.c_int64),
-        ("layers", ctypes.c_int64),
-        ("capped_cells", ctypes.c_int64),
-        ("ground_wrong", ctypes.c_int32),
-        ("unseen_cells", ctypes.c_int32),
-        ("high_cells", ctypes.c_int64),
-        ("spill", ctypes.c_double),
-    )
-
-
 class EstimatorOptionsStruct(ctypes.Structure):
-    """`EstimatorOptions` of height_estimator.h."""
+    """`EstimatorOptions` of surface_estimate.h."""
 
     _fields_ = (
         ("nx", ctypes.c_size_t),
@@ -246,26 +179,44 @@ class EstimatorOptionsStruct(ctypes.Structure):
         ("noise_variance", ctypes.c_double),
         ("steps_variance", ctypes.c_double),
         ("first_variance", ctypes.c_double),
+        ("volume_least", ctypes.c_double),
+        ("volume_most", ctypes.c_double),
     )
 
 
 class EstimateStruct(ctypes.Structure):
-    """`SurfaceEstimate` of height_estimator.h."""
+    """`SurfaceEstimate` of surface_estimate.h."""
 
     _fields_ = (
         ("height", REALS),
         ("variance", REALS),
-        ("unseen", INTEGERS),
+        ("ledger", REALS),
+        ("last", REALS),
+        ("surprise", REALS),
         ("dead_evidence", REALS),
-        ("response", REALS),
-        ("reckoned", REALS),
+        ("unseen", INTEGERS),
+        ("last_valid", MARKS),
+        ("surprised", MARKS),
         ("capped", MARKS),
+        ("known", MARKS),
+    )
+
+
+class FiguresStruct(ctypes.Structure):
+    """`EstimateFigures` of surface_estimate.h."""
+
+    _fields_ = (
         ("ink", InkStruct * 2),
-        ("learnt", InkKnowledgeStruct),
-        ("registration", RegistrationStruct),
-        ("trust", LoopTrustStruct),
-        ("noise_variance", ctypes.c_double),
-        ("scans", ctypes.c_int32),
+        ("volume", ctypes.c_double),
+        ("droplet_std", ctypes.c_double),
+        ("noise_std", ctypes.c_double),
+        ("ground", ctypes.c_double * 3),
+        *((name, ctypes.c_double) for name in ("surprise", "blind_share", "excess", "rise")),
+        *((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std")),
+        *((name, ctypes.c_double) for name in ("rotation", "magnification", "stop_figure")),
+        *((name, ctypes.c_int64) for name in ("reasons", "stop", "stop_layer", "transform")),
+        *((name, ctypes.c_int64) for name in ("unseen_cells", "dead_cells", "capped_cells", "excess_cell")),
+        *((name, ctypes.c_int64) for name in ("rise_cell", "is_displaced", "is_foreign", "scans")),
     )
 
 

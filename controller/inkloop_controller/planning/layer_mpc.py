@@ -53,7 +53,7 @@ class LayerMpc:
     they are tried again.
 
     finish: how the print ends, "even" (horizon 5) or "fast" (horizon 4, and a layer must gain more to be printed),
-    both with horizon 3 where LoopTrust.is_plant_foreign;
+    both with horizon 3 where EstimateFigures.is_foreign;
     horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
     of it; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
     one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
@@ -99,14 +99,14 @@ class LayerMpc:
 
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
         """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
-        job, horizon = self._job, self._foreign_horizon if estimate.trust.is_plant_foreign else self._horizon
+        job, horizon = self._job, self._foreign_horizon if estimate.figures.is_foreign else self._horizon
         numbers = range(layer + 1, layer + 1 + horizon)
         if estimate.height.shape != (job.nx, job.ny):
             raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
         choices = self._choices.allowed(estimate.height, horizon)
         choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
         choices[:, estimate.capped] = 0
-        droplet_std = estimate.trust.droplet_std if self._droplet_std is None else self._droplet_std
+        droplet_std = estimate.figures.droplet_std if self._droplet_std is None else self._droplet_std
         return HorizonProblem(
             height=estimate.height,
             target=job.target_height,

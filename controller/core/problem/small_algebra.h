@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-enum { UNKNOWNS_MAX = 6, ENTRIES_MAX = UNKNOWNS_MAX * UNKNOWNS_MAX };
+enum { UNKNOWNS_MAX = 19, ENTRIES_MAX = UNKNOWNS_MAX * UNKNOWNS_MAX };
 
 /* Solves a x = b for a positive definite `a`; x comes in `b`. False, and `b` unchanged, if it is singular to rounding.
  */
@@ -13,11 +13,5 @@ bool solve_definite(size_t n, const double *a, double *b);
 
 /* Inverse of a positive definite matrix; false if it is singular to rounding. */
 bool invert_definite(size_t n, const double *matrix, double *inverse);
-
-/* Pseudo-inverse of a symmetric matrix; eigenvalues below `relative` times the largest count as 0. */
-void pseudo_inverse(size_t n, const double *a, double relative, double *inverse);
-
-/* Whether all of these values are 0. */
-bool is_zero(const double *values, size_t count);
 
 #endif

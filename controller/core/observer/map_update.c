@@ -1,0 +1,231 @@
+#include "map_update.h"
+
+#include <string.h>
+
+
+static const double SURPRISE = 4.5;      /* standard deviations: as likely the sensor's as the cell's (assumed) */
+static const double CERTAIN = 0.9;       /* weight of a reading below which it surprises */
+static const double SAME = 0.4;          /* of a surprise: as much again is the cell's */
+static const double SPIKY = 0.008;       /* share of vanishing surprises from which on they must come three times */
+static const double READING = 0.004;     /* error of a displaced reading, of the slope [cells] (assumed) */
+static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
+static const double DEAD_WEAK = 0.3;     /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
+static const double LAYER_EVIDENCE = 5.0; /* of one layer at most: a single droplet that failed is no dead nozzle */
+static const double WHOLE_HEAD = 0.5;    /* of the part: where more brings nothing, the ink has run out */
+static const double NOT_SEEN = 1e-6;     /* weights of readings are at least so much of a variance */
+
+static size_t cells_of(const MapUpdate *update) {
+    return update->evidence->options->nx * update->evidence->options->ny;
+}
+
+static double process_variance(const MapUpdate *update, size_t cell) {
+    const ScanEvidence *evidence = update->evidence;
+    const double squares = evidence->increments->squares[cell];
+    const double droplets = evidence->droplet_variance * squares;
+    const double extra = evidence->layer->pattern[cell] > 0 ? update->extra[OWN]
+                         : squares > 0.0                    ? update->extra[SPILL]
+                                                            : 0.0;
+    return fmax(evidence->variance[cell] + droplets + extra * native_variance(evidence, cell), LEAST_VARIANCE);
+}
+
+/* What the ink changes in the prediction, with the offset of the datum. */
+static double predicted_at(const MapUpdate *update, size_t cell) {
+    return update->evidence->predicted[cell] + share_change(update->evidence, update->fit->share, cell);
+}
+
+/* A reading that surprises, and what it counts. */
+typedef struct {
+    double weight, jump; /* of the reading [1]; variance of the cell by which it has changed [m^2] */
+} Belief;
+
+static Belief believe(const MapUpdate *update, size_t cell, double rest, double variance, Surprises *count) {
+    const SurfaceEstimate *before = update->before, *after = update->after;
+    const double square = rest * rest / variance, told = before->surprise[cell];
+    double weight = 1.0;
+    if (update->is_robust && square > 0.5 * SURPRISE * SURPRISE)
+        weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
+    const bool is_big = weight < CERTAIN;
+    const bool is_same = is_big && told * rest > 0.0 && fabs(told) > SAME * fabs(rest);
+    const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
+    const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
+    count->seen++;
+    count->vanished += told != 0.0 && !is_big;
+    after->surprise[cell] = is_big && !is_real ? rest : 0.0;
+    after->surprised[cell] = is_real ? 0 : times;
+    return is_real ? (Belief){1.0, rest * rest} : (Belief){weight, 0.0};
+}
+
+/* Carries what is known of a cell that was not seen. */
+static void carry_surprise(const MapUpdate *update, size_t cell) {
+    update->after->surprise[cell] = 0.0;
+    update->after->surprised[cell] = 0;
+}
+
+/* Evidence that nothing came; returns whether it speaks for that. */
+static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
+    const double told = update->before->dead_evidence[cell], own = update->full_own[cell];
+    update->after->dead_evidence[cell] = told;
+    if (!is_seen || !(own > 0.0) || !update->is_telling)
+        return false;
+    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments->own[cell] : 0.0);
+    const double weak = DEAD_WEAK * own;
+    const double evidence = weak * (0.5 * weak - grown) / fmax(fmin(variance, own * own), LEAST_VARIANCE);
+    const double sum = told + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
+    update->after->dead_evidence[cell] = fmin(DEAD_EVIDENCE, fmax(0.0, sum));
+    return evidence > 0.0;
+}
+
+/* Where most of the head brings nothing the ink has run out: that is no evidence of nozzles. */
+static void forget_dry(const MapUpdate *update, size_t dry) {
+    size_t part = 0;
+    for (size_t cell = 0; cell < cells_of(update); cell++)
+        part += update->evidence->options->part[cell] != 0;
+    if ((double)dry > WHOLE_HEAD * (double)part)
+        memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
+}
+
+/* What the fit leaves of the datum along a row, and its variance. */
+typedef struct {
+    double left[ROW_TERMS], variance[ROW_VARIANCE_TERMS];
+} DatumRow;
+
+static DatumRow datum_row(const MapUpdate *update, size_t i) {
+    const double u = place_on(i, update->evidence->options->nx);
+    DatumRow row;
+    datum_of_row(update->fit->datum, u, row.left);
+    datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
+    return row;
+}
+
+static double left_of(const DatumRow *row, double w) {
+    return row->left[0] + w * (row->left[1] + w * row->left[2]);
+}
+
+static double variance_of(const DatumRow *row, double w) {
+    const double *of = row->variance;
+    return fmax(of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4]))), 0.0);
+}
+
+Surprises update_in_register(const MapUpdate *update) {
+    const ScanEvidence *evidence = update->evidence;
+    const SurfaceEstimate *before = update->before, *after = update->after;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const double *predicted = evidence->predicted;
+    Surprises count = {0, 0};
+    size_t dry = 0;
+    for (size_t i = 0; i < nx; i++) {
+        const DatumRow row = datum_row(update, i);
+        for (size_t j = 0; j < ny; j++) {
+            const size_t cell = i * ny + j;
+            const double expected = predicted_at(update, cell);
+            double spread = process_variance(update, cell), rest = 0.0, gain = 0.0, variance = 1.0;
+            after->unseen[cell] = evidence->valid[cell] ? 0 : before->unseen[cell] + 1;
+            if (evidence->valid[cell]) {
+                rest = evidence->scan[cell] - left_of(&row, place_on(j, ny)) - expected;
+                double error = evidence->noise_variance + variance_of(&row, place_on(j, ny));
+                if (update->geometry && update->walls[cell]) {
+                    const double up = predicted[i > 0 ? cell - ny : cell], down = predicted[i + 1 < nx ? cell + ny : cell];
+                    const double left = predicted[j > 0 ? cell - 1 : cell];
+                    const double right = predicted[j + 1 < ny ? cell + 1 : cell];
+                    error += geometry_variance(update->geometry, 0.5 * (down - up), 0.5 * (right - left),
+                                               update->spread_slope[cell], place_on(i, nx), place_on(j, ny));
+                }
+                variance = spread + error;
+                const Belief belief = believe(update, cell, rest, variance, &count);
+                const double weak = fmax(variance / fmax(belief.weight, 1e-9) - spread, LEAST_ERROR);
+                spread += belief.jump;
+                gain = spread / (spread + weak);
+            } else
+                carry_surprise(update, cell);
+            dry += take_dead(update, cell, evidence->valid[cell], rest, variance);
+            after->height[cell] = expected + gain * rest;
+            after->variance[cell] = (1.0 - gain) * spread;
+        }
+    }
+    forget_dry(update, dry);
+    return count;
+}
+
+/* What the readings are off by, weighed, and their weights; and the jumps of cells. */
+static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *averaged,
+                                  const double *spread, const double *changed, double *weight, double *off,
+                                  double *jump) {
+    const ScanEvidence *evidence = update->evidence;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    Surprises count = {0, 0};
+    for (size_t i = 0; i < nx; i++) {
+        const DatumRow row = datum_row(update, i);
+        for (size_t j = 0; j < ny; j++) {
+            const size_t cell = i * ny + j;
+            const double u = place_on(i, nx), w = place_on(j, ny);
+            weight[cell] = off[cell] = jump[cell] = 0.0;
+            if (!evidence->valid[cell]) {
+                carry_surprise(update, cell);
+                continue;
+            }
+            const Spot spot = spot_of(g, (double)i, (double)j, u, w);
+            const Place place = place_of(nx, ny, spot.x, spot.y);
+            const Place up = place_of(nx, ny, spot.x - SLOPE_STEP, spot.y),
+                        left = place_of(nx, ny, spot.x, spot.y - SLOPE_STEP),
+                        down = place_of(nx, ny, spot.x + SLOPE_STEP, spot.y),
+                        right = place_of(nx, ny, spot.x, spot.y + SLOPE_STEP);
+            const double x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * SLOPE_STEP);
+            const double y = (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * SLOPE_STEP);
+            const double with_spread = value_at(update->spread_slope, &place), known = value_at(spread, &place);
+            const double rest =
+                evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place) - value_at(changed, &place);
+            const double error = evidence->noise_variance + READING * READING * (x * x + y * y) +
+                                 variance_of(&row, w) +
+                                 geometry_variance(update->geometry, x, y, with_spread, u, w);
+            const Belief belief = believe(update, cell, rest, known + error, &count);
+            const double weak = fmax((known + error) / fmax(belief.weight, 1e-9) - known, LEAST_ERROR);
+            weight[cell] = 1.0 / weak;
+            off[cell] = rest / weak;
+            jump[cell] = belief.jump;
+        }
+    }
+    return count;
+}
+
+Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], const double *averaged) {
+    const ScanEvidence *evidence = update->evidence;
+    const SurfaceEstimate *before = update->before, *after = update->after;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    double *spread = after->variance, *changed = after->height, *weight = update->scratch[0], *off = update->scratch[1],
+           *jump = update->scratch[2], back[GEOMETRY];
+    size_t dry = 0;
+    for (size_t cell = 0; cell < nx * ny; cell++) {
+        spread[cell] = process_variance(update, cell);
+        changed[cell] = share_change(evidence, update->fit->share, cell);
+    }
+    const Surprises count = look_at_readings(update, g, averaged, spread, changed, weight, off, jump);
+    if (!reversed(g, nx, ny, back))
+        memset(back, 0, sizeof back);
+    for (size_t i = 0; i < nx; i++)
+        for (size_t j = 0; j < ny; j++) {
+            const size_t cell = i * ny + j;
+            const Spot spot = spot_of(back, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
+            const Place place = place_of(nx, ny, spot.x, spot.y);
+            const double seen = value_at(weight, &place), known = spread[cell] + jump[cell];
+            const bool is_seen = seen * known > NOT_SEEN;
+            const double rest = is_seen ? value_at(off, &place) / seen : 0.0;
+            const double gain = is_seen ? known * seen / (1.0 + known * seen) : 0.0;
+            dry += take_dead(update, cell, is_seen, rest, known + (is_seen ? 1.0 / seen : 0.0));
+            after->unseen[cell] = is_seen ? 0 : before->unseen[cell] + 1;
+            after->height[cell] = evidence->predicted[cell] + changed[cell] + gain * rest;
+            after->variance[cell] = (1.0 - gain) * known;
+        }
+    forget_dry(update, dry);
+    return count;
+}
+
+void live_on_prediction(const MapUpdate *update) {
+    const SurfaceEstimate *before = update->before, *after = update->after;
+    for (size_t cell = 0; cell < cells_of(update); cell++) {
+        after->height[cell] = predicted_at(update, cell);
+        after->variance[cell] = process_variance(update, cell);
+        after->unseen[cell] = before->unseen[cell] + 1;
+        after->dead_evidence[cell] = before->dead_evidence[cell];
+        carry_surprise(update, cell);
+    }
+}

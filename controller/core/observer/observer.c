@@ -1,0 +1,422 @@
+#include "observer.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "layer_surface.h"
+#include "map_memory.h"
+#include "map_update.h"
+#include "scan_datum.h"
+#include "scan_doubts.h"
+
+static const double SHARE_STD = 0.15, FULL_STD = 0.3; /* of a share of the ink before any scan (assumed) */
+static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
+static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
+static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
+static const double GROUND_TOLERANCE = 3.0;   /* layers at a corner: more is no levelling (assumed) */
+static const double KNOWN_GROUND = 1e-18;     /* [m^2], variance of flat ground */
+static const double LEAST_SEEN = 0.02;        /* of the grid: fewer readings are no scan */
+static const double FOREIGN_MISFIT = 4.0;     /* two standard deviations: no droplet of the model's (assumed) */
+static const double USUAL_MISFIT = 2.0;       /* up to which droplets explain it */
+static const double KEPT = 0.8;               /* of what was learnt, from layer to layer */
+static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
+static const double FIRST_EVIDENCE = 10.0, EVIDENCE_MAX = 500.0; /* degrees of freedom */
+static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
+static const double UNSURE = 1e-6;      /* [m^2], variance of heights that a person has looked at */
+static const double NO_VOLUME = 1e-12;  /* of a droplet of a dead nozzle */
+enum { EARLY = 12, LEAST_DROPLETS = 20 };
+
+/* Maps of one layer. */
+typedef struct {
+    double *scan, *predicted, *slopes, *squares, *own, *full_own, *factor, *spare[4], *adds;
+    uint8_t *ground, *walls, *marks; /* `marks`: two maps */
+    void *memory;
+} Workspace;
+
+static bool workspace_open(Workspace *work, const EstimatorOptions *options) {
+    const size_t cells = options->nx * options->ny;
+    const size_t adds = options->ink.inks * (options->ink.model == INK_FULL ? ORDERS : 1);
+    double *maps = take_raw_maps(cells, (11 + adds) * sizeof(double) + 4);
+    if (!maps)
+        return false;
+    *work = (Workspace){.memory = maps,
+                        .scan = maps,
+                        .predicted = maps + cells,
+                        .slopes = maps + 2 * cells,
+                        .squares = maps + 3 * cells,
+                        .own = maps + 4 * cells,
+                        .full_own = maps + 5 * cells,
+                        .factor = maps + 6 * cells,
+                        .spare = {maps + 7 * cells, maps + 8 * cells, maps + 9 * cells, maps + 10 * cells},
+                        .adds = maps + 11 * cells};
+    work->ground = (uint8_t *)(maps + (11 + adds) * cells);
+    work->walls = work->ground + cells;
+    work->marks = work->walls + cells;
+    return true;
+}
+
+static void take_datum_off(const EstimatorOptions *options, const ScanDatum *datum, const double *measured,
+                           const uint8_t *valid, double *scan) {
+    for (size_t i = 0; i < options->nx; i++) {
+        double row[ROW_TERMS];
+        datum_of_row(datum->term, place_on(i, options->nx), row);
+        for (size_t j = 0; j < options->ny; j++) {
+            const size_t cell = i * options->ny + j;
+            const double w = place_on(j, options->ny);
+            scan[cell] = valid[cell] ? measured[cell] - (row[0] + w * (row[1] + w * row[2])) : 0.0;
+        }
+    }
+}
+
+static void keep_scan(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                      SurfaceEstimate *estimate) {
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        estimate->last[cell] = valid[cell] ? measured[cell] : 0.0;
+        estimate->last_valid[cell] = valid[cell];
+    }
+}
+
+static Knowledge begin(const EstimatorOptions *options) {
+    const size_t n = ink_shares(&options->ink);
+    const double deviation = options->ink.model == INK_FULL ? FULL_STD : SHARE_STD, layer = layer_of(options);
+    Knowledge known = {.registration = no_registration(options->nx, options->ny),
+                       .trust = full_trust(),
+                       .noise_variance = fmax(options->noise_variance, options->steps_variance),
+                       .droplet_variance = 1.0,
+                       .droplet_evidence = FIRST_EVIDENCE,
+                       .scans = 1};
+    for (size_t k = 0; k < n; k++) {
+        known.share[k] = 1.0;
+        known.share_covariance[k * n + k] = options->ink.model == INK_OFF ? 0.0 : deviation * deviation;
+    }
+    for (size_t k = 0; k < DATUM_TERMS; k++)
+        known.datum_spread[k] = DATUM_STD[k] * DATUM_STD[k] * layer * layer;
+    return known;
+}
+
+/* On ground that is called flat the first scan shows the datum and the noise of the sensor. */
+static void take_flat_ground(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                             SurfaceEstimate *estimate) {
+    const size_t cells = options->nx * options->ny;
+    Knowledge *known = estimate->known;
+    const double layer = layer_of(options), *spread = known->datum_spread;
+    const ScanDatum datum =
+        scan_datum(options->nx, options->ny, measured, valid, NULL, NULL, spread, fmax(known->noise_variance, NOISELESS));
+    const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
+    if (options->noise_variance < 0.0)
+        known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
+    memcpy(known->datum, datum.term, sizeof known->datum);
+    known->trust.ground[0] = datum.term[0];
+    known->trust.ground[1] = 2.0 * datum.term[1];
+    known->trust.ground[2] = 2.0 * datum.term[2];
+    known->trust.ground_wrong = corner > GROUND_TOLERANCE * layer;
+    for (size_t cell = 0; cell < cells; cell++) {
+        estimate->height[cell] = 0.0;
+        estimate->variance[cell] = KNOWN_GROUND;
+    }
+}
+
+bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
+                    SurfaceEstimate *estimate) {
+    const size_t cells = options->nx * options->ny;
+    *estimate->known = begin(options);
+    const double noise = estimate->known->noise_variance;
+    for (size_t cell = 0; cell < cells; cell++) {
+        estimate->height[cell] = valid[cell] ? measured[cell] : 0.0;
+        estimate->variance[cell] = valid[cell] ? noise : options->first_variance;
+        estimate->unseen[cell] = valid[cell] ? 0 : 1;
+        estimate->surprise[cell] = estimate->dead_evidence[cell] = 0.0;
+        estimate->surprised[cell] = 0;
+    }
+    if (options->flat_ground && layer == 0 && !options->take_as_read)
+        take_flat_ground(options, measured, valid, estimate);
+    memcpy(estimate->ledger, estimate->height, cells * sizeof(double));
+    keep_scan(options, measured, valid, estimate);
+    look_at_part(options, valid, estimate);
+    return true;
+}
+
+/* The layer without droplets from dead nozzles, and what all of them would leave on their cells. */
+static JettedLayer living_droplets(const EstimatorOptions *options, const SurfaceEstimate *before,
+                                   const JettedLayer *layer, const Ink ink[], Workspace *work) {
+    JettedLayer living = *layer;
+    bool has_dead = false;
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        const int32_t kind = layer->pattern[cell];
+        const double volume = layer->factor ? layer->factor[cell] : 1.0;
+        const bool is_dead = before->dead_evidence[cell] >= DEAD_EVIDENCE;
+        work->full_own[cell] = kind > 0 ? volume * ink[kind - 1].h1 : 0.0;
+        work->factor[cell] = is_dead ? NO_VOLUME : volume;
+        has_dead |= is_dead && kind > 0;
+    }
+    if (has_dead)
+        living.factor = work->factor;
+    return living;
+}
+
+/* The prediction; of an unknown layer the middle of nothing and all, with the variance of a uniform distribution, and
+ * without droplets. */
+static void predict(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                    bool is_unknown, Workspace *work, DropletIncrements *increments, double *variance) {
+    const size_t cells = options->nx * options->ny;
+    const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
+    Ink ink[INKS_MAX];
+    learnt_inks(options, before->known, ink);
+    *increments = (DropletIncrements){unit, work->adds, work->squares, work->own};
+    droplet_increments(layer, before->height, options->ink.inks, ink, work->spare[0], increments, work->predicted);
+    memcpy(variance, before->variance, cells * sizeof(double));
+    if (!is_unknown)
+        return;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double whole = work->predicted[cell] - before->height[cell];
+        work->predicted[cell] = before->height[cell] + 0.5 * whole;
+        variance[cell] += whole * whole / 12.0;
+        work->squares[cell] = work->own[cell] = 0.0;
+    }
+    memset(work->adds, 0, options->ink.inks * maps_of_ink(unit) * cells * sizeof(double));
+}
+
+/* Learns the noise of a reading from ground: of a second scan of ground that is not flat half of it is the first's. */
+static double reading_noise(const EstimatorOptions *options, const Knowledge *known, const ScanDatum *datum) {
+    const double before = fmax(known->noise_variance, fmax(options->steps_variance, NOISELESS));
+    if (options->noise_variance >= 0.0 || datum->noise_variance < 0.0)
+        return before;
+    const bool is_second = known->scans == 1;
+    const double found = is_second && !options->flat_ground ? 0.5 * datum->noise_variance : datum->noise_variance;
+    const double noise = is_second ? found : NOISE_KEPT * known->noise_variance + (1.0 - NOISE_KEPT) * found;
+    return fmax(noise, fmax(options->steps_variance, NOISELESS));
+}
+
+/* How much droplets vary, by what is left of the growth of cells. */
+static void learn_droplets(const InkFit *fit, Knowledge *known) {
+    LoopTrust *trust = &known->trust;
+    const double unit = DROPLET_STD * DROPLET_STD, own = unit * fit->mean_droplets, variation = known->droplet_variance;
+    if (fit->droplets < LEAST_DROPLETS || !(own > 0.0))
+        return;
+    const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
+    const double found = fmax(LEAST_VARIATION, variation + surplus), larger = fmax(found, variation) * own;
+    const double share = larger / (fit->mean_base + larger), freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
+    const double kept = KEPT * known->droplet_evidence;
+    known->droplet_variance =
+        fmin((kept * variation + freedom * fmin(found, LARGEST_FOUND)) / (kept + freedom), LARGEST_VARIATION);
+    known->droplet_evidence = fmin(kept + freedom, EVIDENCE_MAX);
+    trust->layers++;
+    trust->residual = KEPT * trust->residual + (1.0 - KEPT) * found;
+    trust->surprise = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
+    trust->spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
+    if (trust->layers <= EARLY)
+        trust->early += (found - trust->early) / (double)trust->layers;
+}
+
+static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *known) {
+    if (datum->noise_variance < 0.0)
+        return;
+    memcpy(known->datum, datum->term, sizeof known->datum);
+    for (size_t k = 0; k < DATUM_TERMS; k++) {
+        known->datum[k] += fit->datum[k];
+        known->datum_spread[k] = DATUM_KEPT * known->datum_spread[k] +
+                                 (1.0 - DATUM_KEPT) * fmax(known->datum[k] * known->datum[k], LEAST_SPREAD);
+    }
+}
+
+/* A scan and all that is made of it on the way. */
+typedef struct {
+    ScanEvidence evidence;
+    ScanDatum datum;
+    FitRoom room;
+    InkFit in_register, displaced;
+    bool is_unknown;
+} Look;
+
+/* Fits the scan, chooses between in register and displaced, and updates the maps. */
+static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, Look *look, Workspace *work,
+                      SurfaceEstimate *after) {
+    const ScanEvidence *evidence = &look->evidence;
+    Knowledge *known = after->known;
+    Registration *registration = &known->registration;
+    const bool is_registered = options->register_scans && !look->is_unknown;
+    if (!fit_in_register(evidence, &look->room, &look->in_register))
+        return false;
+    if (is_registered && !fit_displaced(evidence, work->slopes, &look->in_register, &look->room, registration, &look->displaced))
+        return false;
+    const bool is_displaced = registration->is_displaced;
+    const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
+    const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
+    const bool is_foreign = !may_be && fmax(fit->misfit[OWN], fit->misfit[SPILL]) >= FOREIGN_MISFIT;
+    double doubtful[GEOMETRY * GEOMETRY];
+    memcpy(doubtful, registration->covariance, sizeof doubtful);
+    for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)
+        for (size_t b = 0; b < GEOMETRY; b++)
+            doubtful[a * GEOMETRY + b] += registration->estimate[a] * registration->estimate[b];
+    MapUpdate update = {.evidence = evidence,
+                        .before = before,
+                        .fit = fit,
+                        .geometry = is_displaced || may_be ? doubtful : NULL,
+                        .walls = work->walls,
+                        .spread_slope = look->room.spread_slope,
+                        .full_own = work->full_own,
+                        .is_robust = !is_foreign,
+                        .is_telling = !look->is_unknown,
+                        .scratch = {work->slopes, work->factor, work->spare[2], work->spare[3]},
+                        .after = after};
+    for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
+        update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
+    if (is_displaced) {
+        const double *g = registration->estimate;
+        means_over_spot(options->nx, options->ny, evidence->predicted, g[SPREAD], work->spare[2], look->room.averaged);
+        slope_with_spot(options->nx, options->ny, evidence->predicted, look->room.averaged, g[SPREAD], work->spare[2],
+                        look->room.spread_slope);
+    }
+    const Surprises found = is_displaced ? update_displaced(&update, registration->estimate, look->room.averaged)
+                                         : update_in_register(&update);
+    if (look->is_unknown)
+        return true;
+    known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found.vanished / fmax((double)found.seen, 1.0);
+    const bool is_better = may_be && look->displaced.droplets >= LEAST_DROPLETS &&
+                           look->displaced.misfit[OWN] < look->in_register.misfit[OWN];
+    learn_droplets(is_displaced || is_better ? &look->displaced : &look->in_register, known);
+    learn_datum(&look->datum, fit, known);
+    memcpy(known->share, fit->share, sizeof known->share);
+    memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
+    return true;
+}
+
+/* The ledger grows by all droplets but those of dead nozzles, of nominal volume; of an unknown layer by half. */
+static void count_droplets(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                           bool is_unknown, double *scratch, SurfaceEstimate *after) {
+    const Ink both[2] = {options->ink.nominal[0], options->ink.nominal[options->ink.inks - 1]};
+    layer_surface(layer, before->ledger, both, scratch, after->ledger);
+    for (size_t cell = 0; is_unknown && cell < options->nx * options->ny; cell++)
+        after->ledger[cell] = 0.5 * (before->ledger[cell] + after->ledger[cell]);
+}
+
+static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
+    const size_t cells = options->nx * options->ny;
+    size_t seen = 0;
+    for (size_t cell = 0; cell < cells; cell++)
+        seen += valid[cell] != 0;
+    return (double)seen >= LEAST_SEEN * (double)cells && seen > 0;
+}
+
+/* Heights as they were read. */
+static void take_as_read(const EstimatorOptions *options, const SurfaceEstimate *before, const Workspace *work,
+                         const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny;
+    for (size_t cell = 0; cell < cells; cell++) {
+        after->height[cell] = valid[cell] ? measured[cell] : work->predicted[cell];
+        after->variance[cell] = valid[cell] ? 0.0 : before->variance[cell];
+        after->unseen[cell] = valid[cell] ? 0 : before->unseen[cell] + 1;
+        after->surprise[cell] = after->dead_evidence[cell] = 0.0;
+        after->surprised[cell] = 0;
+    }
+}
+
+/* Heights and their variance without a scan that counts. */
+static void live_on(const Look *look, const SurfaceEstimate *before, const Workspace *work, SurfaceEstimate *after) {
+    InkFit known = {.droplets = 0};
+    memcpy(known.share, before->known->share, sizeof known.share);
+    live_on_prediction(&(MapUpdate){.evidence = &look->evidence,
+                                    .before = before,
+                                    .fit = &known,
+                                    .full_own = work->full_own,
+                                    .after = after});
+}
+
+static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                         int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
+                         Workspace *work, double *variance, SurfaceEstimate *after) {
+    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
+    DropletIncrements increments;
+    predict(options, before, layer, is_unknown, work, &increments, variance);
+    if (options->take_as_read) {
+        take_as_read(options, before, work, measured, valid, after);
+        return true;
+    }
+    Knowledge *known = after->known;
+    Look look = {.is_unknown = is_unknown};
+    const double *spread = known->datum_spread;
+    mark_ground(nx, ny, options->part, work->ground, work->marks);
+    look.datum = scan_datum(nx, ny, measured, valid, before->height, work->ground, spread,
+                            fmax(known->noise_variance, NOISELESS));
+    take_datum_off(options, &look.datum, measured, valid, work->scan);
+    const double noise = reading_noise(options, known, &look.datum);
+    for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
+        if (before->unseen[cell] == 0 && !(variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
+            variance[cell] += noise; /* what the first scan was worth */
+    look.evidence = (ScanEvidence){.options = options,
+                                   .known = before->known,
+                                   .layer = layer,
+                                   .scan = work->scan,
+                                   .valid = valid,
+                                   .before = before->height,
+                                   .predicted = work->predicted,
+                                   .variance = variance,
+                                   .increments = &increments,
+                                   .noise_variance = noise,
+                                   .droplet_variance = DROPLET_STD * DROPLET_STD * known->droplet_variance,
+                                   .datum = &look.datum};
+    look.room = (FitRoom){work->spare[0], work->spare[1], {work->spare[2], work->spare[3]}, work->walls, work->marks};
+    if (!is_scan(options, valid)) {
+        live_on(&look, before, work, after);
+        return true;
+    }
+    slope_squares(nx, ny, work->predicted, work->slopes);
+    ScanDoubt doubt = {.evidence = &look.evidence,
+                       .before = before,
+                       .measured = after->last,
+                       .ground = work->ground,
+                       .slopes = work->slopes,
+                       .geometry = known->registration.is_displaced ? known->registration.estimate : NULL,
+                       .layer = number,
+                       .expected = work->spare[0],
+                       .past = work->spare[1],
+                       .other = work->spare[2],
+                       .lines = work->spare[3],
+                       .even = work->walls,
+                       .marks = work->marks};
+    if (!is_unknown && !known->trust.is_looked_at && doubt_scan(&doubt, &known->trust)) {
+        live_on(&look, before, work, after);
+        return true;
+    }
+    known->trust.is_looked_at = 0;
+    known->noise_variance = is_unknown ? known->noise_variance : noise;
+    return take_scan(options, before, &look, work, after);
+}
+
+bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
+                   SurfaceEstimate *after) {
+    Workspace work;
+    Ink ink[INKS_MAX];
+    double *variance = take_raw_maps(options->nx * options->ny, sizeof(double));
+    if (!variance || !workspace_open(&work, options)) {
+        give_maps(variance);
+        return false;
+    }
+    *after->known = *before->known;
+    keep_scan(options, measured, valid, after);
+    learnt_inks(options, before->known, ink);
+    const JettedLayer living = living_droplets(options, before, layer, ink, &work);
+    const bool is_done =
+        look_at_scan(options, before, &living, number, is_unknown, measured, valid, &work, variance, after);
+    if (is_done) {
+        after->known->scans = before->known->scans + 1;
+        count_droplets(options, before, &living, is_unknown, work.spare[0], after);
+        if (!options->take_as_read && !is_unknown)
+            doubt_volume(options, after->known, number, &after->known->trust);
+        look_at_part(options, valid, after);
+    }
+    give_maps(work.memory);
+    give_maps(variance);
+    return is_done;
+}
+
+void trust_again(SurfaceEstimate *estimate, size_t cells) {
+    LoopTrust *trust = &estimate->known->trust;
+    trust->stop = trust->stop_layer = trust->transform = 0;
+    trust->stop_figure = trust->volume_doubt = 0.0;
+    trust->is_looked_at = 1;
+    memset(trust->doubts, 0, sizeof trust->doubts);
+    for (size_t cell = 0; cell < cells; cell++)
+        estimate->variance[cell] = UNSURE;
+}

@@ -1,0 +1,116 @@
+#include "scan_datum.h"
+
+#include <math.h>
+
+#include "median.h"
+#include "near_cells.h"
+#include "small_algebra.h"
+
+static const double NU = 4.0;        /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double MAD = 1.4826;    /* standard deviation / median absolute value of a normal variable */
+static const double NOISELESS = 1e-20; /* [m^2]: a tenth of a nanometre */
+static const double SURELY = 1e-30;    /* [m^2], variance of terms that are none */
+enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024 };
+
+void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
+    const size_t cells = nx * ny;
+    uint8_t *one = marks, *other = marks + cells;
+    for (size_t i = 0; i < nx; i++)
+        mark_near_row(part, nx, ny, i, one + i * ny);
+    for (size_t i = 0; i < nx; i++)
+        mark_near_row(one, nx, ny, i, other + i * ny);
+    for (size_t i = 0; i < nx; i++)
+        mark_near_row(other, nx, ny, i, ground + i * ny);
+    for (size_t cell = 0; cell < cells; cell++)
+        ground[cell] = !ground[cell];
+}
+
+/* Cells of the ground that were seen. */
+typedef struct {
+    size_t count;
+    double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
+} Ground;
+
+/* At even distances, if there are many. */
+static void collect(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
+                    const uint8_t *ground, Ground *cells) {
+    size_t all = 0, found = 0;
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        all += valid[cell] && (!ground || ground[cell]);
+    const size_t distance = (all + CELLS_MAX - 1) / CELLS_MAX;
+    cells->count = 0;
+    for (size_t cell = 0; all >= LEAST_CELLS && cell < nx * ny; cell++) {
+        if (!valid[cell] || (ground && !ground[cell]) || found++ % distance != 0)
+            continue;
+        cells->u[cells->count] = place_on(cell / ny, nx);
+        cells->w[cells->count] = place_on(cell % ny, ny);
+        cells->rise[cells->count++] = scan[cell] - (height ? height[cell] : 0.0);
+    }
+}
+
+/* The normal equations of cells whose errors have a t distribution of this scale. */
+static void normal_equations(const Ground *cells, double scale, bool is_first, double noise,
+                             const double spread[DATUM_TERMS], double *matrix, double side[DATUM_TERMS]) {
+    memset(matrix, 0, DATUM_TERMS * DATUM_TERMS * sizeof *matrix);
+    memset(side, 0, DATUM_TERMS * sizeof *side);
+    for (size_t cell = 0; cell < cells->count; cell++) {
+        double term[DATUM_TERMS];
+        const double square = cells->rest[cell] * cells->rest[cell];
+        const double weight = (is_first ? 1.0 : (NU + 1.0) / (NU + square / scale)) / noise;
+        datum_terms(cells->u[cell], cells->w[cell], term);
+        for (size_t i = 0; i < DATUM_TERMS; i++) {
+            side[i] += weight * term[i] * cells->rise[cell];
+            for (size_t j = 0; j < DATUM_TERMS; j++)
+                matrix[i * DATUM_TERMS + j] += weight * term[i] * term[j];
+        }
+    }
+    for (size_t i = 0; i < DATUM_TERMS; i++)
+        matrix[i * DATUM_TERMS + i] += 1.0 / spread[i];
+}
+
+ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
+                     const uint8_t *ground, const double spread[DATUM_TERMS], double noise) {
+    ScanDatum datum = {.noise_variance = -1.0};
+    for (size_t i = 0; i < DATUM_TERMS; i++)
+        datum.precision[i * DATUM_TERMS + i] = 1.0 / SURELY;
+    Ground cells;
+    double matrix[DATUM_TERMS * DATUM_TERMS], scale = 0.0, variance = fmax(noise, NOISELESS);
+    collect(nx, ny, scan, valid, height, ground, &cells);
+    for (int round = 0; cells.count >= LEAST_CELLS && round < ROUNDS; round++) {
+        double term[DATUM_TERMS];
+        normal_equations(&cells, scale, round == 0, variance, spread, matrix, term);
+        if (!solve_definite(DATUM_TERMS, matrix, term))
+            return datum;
+        memcpy(datum.term, term, sizeof term);
+        for (size_t cell = 0; cell < cells.count; cell++) {
+            double of[DATUM_TERMS], sum = 0.0;
+            datum_terms(cells.u[cell], cells.w[cell], of);
+            for (size_t i = 0; i < DATUM_TERMS; i++)
+                sum += of[i] * term[i];
+            cells.rest[cell] = cells.rise[cell] - sum;
+            cells.sorted[cell] = fabs(cells.rest[cell]);
+        }
+        const double deviation = MAD * median(cells.sorted, cells.count);
+        scale = datum.noise_variance = fmax(deviation * deviation, NOISELESS);
+        variance = fmax(0.5 * (variance + scale), NOISELESS);
+    }
+    if (cells.count >= LEAST_CELLS && invert_definite(DATUM_TERMS, matrix, datum.covariance))
+        memcpy(datum.precision, matrix, sizeof matrix);
+    return datum;
+}
+
+void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]) {
+    row[0] = term[0] + u * (term[1] + u * term[3]);
+    row[1] = term[2] + u * term[4];
+    row[2] = term[5];
+}
+
+void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]) {
+    /* terms 1, u, w, u^2, u w, w^2: a power of w, and a factor of u */
+    static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
+    const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
+    memset(row, 0, ROW_VARIANCE_TERMS * sizeof *row);
+    for (size_t i = 0; i < DATUM_TERMS; i++)
+        for (size_t j = 0; j < DATUM_TERMS; j++)
+            row[POWER[i] + POWER[j]] += factor[i] * covariance[i * DATUM_TERMS + j] * factor[j];
+}

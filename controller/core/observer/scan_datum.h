@@ -1,0 +1,43 @@
+/* The datum of a scan: offset, tilts and bows of the profiler's frame, from ground that no droplet reaches.
+ *
+ * A profiler is levelled anew for every scan, or a substrate bows while it is printed on: both move all readings
+ * smoothly. Cells four and more from the part show by how much. The fit is robust, and its prior is learnt over the
+ * scans: a profiler that keeps its frame soon has none. Where there is no ground there is no datum. */
+#ifndef INKLOOP_SCAN_DATUM_H
+#define INKLOOP_SCAN_DATUM_H
+
+#include <string.h>
+
+#include "surface_estimate.h"
+
+typedef struct {
+    double term[DATUM_TERMS]; /* of 1, u, w, u^2, u w, w^2 [m] */
+    double covariance[DATUM_TERMS * DATUM_TERMS], precision[DATUM_TERMS * DATUM_TERMS]; /* its inverse */
+    double noise_variance; /* of the readings about it, robust [m^2]; below 0: too few cells */
+} ScanDatum;
+
+/* Marks the cells that no droplet reaches; `marks` holds two maps. */
+void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks);
+
+/* The datum of a scan of ground that is known to be `height`, NULL: 0; NULL as `ground`: all cells are. spread:
+ * variances of the terms before the scan; noise: of a reading [m^2]. Maps of nx * ny cells in C order. */
+ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
+                     const uint8_t *ground, const double spread[DATUM_TERMS], double noise);
+
+/* Coefficients of 1, w, ... of the datum in a row, and of its variance. */
+enum { ROW_TERMS = 3, ROW_VARIANCE_TERMS = 5 };
+void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]);
+void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]);
+
+/* The terms at a place. */
+static inline void datum_terms(double u, double w, double term[DATUM_TERMS]) {
+    const double all[DATUM_TERMS] = {1.0, u, w, u * u, u * w, w * w};
+    memcpy(term, all, sizeof all);
+}
+
+/* Place of a row or column: -1 to 1 over the grid. */
+static inline double place_on(size_t at, size_t count) {
+    return count > 1 ? 2.0 * (double)at / ((double)count - 1.0) - 1.0 : 0.0;
+}
+
+#endif

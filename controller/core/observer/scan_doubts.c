@@ -1,0 +1,232 @@
+#include "scan_doubts.h"
+
+#include <string.h>
+
+static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings by as much */
+static const double SUSPICIOUS = 4.0;   /* mean square of what a scan leaves, in that of droplets and sensor */
+static const double OUTLIER = 100.0;    /* ... that a single cell counts at most */
+static const double FAR_BETTER = 0.4;   /* of what the scan leaves as read (assumed) */
+static const double KEPT = 0.5;         /* of the evidence, from scan to scan */
+static const double BELIEVED = 1.4;     /* two scans in a row have 1.5 */
+static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
+static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
+static const double RESERVE = 1.0;      /* layers above the target that a cell may have by its ledger (assumed) */
+static const double HIGH = 0.4;         /* layers above target and ledger: sound prints show 0.3 */
+static const double BLIND = 0.5;        /* share of the part (assumed) */
+static const double SMOOTH = 2e-4;      /* layers^2: least noise about a datum, so that it does not follow a part */
+static const double NOISY = 1e-16;      /* [m^2]: readings that vary by 10 nm never repeat bit by bit */
+enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
+
+static size_t cells_of(const ScanDoubt *doubt) {
+    return doubt->evidence->options->nx * doubt->evidence->options->ny;
+}
+
+/* The cell of the scan that a transform brings to a cell of the printer. */
+static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
+    const size_t i = cell / ny, j = cell % ny, up = nx - 1 - i, left = ny - 1 - j;
+    switch (transform) {
+    case DOUBT_MIRRORED_X:
+        return up * ny + j;
+    case DOUBT_MIRRORED_Y:
+        return i * ny + left;
+    case DOUBT_TURNED_180:
+        return up * ny + left;
+    case DOUBT_TRANSPOSED:
+        return j * ny + i;
+    case DOUBT_TURNED_90:
+        return j * ny + up;
+    case DOUBT_TURNED_270:
+        return left * ny + i;
+    case DOUBT_ANTITRANSPOSED:
+        return left * ny + up;
+    default:
+        return cell;
+    }
+}
+
+/* Robust mean square of what a scan leaves of the readings `expected`, its datum fitted; below 0: too few cells. */
+static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t *valid, const double *expected,
+                      double most) {
+    const ScanEvidence *evidence = doubt->evidence;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    size_t on_ground = 0, count = 0;
+    double sum = 0.0;
+    const double layer = layer_of(evidence->options);
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        on_ground += doubt->ground[cell] && valid[cell];
+    const ScanDatum datum = scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
+                                       doubt->before->known->datum_spread,
+                                       fmax(evidence->noise_variance, SMOOTH * layer * layer));
+    for (size_t i = 0; i < nx; i++) {
+        double row[ROW_TERMS];
+        datum_of_row(datum.term, place_on(i, nx), row);
+        for (size_t j = 0; j < ny; j++) {
+            const size_t cell = i * ny + j;
+            const double w = place_on(j, ny);
+            if (!valid[cell] || !doubt->even[cell])
+                continue;
+            const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
+            sum += fmin(rest * rest, most);
+            count++;
+        }
+    }
+    return count < LEAST_CELLS ? -1.0 : sum / (double)count;
+}
+
+/* What droplets and sensor leave of a scan: noise, and of the part what droplets and their volume vary by [m^2]. */
+static double native_square(const ScanDoubt *doubt) {
+    const ScanEvidence *evidence = doubt->evidence;
+    const EstimatorOptions *options = evidence->options;
+    const size_t n = ink_shares(&options->ink);
+    double own = 0.0, growth = 0.0, shares = 0.0;
+    size_t droplets = 0, part = 0;
+    for (size_t cell = 0; cell < cells_of(doubt); cell++) {
+        part += options->part[cell] != 0;
+        if (evidence->layer->pattern[cell] <= 0)
+            continue;
+        const double grown = evidence->predicted[cell] - evidence->before[cell];
+        own += evidence->increments->own[cell] * evidence->increments->own[cell];
+        growth += grown * grown;
+        droplets++;
+    }
+    if (droplets == 0)
+        return INFINITY;
+    for (size_t k = 0; k < n; k++)
+        shares += doubt->before->known->share_covariance[k * n + k] / (double)n;
+    const double share = (double)droplets / fmax((double)part, 1.0), of_own = own / (double)droplets;
+    return evidence->noise_variance + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
+           shares * (growth / (double)droplets) * share;
+}
+
+static void read_as_now(const ScanDoubt *doubt, const double *height, double *reading) {
+    const size_t nx = doubt->evidence->options->nx, ny = doubt->evidence->options->ny;
+    if (!doubt->geometry) {
+        memcpy(reading, height, nx * ny * sizeof *height);
+        return;
+    }
+    means_over_spot(nx, ny, height, doubt->geometry[SPREAD], doubt->other, doubt->lines);
+    read_displaced(nx, ny, doubt->lines, doubt->geometry, reading);
+}
+
+/* Costs of the other explanations; below 0 where there is none. */
+static void take_costs(const ScanDoubt *doubt, double most, double cost[DOUBTS]) {
+    const ScanEvidence *evidence = doubt->evidence;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    read_as_now(doubt, evidence->before, doubt->past);
+    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, doubt->past, most);
+    for (size_t cell = 0; cell < cells; cell++)
+        doubt->marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
+    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, doubt->marks, doubt->before->last, most);
+    for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
+        cost[transform] = -1.0;
+        if (transform >= DOUBT_TRANSPOSED && nx != ny)
+            continue;
+        for (size_t cell = 0; cell < cells; cell++) {
+            const size_t from = transformed(nx, ny, cell, transform);
+            doubt->other[cell] = doubt->measured[from];
+            doubt->marks[cell] = evidence->valid[from];
+        }
+        cost[transform] = cost_of(doubt, doubt->other, doubt->marks, doubt->expected, most);
+    }
+}
+
+static bool is_last_scan(const ScanDoubt *doubt) {
+    for (size_t cell = 0; cell < cells_of(doubt); cell++)
+        if (doubt->evidence->valid[cell] && doubt->before->last_valid[cell] &&
+            doubt->measured[cell] != doubt->before->last[cell])
+            return false;
+    return doubt->evidence->noise_variance > NOISY;
+}
+
+/* Stops the print if two scans in a row say the same. */
+static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double read, int best, LoopTrust *trust) {
+    const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
+    const double stuck = trust->doubts[DOUBT_NO_GROWTH] + trust->doubts[DOUBT_SAME_SCAN];
+    if (trust->stop != 0 || (is_stuck ? stuck : trust->doubts[best]) < BELIEVED)
+        return;
+    const bool has_changed = cost[DOUBT_SAME_SCAN] >= FAR_BETTER * read;
+    trust->stop = !is_stuck ? STOP_TURNED : has_changed ? STOP_LATE : is_last_scan(doubt) ? STOP_SAME_SCAN : STOP_NO_GROWTH;
+    trust->stop_layer = doubt->layer;
+    trust->transform = is_stuck ? 0 : best;
+    trust->stop_figure = sqrt(read / fmax(cost[best], doubt->evidence->noise_variance));
+}
+
+bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
+    const double layer = layer_of(doubt->evidence->options), steep = STEEP * STEEP * layer * layer;
+    const double native = native_square(doubt), most = OUTLIER * native;
+    double cost[DOUBTS];
+    for (int k = 0; k < DOUBTS; k++)
+        trust->doubts[k] *= KEPT;
+    if (isinf(native))
+        return false;
+    for (size_t cell = 0; cell < cells_of(doubt); cell++)
+        doubt->even[cell] = doubt->slopes[cell] < steep;
+    read_as_now(doubt, doubt->evidence->predicted, doubt->expected);
+    const double read = cost_of(doubt, doubt->measured, doubt->evidence->valid, doubt->expected, most);
+    if (read <= SUSPICIOUS * native)
+        return false;
+    take_costs(doubt, most, cost);
+    int best = -1;
+    for (int k = 0; k < DOUBTS; k++)
+        if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
+            best = k;
+    if (best < 0 || cost[best] >= FAR_BETTER * read)
+        return false;
+    trust->doubts[best] += 1.0;
+    conclude(doubt, cost, read, best, trust);
+    return true;
+}
+
+void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32_t layer, LoopTrust *trust) {
+    const size_t n = ink_shares(&options->ink);
+    const double volume = learnt_volume(options, known);
+    double variance = 0.0;
+    for (size_t k = 0; k < n; k++)
+        variance += known->share_covariance[k * n + k] / (double)n;
+    const bool is_known = variance < VOLUME_STD * VOLUME_STD && options->ink.model == INK_SCALE;
+    trust->volume_doubt *= KEPT;
+    if (!is_known || (volume >= options->volume_least && volume <= options->volume_most))
+        return;
+    trust->volume_doubt += 1.0;
+    if (trust->stop != 0 || trust->volume_doubt < BELIEVED)
+        return;
+    trust->stop = STOP_VOLUME;
+    trust->stop_layer = layer;
+    trust->transform = 0;
+    trust->stop_figure = volume;
+}
+
+void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate) {
+    const size_t cells = options->nx * options->ny;
+    const double layer = layer_of(options) * options->drop_levels, volume = learnt_volume(options, estimate->known);
+    LoopTrust *trust = &estimate->known->trust;
+    size_t part = 0, blind = 0;
+    trust->capped_cells = trust->unseen_cells = trust->high_cells = trust->excess_cell = trust->rise_cell = 0;
+    trust->excess = trust->rise = 0.0;
+    memset(estimate->capped, 0, cells);
+    for (size_t cell = 0; cell < cells; cell++) {
+        if (!options->part[cell])
+            continue;
+        const double target = options->target[cell], height = estimate->height[cell];
+        const double by_droplets = volume * estimate->ledger[cell];
+        const double excess = by_droplets - height, rise = height - fmax(target, by_droplets);
+        part++;
+        blind += !valid[cell];
+        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers;
+        if (excess > trust->excess) {
+            trust->excess = excess;
+            trust->excess_cell = (int64_t)cell;
+        }
+        if (options->take_as_read)
+            continue;
+        estimate->capped[cell] = options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
+        trust->capped_cells += estimate->capped[cell];
+        trust->high_cells += rise > HIGH * layer;
+        if (rise > trust->rise) {
+            trust->rise = rise;
+            trust->rise_cell = (int64_t)cell;
+        }
+    }
+    trust->blind_share = part > 0 ? (double)blind / (double)part : 0.0;
+    trust->blind_layers = trust->blind_share > BLIND ? trust->blind_layers + 1 : 0;
+}

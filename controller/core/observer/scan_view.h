@@ -1,0 +1,58 @@
+/* What a displaced sensor with a wide spot reads of a map, and how its readings go back to the cells. */
+#ifndef INKLOOP_SCAN_VIEW_H
+#define INKLOOP_SCAN_VIEW_H
+
+#include <math.h>
+
+#include "scan_datum.h"
+
+/* Where a reading is of: an interpolation by straight lines between four cells; beyond the border the map continues as
+ * it is there. */
+typedef struct {
+    size_t cell, below, right; /* the first of the four, and steps to the next row and column */
+    double x, y;               /* how far it lies beyond the first one [cells] */
+} Place;
+
+static inline Place place_of(size_t nx, size_t ny, double x, double y) {
+    const double inside_x = fmin(fmax(x, 0.0), (double)nx - 1.0), inside_y = fmin(fmax(y, 0.0), (double)ny - 1.0);
+    const size_t last_row = nx > 1 ? nx - 2 : 0, last_column = ny > 1 ? ny - 2 : 0;
+    const size_t row = (size_t)inside_x < last_row ? (size_t)inside_x : last_row;
+    const size_t column = (size_t)inside_y < last_column ? (size_t)inside_y : last_column;
+    return (Place){row * ny + column, nx > 1 ? ny : 0, ny > 1 ? 1 : 0, inside_x - (double)row,
+                   inside_y - (double)column};
+}
+
+static inline double value_at(const double *map, const Place *place) {
+    const double *first = map + place->cell, *second = first + place->below;
+    const double near = first[0] + place->y * (first[place->right] - first[0]);
+    const double far = second[0] + place->y * (second[place->right] - second[0]);
+    return near + place->x * (far - near);
+}
+
+/* Where the reading of a cell lies [cells]. */
+typedef struct {
+    double x, y;
+} Spot;
+
+static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double u, double w) {
+    return (Spot){i + g[SHIFT_X] + g[ALONG_X_U] * u + g[ALONG_X_W] * w,
+                  j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
+}
+
+/* Half a step of the difference quotients that slopes are [cells]. */
+#define SLOPE_STEP 0.3
+
+/* The map averaged over a spot of this variance [cells^2]; `lines` holds a map. */
+void means_over_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged);
+
+/* How that goes with the variance of the spot [m per cells^2]; `lines` and `wider` hold a map. */
+void slope_with_spot(size_t nx, size_t ny, const double *map, const double *averaged, double spread, double *lines,
+                     double *slope);
+
+/* The geometry of the way back: where on the scan the reading of a cell lies. False if there is none. */
+bool reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
+
+/* Readings of a map. */
+void read_displaced(size_t nx, size_t ny, const double *map, const double g[GEOMETRY], double *reading);
+
+#endif

@@ -1,0 +1,172 @@
+#include "surface_estimate.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the rest [1]. */
+static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
+static const double FIRST_STEP = 0.1; /* of the shift from scan to scan [cells]; learnt */
+static const double FIRST_ODDS = -3.0; /* one profiler in twenty is displaced (assumed) */
+static const double RESIDUALS_MAX = 9.0; /* of droplets and sensor: three standard deviations (assumed) */
+static const double SPILL_MAX = 6.0;     /* droplets that vary by 40 % show up to 2.4, other droplets 10 and more */
+static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3; /* of a volume: droplets that vary; those of another kind */
+static const double FOREIGN = 5.0;                         /* early residuals beyond any variation of droplets */
+static const double MEDIAN_SQUARE = 0.4549, UNIFORM_MEDIAN_SQUARE = 0.75; /* of variables of variance 1 */
+static const int64_t BLIND_LAYERS = 5;                                    /* in a row (assumed) */
+enum { PROBE_LAYERS = 5 }; /* every so many layers the dead cells are tried again (assumed) */
+
+enum { REAL_MAPS = 6, BYTE_MAPS = 3 };
+
+size_t estimate_size(size_t cells) {
+    const size_t size = sizeof(Knowledge) + cells * (REAL_MAPS * sizeof(double) + sizeof(int32_t) + BYTE_MAPS);
+    return (size + sizeof(double) - 1) / sizeof(double) * sizeof(double);
+}
+
+SurfaceEstimate estimate_in(void *block, size_t cells) {
+    Knowledge *known = block;
+    double *real = (double *)(known + 1);
+    int32_t *whole = (int32_t *)(real + REAL_MAPS * cells);
+    uint8_t *byte = (uint8_t *)(whole + cells);
+    return (SurfaceEstimate){.height = real,
+                             .variance = real + cells,
+                             .ledger = real + 2 * cells,
+                             .last = real + 3 * cells,
+                             .surprise = real + 4 * cells,
+                             .dead_evidence = real + 5 * cells,
+                             .unseen = whole,
+                             .last_valid = byte,
+                             .surprised = byte + cells,
+                             .capped = byte + 2 * cells,
+                             .known = known};
+}
+
+size_t ink_shares(const InkPrior *prior) {
+    return prior->model == INK_FULL ? prior->inks * ORDERS : prior->inks;
+}
+
+void inks_of_shares(const InkPrior *prior, const double share[], Ink ink[INKS_MAX]) {
+    memcpy(ink, prior->nominal, INKS_MAX * sizeof *ink);
+    for (size_t k = 0; k < prior->inks; k++) {
+        const double *its = prior->model == INK_FULL ? share + k * ORDERS : share + k;
+        const size_t next = prior->model == INK_FULL ? 1 : 0;
+        ink[k] = (Ink){its[0] * ink[k].h1, its[next] * ink[k].h2, its[2 * next] * ink[k].h3};
+    }
+    if (prior->inks < INKS_MAX)
+        ink[INKS_MAX - 1] = ink[0];
+}
+
+void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]) {
+    inks_of_shares(&options->ink, known->share, ink);
+}
+
+static double layers_of(const Ink ink[], size_t inks) {
+    double height = 0.0;
+    for (size_t k = 0; k < inks; k++)
+        height += full_layer_height(&ink[k]);
+    return height;
+}
+
+double learnt_volume(const EstimatorOptions *options, const Knowledge *known) {
+    Ink ink[INKS_MAX];
+    learnt_inks(options, known, ink);
+    return layers_of(ink, options->ink.inks) / layers_of(options->ink.nominal, options->ink.inks);
+}
+
+double layer_of(const EstimatorOptions *options) {
+    double layer = 0.0;
+    for (size_t k = 0; k < options->ink.inks; k++)
+        layer = fmax(layer, full_layer_height(&options->ink.nominal[k]));
+    return layer;
+}
+
+/* Half of the grid along an axis [cells]. */
+static double half(size_t count) {
+    return fmax(0.5 * ((double)count - 1.0), 0.5);
+}
+
+Registration no_registration(size_t nx, size_t ny) {
+    static const double ROTATION[4] = {0.0, 1.0, -1.0, 0.0}, MAGNIFICATION[4] = {1.0, 0.0, 0.0, 1.0};
+    const double edge[4] = {half(nx), half(ny), half(nx), half(ny)};
+    Registration none = {.steps = {FIRST_STEP * FIRST_STEP, FIRST_STEP * FIRST_STEP}, .odds = FIRST_ODDS};
+    double *covariance = none.covariance;
+    covariance[SHIFT_X * GEOMETRY + SHIFT_X] = covariance[SHIFT_Y * GEOMETRY + SHIFT_Y] = SHIFT_STD * SHIFT_STD;
+    covariance[SPREAD * GEOMETRY + SPREAD] = SPREAD_STD * SPREAD_STD;
+    for (size_t i = 0; i < 4; i++)
+        for (size_t j = 0; j < 4; j++) {
+            const double turned = ROTATION_STD * ROTATION_STD * ROTATION[i] * ROTATION[j];
+            const double grown = MAGNIFICATION_STD * MAGNIFICATION_STD * MAGNIFICATION[i] * MAGNIFICATION[j];
+            const double rest = i == j ? SHEAR_STD * SHEAR_STD : 0.0;
+            covariance[(ALONG_X_U + i) * GEOMETRY + ALONG_X_U + j] = (turned + grown + rest) * edge[i] * edge[j];
+        }
+    for (size_t k = 0; k < REMEMBERED; k++)
+        none.misfits[k] = 1.0;
+    return none;
+}
+
+LoopTrust full_trust(void) {
+    return (LoopTrust){.early = 1.0, .residual = 1.0, .surprise = 1.0, .spill = 1.0};
+}
+
+static int64_t reasons_of(const LoopTrust *trust) {
+    return (trust->unseen_cells > 0 ? UNTRUSTED_UNSEEN : 0) |
+           (trust->blind_layers > BLIND_LAYERS ? UNTRUSTED_BLIND : 0) | (trust->ground_wrong ? UNTRUSTED_GROUND : 0) |
+           (trust->surprise > RESIDUALS_MAX ? UNTRUSTED_RESIDUALS : 0) | (trust->capped_cells > 0 ? UNTRUSTED_INK : 0) |
+           (trust->high_cells > 0 ? UNTRUSTED_HIGH : 0) | trust->stop;
+}
+
+static double droplet_deviation(const LoopTrust *trust) {
+    const double found = DROPLET_STD * sqrt(trust->residual * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE);
+    if (trust->early > FOREIGN) /* no longer uniform */
+        return fmin(DROPLET_STD * sqrt(trust->early), MODEL_MAX);
+    return trust->layers > 0 ? fmin(found, DEVIATION_MAX) : 0.0;
+}
+
+bool is_probe(int64_t layer) {
+    return layer % PROBE_LAYERS == 0;
+}
+
+/* The geometry of the scans, as far as it is known. */
+static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
+    const double *g = registration->estimate, *covariance = registration->covariance;
+    const double spread = fmax(g[SPREAD], 0.0), error = sqrt(covariance[SPREAD * GEOMETRY + SPREAD]);
+    const double rise = half(nx), run = half(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
+    const bool is_spot = registration->is_displaced && spread > 2.0 * error;
+    figures->shift_x = g[SHIFT_X];
+    figures->shift_y = g[SHIFT_Y];
+    figures->shift_std = sqrt(larger);
+    figures->spot_radius = is_spot ? sqrt(spread) : 0.0;
+    figures->spot_std = sqrt(spread + error) - sqrt(spread);
+    figures->rotation = 0.5 * (g[ALONG_Y_U] / rise - g[ALONG_X_W] / run);
+    figures->magnification = 0.5 * (g[ALONG_X_U] / rise + g[ALONG_Y_W] / run);
+    figures->is_displaced = registration->is_displaced;
+}
+
+EstimateFigures estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate) {
+    const Knowledge *known = estimate->known;
+    const LoopTrust *trust = &known->trust;
+    EstimateFigures figures = {.volume = learnt_volume(options, known),
+                               .droplet_std = droplet_deviation(trust),
+                               .noise_std = sqrt(known->noise_variance),
+                               .ground = {trust->ground[0], trust->ground[1], trust->ground[2]},
+                               .surprise = sqrt(trust->surprise),
+                               .blind_share = trust->blind_share,
+                               .excess = trust->excess,
+                               .rise = trust->rise,
+                               .stop_figure = trust->stop_figure,
+                               .reasons = reasons_of(trust),
+                               .stop = trust->stop,
+                               .stop_layer = trust->stop_layer,
+                               .transform = trust->transform,
+                               .unseen_cells = trust->unseen_cells,
+                               .capped_cells = trust->capped_cells,
+                               .excess_cell = trust->excess_cell,
+                               .rise_cell = trust->rise_cell,
+                               .is_foreign = trust->spill > SPILL_MAX,
+                               .scans = known->scans};
+    learnt_inks(options, known, figures.ink);
+    if (known->registration.fits > 0)
+        report_geometry(&known->registration, options->nx, options->ny, &figures);
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++)
+        figures.dead_cells += estimate->dead_evidence[cell] >= DEAD_EVIDENCE;
+    return figures;
+}
