@@ -367,6 +367,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
                        .ground = work->ground,
                        .slopes = work->slopes,
                        .geometry = known->registration.is_displaced ? known->registration.estimate : NULL,
+                       .noise_variance = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance,
                        .layer = number,
                        .expected = work->spare[0],
                        .past = work->spare[1],

@@ -56,7 +56,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
         on_ground += doubt->ground[cell] && valid[cell];
     const ScanDatum datum = scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
                                        doubt->before->known->datum_spread,
-                                       fmax(evidence->noise_variance, SMOOTH * layer * layer));
+                                       fmax(doubt->noise_variance, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
         datum_of_row(datum.term, place_on(i, nx), row);
@@ -94,7 +94,7 @@ static double native_square(const ScanDoubt *doubt) {
     for (size_t k = 0; k < n; k++)
         shares += doubt->before->known->share_covariance[k * n + k] / (double)n;
     const double share = (double)droplets / fmax((double)part, 1.0), of_own = own / (double)droplets;
-    return evidence->noise_variance + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
+    return doubt->noise_variance + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
            shares * (growth / (double)droplets) * share;
 }
 
@@ -135,7 +135,7 @@ static bool is_last_scan(const ScanDoubt *doubt) {
         if (doubt->evidence->valid[cell] && doubt->before->last_valid[cell] &&
             doubt->measured[cell] != doubt->before->last[cell])
             return false;
-    return doubt->evidence->noise_variance > NOISY;
+    return doubt->noise_variance > NOISY;
 }
 
 /* Stops the print if two scans in a row say the same. */
@@ -148,7 +148,7 @@ static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double r
     trust->stop = !is_stuck ? STOP_TURNED : has_changed ? STOP_LATE : is_last_scan(doubt) ? STOP_SAME_SCAN : STOP_NO_GROWTH;
     trust->stop_layer = doubt->layer;
     trust->transform = is_stuck ? 0 : best;
-    trust->stop_figure = sqrt(read / fmax(cost[best], doubt->evidence->noise_variance));
+    trust->stop_figure = sqrt(read / fmax(cost[best], doubt->noise_variance));
 }
 
 bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {

@@ -18,6 +18,7 @@ typedef struct {
     const uint8_t *ground;
     const double *slopes; /* squares of the slopes of the prediction */
     const double *geometry; /* of the displaced scans; NULL: in register */
+    double noise_variance; /* of a reading, as it was known before [m^2] */
     int32_t layer;
     double *expected, *past, *other, *lines; /* maps: readings of the prediction and of the surface before; and room */
     uint8_t *even, *marks;            /* maps */

@@ -454,22 +454,30 @@ static double cost_of_walls(const WallPrior *prior, const double *x, WallFit *fi
     return cost;
 }
 
-/* The best shift by whole cells, where it is not known: a step finds no minimum further than a cell away. */
-static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+/* Tries shifts about x at such distances, `times` to each side; the best stays in x. */
+static void try_shifts(const WallPrior *prior, int times, double distance, WallFit *fit, double *x) {
+    const double at[2] = {x[SHIFT_X], x[SHIFT_Y]};
     double trial[FITTED], least = cost_of_walls(prior, x, fit);
-    const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     memcpy(trial, x, sizeof trial);
-    for (int i = -SHIFTS_TRIED; spread > UNKNOWN_SHIFT * UNKNOWN_SHIFT && i <= SHIFTS_TRIED; i++)
-        for (int j = -SHIFTS_TRIED; j <= SHIFTS_TRIED; j++) {
-            trial[SHIFT_X] = prior->before[SHIFT_X] + (double)i;
-            trial[SHIFT_Y] = prior->before[SHIFT_Y] + (double)j;
+    for (int i = -times; i <= times; i++)
+        for (int j = -times; j <= times; j++) {
+            trial[SHIFT_X] = at[0] + distance * (double)i;
+            trial[SHIFT_Y] = at[1] + distance * (double)j;
             const double cost = cost_of_walls(prior, trial, fit);
             if (cost < least) {
                 least = cost;
-                x[SHIFT_X] = trial[SHIFT_X];
-                x[SHIFT_Y] = trial[SHIFT_Y];
+                memcpy(x, trial, sizeof trial);
             }
         }
+}
+
+/* The best shift by whole and half cells, where it is not known: a step finds no minimum further than that away. */
+static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+    const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
+    if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
+        return;
+    try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
+    try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* Gauss-Newton steps from what was known; hot at first, so that a scan that has moved far does not count as outliers.
@@ -544,9 +552,9 @@ static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     return 0.5 * (NU + 1.0) * gained;
 }
 
-static void learn(const double *x, const double *covariance, double misfit, double gained, size_t shares,
+static void learn(const WallFit *fit, const double *x, const double *covariance, double misfit, double gained,
                   Registration *registration) {
-    const size_t all = SHARE + shares;
+    const size_t all = SHARE + fit->shares, nx = fit->evidence->options->nx, ny = fit->evidence->options->ny;
     if (registration->fits >= REMEMBERED)
         memmove(registration->misfits, registration->misfits + 1, (REMEMBERED - 1) * sizeof misfit);
     registration->misfits[registration->fits < REMEMBERED ? registration->fits : REMEMBERED - 1] = misfit;
@@ -558,6 +566,12 @@ static void learn(const double *x, const double *covariance, double misfit, doub
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
     registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
+    if (misfit >= FOREIGN_MISFIT && !registration->is_displaced) { /* what does not explain is not built on */
+        const Registration none = no_registration(nx, ny);
+        memcpy(registration->estimate, none.estimate, sizeof none.estimate);
+        memcpy(registration->covariance, none.covariance, sizeof none.covariance);
+        return;
+    }
     memcpy(registration->estimate, x, sizeof registration->estimate);
     for (size_t a = 0; a < GEOMETRY; a++)
         for (size_t b = 0; b < GEOMETRY; b++)
@@ -587,7 +601,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, is_robust, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
         const double misfit = misfit_of(&fit, displaced);
-        learn(x, covariance, misfit, likelihood_gained(&fit, in_register), n, registration);
+        learn(&fit, x, covariance, misfit, likelihood_gained(&fit, in_register), registration);
         take_smooth(x, covariance, DATUM, n, all, displaced);
     }
     give_maps(fit.walls);
