@@ -33,12 +33,12 @@ class Plant:
     """How droplets fall.
 
     variation: a droplet lacks up to this share, evenly distributed; volume: of all droplets; volume_loss: share that is
-    lost until the nominal end of the print; volume_rise: by how much the last row along x has more than the first;
+    lost until the nominal end of the print; volume_right: by how much more the right half along x gets than the left;
     placement: (2,) where droplets land off their cell; contraction: (2,) share by which landing places are nearer to
     the grid's middle; satellites: share of droplets that land within two cells of theirs; bleeding: share of a droplet
-    at a wall that goes to the lowest neighbour; kept: share of the whole height that is left after each layer;
-    dry_rows: first and last row along x that print nothing from layer `dry_from` on (None: none); bow: rise of the
-    substrate at the grid's corners, at the nominal end of the print [um].
+    at a wall that runs down it, to each side that is lower; kept: share of the whole height, old and new, that is left
+    after each layer; dry_rows: first and last row along x that print nothing from layer `dry_from` on (None: none);
+    bow: rise of the substrate at the grid's corners, at the nominal end of the print [um].
     """
 
     droplet: Droplet = field(default_factory=lambda: LU)
@@ -46,7 +46,7 @@ class Plant:
     variation: float = 0.2
     volume: float = 1.0
     volume_loss: float = 0.0
-    volume_rise: float = 0.0
+    volume_right: float = 0.0
     placement: tuple[float, float] = (0.0, 0.0)
     contraction: tuple[float, float] = (0.0, 0.0)
     satellites: float = 0.0
@@ -91,7 +91,7 @@ def printed(
     over by the nominal number of layers, at most 1.
     """
     u, _ = across(height.shape)
-    volume = plant.volume * (1.0 - plant.volume_loss * done) * (1.0 + 0.5 * plant.volume_rise * u)
+    volume = plant.volume * (1.0 - plant.volume_loss * done) * (1.0 + 0.5 * plant.volume_right * np.sign(u))
     falling = drops * volume * (1.0 - plant.variation * rng.random(height.shape))
     if plant.dry_rows is not None and layer >= plant.dry_from:
         falling[plant.dry_rows[0] : plant.dry_rows[1] + 1] = 0.0
@@ -142,15 +142,13 @@ def _displaced(falling: FloatMap, plant: Plant) -> FloatMap:
 
 
 def _bled(height: FloatMap, amount: FloatMap) -> FloatMap:
-    """What each cell gains and loses where `amount` of a droplet runs down a wall [um]."""
+    """What each cell gains and loses where `amount` of a droplet runs down each of its walls [um]."""
     nx, ny = height.shape
     around = continued(height, 1)
-    sides = ((-1, 0), (1, 0), (0, -1), (0, 1))
-    neighbours = np.stack([around[1 + di : 1 + di + nx, 1 + dj : 1 + dj + ny] for di, dj in sides])
-    lowest = neighbours.argmin(axis=0)
-    runs = np.where(height - neighbours.min(axis=0) > WALL_UM, amount, 0.0)
     change = np.zeros(around.shape)
-    change[1:-1, 1:-1] -= runs
-    for number, (di, dj) in enumerate(sides):
-        change[1 + di : 1 + di + nx, 1 + dj : 1 + dj + ny] += np.where(lowest == number, runs, 0.0)
+    for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        there = (slice(1 + di, 1 + di + nx), slice(1 + dj, 1 + dj + ny))
+        runs = np.where(height - around[there] > WALL_UM, amount, 0.0)
+        change[1:-1, 1:-1] -= runs
+        change[there] += runs
     return change[1:-1, 1:-1]
