@@ -37,7 +37,7 @@ IN_REGISTER = (
     scanned("rows along y jitter 2 um", own(Must(0.70)), jitter=2.0),
     scanned("steps of 0.5 um", Must(0.34), step=0.5),
     scanned("steps of 1 um", own(Must(0.40)), step=1.0),
-    scanned("spot 1 cell", Must(0.32, 2.0), spot=1.0),
+    scanned("spot 1 cell", own(Must(0.38, 2.5)), spot=1.0),
     scanned("spot 0.5 cells", own(Must(0.32, 2.0)), spot=0.5),
 )
 SHIFTS = (
