@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [--seeds N] [--sides N ...] [layer_step master ...]."""
+"""Run all benchmarks, or those named: python -m benchmarks [layer_step master ...] [--seeds N] [--sides N ...]."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def main(arguments: list[str]) -> int:
     """Measure and print one table after the other."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(NAMES)}")
-    parser.add_argument("--seeds", type=int, default=10, help="of whole prints (default: 10)")
+    parser.add_argument("--seeds", type=int, help="of whole prints (default: 10, lying_scans 3)")
+    parser.add_argument("--only", nargs="+", default=(), help="cases of lying_scans, by parts of their names")
     parser.add_argument("--sides", type=int, nargs="+", help="cells a side, of time_limit (default: 100 300 1000)")
     options = parser.parse_args(arguments)
     names = options.names
@@ -27,9 +28,10 @@ def main(arguments: list[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other would count as processor time
     console = Console(width=140)
     for name in names or NAMES:
-        seeds = {"seeds": options.seeds} if name in PRINTING else {}
+        seeds = {"seeds": options.seeds or PRINTING[name]} if name in PRINTING else {}
         sides = {"sides": tuple(options.sides)} if name == "time_limit" and options.sides else {}
-        console.print(importlib.import_module(f"benchmarks.{name}").measure(**seeds, **sides))
+        only = {"only": options.only} if name == "lying_scans" else {}
+        console.print(importlib.import_module(f"benchmarks.{name}").measure(**seeds, **sides, **only))
     return 0
 
 

@@ -23,12 +23,13 @@ NAMES = (
     "peers",
     "targets",
     "closed_loop",
+    "lying_scans",
 )
 """Run by `python -m benchmarks` if none is named."""
 ALONE = ("hardware", "bench_faults")
 """Run only when named: they want the machine for themselves."""
-PRINTING = ("targets", "closed_loop")
-"""Print whole parts, with several seeds."""
+PRINTING = {"targets": 10, "closed_loop": 10, "lying_scans": 3}
+"""Print whole parts, with so many seeds if no number is given."""
 RECORDED = (
     "layer_map",
     "layer_step",

@@ -1,0 +1,1 @@
+"""An independent rig in NumPy alone: plant, profiler and loop, for scans and droplets that are not as expected."""
