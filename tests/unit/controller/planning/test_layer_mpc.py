@@ -124,8 +124,10 @@ def test_time_limit_cuts_the_solver_off_and_says_so(monkeypatch: pytest.MonkeyPa
     mpc = LayerMpc(job, **options)
     assert mpc.plan(known(height), 0, none(job)).left_out == LeftOut.NOTHING
     assert LeftOut.RELAXATION in mpc.plan(known(height), 0, none(job), elapsed=2e9).left_out
-    monkeypatch.setattr(layer_mpc, "SOLVER_SHARE", 0.0)
-    assert LayerMpc(job, **options).plan(known(height), 0, none(job)).left_out == LeftOut.RELAXATION
+    monkeypatch.setattr(layer_mpc, "SOLVER_SHARE", 1e-12)
+    for relaxation in ("slp", "ipopt"):
+        late = LayerMpc(job, **{**options, "relaxation": relaxation})
+        assert late.plan(known(height), 0, none(job)).left_out == LeftOut.RELAXATION
 
 
 def test_relaxation_is_solved_again_for_every_layer() -> None:
