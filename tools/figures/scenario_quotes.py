@@ -58,8 +58,7 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "74 cells": (dead_cells(BELIEVED),),
     },
     "casadi": {
-        "0.52 µm uneven": (uneven(),),
-        "projected gradients 0.55 µm": (uneven("projected gradients"),),
+        "0.53 and 0.55 µm": (uneven(), uneven("projected gradients")),
         "ends 17 µm low": (low(OPEN),),
     },
     "cuboid": {
