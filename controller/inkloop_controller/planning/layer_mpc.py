@@ -31,7 +31,7 @@ Relaxation: TypeAlias = Literal["gradient", "slp", "ipopt", "highs", "none"]
 HORIZON = Option(meaning="layers that are planned ahead, 1 to 5, whatever `finish` says", absent="by `finish`")
 RELAXATION = Option(
     meaning='start of the search: projected gradients in C, or by CasADi `"slp"` (linear programs one after the other, '
-    'up to some 1,000 cells), `"ipopt"` (small grids) and `"highs"` (`horizon` = 1, `alpha` = 1), or `"none"`'
+    'some hundred cells), `"ipopt"` (small grids) and `"highs"` (`horizon` = 1, `alpha` = 1), or `"none"`'
 )
 CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
