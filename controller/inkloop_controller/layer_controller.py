@@ -26,7 +26,8 @@ from inkloop.contract import (
 from inkloop.errors import ComponentError
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
-from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, is_finite
+from inkloop_controller.problem.arrays import is_finite
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]

@@ -23,6 +23,7 @@ CHEAPER: Mapping[str, Overrides] = {
     "bench": (("part.height_um", 4.0),),
     "blurred-scan": THREE_AHEAD,
     "bracket": LITTLE_WORK,
+    "casadi": (("part.height_um", 40.0),),
     "cylinder": THREE_AHEAD,
     "cylinder-40": THREE_AHEAD,
     "dead-nozzles": THREE_AHEAD,

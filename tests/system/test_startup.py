@@ -78,7 +78,19 @@ def test_run_without_pictures_draws_nothing(tmp_path: Path) -> None:
 def test_layer_mpc_needs_casadi_only_for_its_engines() -> None:
     code = (
         "import sys; from inkloop.testing import job; from inkloop_controller import LayerMpc; LayerMpc(job()); "
-        "print('casadi' in sys.modules); LayerMpc(job(), relaxation='ipopt'); print('casadi' in sys.modules)"
+        "print('casadi' in sys.modules); LayerMpc(job(), relaxation='slp'); print('casadi' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["False", "True"]
+
+
+def test_engine_that_does_not_suit_the_horizon_is_refused_without_casadi() -> None:
+    code = (
+        "import sys; sys.modules['casadi'] = None; from inkloop.cli import main; "
+        "sys.exit(main(['validate', 'casadi', '--set', 'components.controller.relaxation=highs']))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode != 0
+    assert "components.controller.relaxation is 'highs' with horizon 2, alpha 0.8" in run.stdout + run.stderr
+    assert "set these, or relaxation = 'slp'" in run.stdout + run.stderr
+    assert "Traceback" not in run.stderr

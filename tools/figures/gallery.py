@@ -31,6 +31,7 @@ COMPARISON = "compare"
 
 PICTURES = {
     "bench": "cross-section",
+    "casadi": COMPARISON,
     "cuboid": COMPARISON,
     "cylinder-open-loop": "cross-section",
     "drifting-ink": "cross-section",

@@ -57,6 +57,10 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "25 µm above the target": (highest(BELIEVED),),
         "74 cells": (dead_cells(BELIEVED),),
     },
+    "casadi": {
+        "0.53 and 0.55 µm": (uneven(), uneven("projected gradients")),
+        "ends 17 µm low": (low(OPEN),),
+    },
     "cuboid": {
         "7 partly filled layers with 36 droplets more": (layers(), beyond(droplets(), droplets(OPEN))),
         "height to 0.09 µm": (low(),),

@@ -22,6 +22,7 @@ from inkloop_controller.core.structs import (
     ReportStruct,
     SearchOptionsStruct,
 )
+from inkloop_controller.problem.arrays import error_of_array, error_of_layout, first_cell
 from inkloop_controller.problem.horizon_problem import (
     HORIZON_MAX,
     KINDS_MAX,
@@ -34,9 +35,6 @@ from inkloop_controller.problem.horizon_problem import (
     SearchProgress,
     SearchResult,
     SearchStatus,
-    error_of_array,
-    error_of_layout,
-    first_cell,
 )
 
 __all__ = [

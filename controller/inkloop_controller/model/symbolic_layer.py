@@ -19,14 +19,21 @@ def symbolic_layer(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Sym
     H: (nx, ny) heights; U: (nx, ny) droplets, relaxed to 0..1; h1, h2, h3: the ink of each cell's droplet in the unit
     of H, numbers or (nx, ny). Linear in U; clipped, hence not smooth, in H.
     """
-    after = H + h1 * U
+    kept, given = symbolic_shares(H, U, h1, h2, h3)
+    return H + kept + given
+
+
+def symbolic_shares(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Symbolic) -> tuple[Symbolic, Symbolic]:
+    """What the droplets of symbolic_layer leave on their own cells, and what cells get from their neighbours'."""
+    kept, given = h1 * U, ca.DM.zeros(H.shape)
     for neighbours, spread in ((SIDES, h2), (CORNERS, h3)):
         for di, dj in neighbours:
             inside = _shifted(ca.DM.ones(H.shape), di, dj)
             rise = inside * (H - _shifted(H, di, dj))
             taken = spread * ca.fmax(0, ca.fmin(1, 1 + rise / (h1 + spread)))
-            after += (spread - taken) * U + _shifted(taken * U, -di, -dj)
-    return after
+            kept += (spread - taken) * U
+            given += _shifted(taken * U, -di, -dj)
+    return kept, given
 
 
 def _shifted(M: Symbolic, di: int, dj: int) -> Symbolic:

@@ -24,16 +24,18 @@ from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
     from inkloop_controller.program.program import HorizonProgram
+    from inkloop_controller.program.sequential_program import SequentialProgram
 
-Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
+Relaxation: TypeAlias = Literal["gradient", "slp", "ipopt", "highs", "none"]
 
 HORIZON = Option(meaning="layers that are planned ahead, 1 to 5, whatever `finish` says", absent="by `finish`")
 RELAXATION = Option(
-    meaning='start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
-    'or `"none"`'
+    meaning='start of the search: projected gradients in C, or by CasADi `"slp"` (linear programs one after the other, '
+    'some hundred cells), `"ipopt"` (small grids) and `"highs"` (`horizon` = 1, `alpha` = 1), or `"none"`'
 )
 CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
+SOLVER_SHARE = 0.5  # of a time limit that the relaxation by a solver may take (assumed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,7 @@ class _Relaxed:
 
     droplets: RelaxedStart
     bound: float = nan
+    left_out: LeftOut = LeftOut.NOTHING
 
 
 class LayerMpc:
@@ -55,10 +58,10 @@ class LayerMpc:
     finish: how the print ends, "even" (horizon 5) or "fast" (horizon 4, and a layer must gain more to be printed),
     both with horizon 3 where EstimateFigures.is_foreign;
     horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
-    of it; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
-    one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
-    each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it. Raises ValueError for
-    impossible options.
+    of it; relaxation: its engine, "gradient" of the core, by CasADi "slp" for any horizon, "ipopt" for small grids,
+    "highs" for one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound;
+    after_sweep: sees each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it. Raises
+    ValueError for impossible options.
     """
 
     def __init__(
@@ -83,6 +86,11 @@ class LayerMpc:
             raise ValueError(
                 f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
             )
+        if relaxation == "highs" and (horizon != 1 or criterion.alpha != 1.0 or job.passes != 1):
+            raise ValueError(
+                f"relaxation is 'highs' with horizon {horizon}, alpha {criterion.alpha} and {job.passes} pass(es) "
+                "of a layer; needs horizon = 1, alpha = 1 and 1 pass: set these, or relaxation = 'slp'"
+            )
         self._job, self._criterion, self._horizon, self._foreign_horizon = job, criterion, horizon, foreign_horizon
         self._layer_worth = ending.layer_worth if criterion.layer_worth is None else criterion.layer_worth
         self._choices = choices or DropletChoices(job)
@@ -91,10 +99,12 @@ class LayerMpc:
         self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
         self._weight = criterion.weight(job.mask) if criterion.fringe_weight > 0.0 else None
-        self._programs: dict[tuple[bool, int], HorizonProgram] = {}  # without alpha the deviation falls out; layers
+        self._programs: dict[
+            tuple[bool, int], HorizonProgram | SequentialProgram
+        ] = {}  # without alpha the deviation falls out; layers
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
-        if relaxation in ("ipopt", "highs"):
+        if relaxation in ("slp", "ipopt", "highs"):
             self._program(self.problem(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0))
 
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
@@ -153,7 +163,7 @@ class LayerMpc:
             bound=bound,
             bound_confidence=confidence,
             seconds={**found.seconds, **watch.seconds},
-            left_out=found.left_out | (LeftOut.CERTIFICATE if is_uncertified else LeftOut.NOTHING),
+            left_out=found.left_out | relaxed.left_out | (LeftOut.CERTIFICATE if is_uncertified else LeftOut.NOTHING),
         )
 
     def _ceiling(self, estimate: Estimate) -> FloatMap | None:
@@ -164,11 +174,17 @@ class LayerMpc:
 
     def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:
         """Where to round from; nowhere if there is no relaxation, or its engine has failed."""
-        if self._relaxation not in ("ipopt", "highs"):
+        if self._relaxation in ("gradient", "none"):
             return _Relaxed("gradient" if self._relaxation == "gradient" else None)
+        if watch.remaining == 0.0:
+            return _Relaxed(even_droplets(problem), left_out=LeftOut.RELAXATION)
         with watch.phase("relaxation"):
             solved = self._program(problem).solve(problem, even_droplets(problem))
-        return _Relaxed(solved.droplets, solved.bound) if solved.solved else _Relaxed(None)
+        if solved.solved:
+            return _Relaxed(solved.droplets, solved.bound)
+        is_late = self._work.time_limit < inf
+        usable = solved.droplets if self._relaxation == "slp" else None  # its droplets are never worse than the start
+        return _Relaxed(usable, left_out=LeftOut.RELAXATION if is_late else LeftOut.NOTHING)
 
     def _bound(self, problem: HorizonProblem, plan: IntPlan, proven: float, watch: Stopwatch) -> tuple[float, float]:
         """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
@@ -180,14 +196,19 @@ class LayerMpc:
             found = certify(problem, plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
         return (proven, 1.0) if proven >= found.bound else (found.bound, found.confidence)
 
-    def _program(self, problem: HorizonProblem) -> HorizonProgram:
+    def _program(self, problem: HorizonProblem) -> HorizonProgram | SequentialProgram:
         """The program for problems of this shape; built the first time."""
         from inkloop_controller.program.program import HorizonProgram
+        from inkloop_controller.program.sequential_program import SequentialProgram
 
-        kind = (problem.alpha == 1.0, len(problem.choices))
+        kind, seconds_max = (problem.alpha == 1.0, len(problem.choices)), SOLVER_SHARE * self._work.time_limit
         if kind not in self._programs:
-            assert self._relaxation in ("ipopt", "highs")
-            self._programs[kind] = HorizonProgram(problem, self._relaxation)
+            assert self._relaxation in ("slp", "ipopt", "highs")
+            self._programs[kind] = (
+                SequentialProgram(problem, seconds_max=seconds_max)
+                if self._relaxation == "slp"
+                else HorizonProgram(problem, self._relaxation, seconds_max=seconds_max)
+            )
         return self._programs[kind]
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntFlag
+from importlib import import_module
 from math import inf
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Ink
+from inkloop_controller.problem.arrays import error_of_array, first_cell
 
 IntMap: TypeAlias = NDArray[np.int32]
 """(nx, ny): a pattern, 0 none, 1 + k a droplet of kind k."""
@@ -80,6 +82,26 @@ class HorizonProblem:
     def weights(self) -> FloatMap:
         """(nx, ny) weight of each cell's error."""
         return np.asarray(self.part, np.float64) if self.weight is None else self.weight
+
+    def to_casadi(self) -> Any:
+        """A `casadi.Function` of droplets and of the values of this problem, for a solver of your own.
+
+        inkloop_controller.program.layer_function describes its inputs and outputs.
+        """
+        return import_module("inkloop_controller.program.layer_function").layer_function(self)
+
+    def casadi_values(self) -> dict[str, Any]:
+        """The values of this problem by the names of the inputs of `to_casadi`; all but the droplets."""
+        return dict(import_module("inkloop_controller.program.layer_function").layer_values(self))
+
+    def write(self, path: str | Path) -> None:
+        """Writes the problem as a mixed-integer program, for a solver of your own.
+
+        path: ends in .mps (one layer in one pass with alpha = 1 and droplet_std = 0, which is linear) or in .nl (any
+        problem). inkloop_controller.program.program_file describes variables and units. Raises ValueError for a
+        problem that the format does not hold.
+        """
+        import_module("inkloop_controller.program.program_file").write_program(self, Path(path))
 
     def _errors_of_arrays(self, shape: tuple[int, ...]) -> list[str]:
         layers = len(self.choices) if np.ndim(self.choices) == 3 else 1
@@ -206,35 +228,3 @@ class SearchResult:
     swaps: int
     shifts: int
     interrupted: bool = False
-
-
-def error_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
-    """The error of an array that must have this shape and dtype and finite values, or None."""
-    error = error_of_layout(name, array, dtype, shape)
-    if error:
-        return error
-    if dtype == "f8" and not is_finite(array):
-        cell = first_cell(~np.isfinite(array))
-        return f"{name} is {array[cell]} at cell {cell}; needs finite values"
-    return None
-
-
-def error_of_layout(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
-    """The error of an array that must have this shape and dtype, or None."""
-    if np.shape(array) != tuple(shape):
-        return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
-    if array.dtype != np.dtype(dtype):
-        return f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
-    return None
-
-
-def is_finite(array: FloatMap) -> bool:
-    """Whether all values are finite. Their sum is not if one of them is not; a sum of large ones proves nothing."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = array.sum()
-    return bool(np.isfinite(total) or np.isfinite(array).all())
-
-
-def first_cell(marks: NDArray[np.bool_]) -> tuple[int, ...]:
-    """Index of the first cell marked."""
-    return tuple(int(index) for index in np.argwhere(marks)[0])

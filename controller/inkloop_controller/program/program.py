@@ -81,14 +81,14 @@ class HorizonProgram:
         opti.minimize(cost)
         opti.solver(engine, {"print_time": False, "error_on_fail": False}, _solver_options(engine, seconds_max))
         self._opti, self._given, self._droplets, self._surfaces, self._cost = opti, given, droplets, surfaces, cost
-        self._whole, self._shape = whole, _shape(like)
+        self._whole, self._shape = whole, shape_of(like)
 
     def solve(self, problem: HorizonProblem, start: FloatMap | None = None) -> RelaxedPlan:
         """Solve for the values of a problem; start: droplets (layers, nx, ny) to begin at (None: half of each limit).
 
         Raises ValueError for a problem of another shape than the program was built for.
         """
-        if _shape(problem) != self._shape:
+        if shape_of(problem) != self._shape:
             raise ValueError(
                 "the problem differs from that which the program was built for in its grid, part, layers, passes, "
                 "ceiling, or in whether alpha is 1; build another HorizonProgram"
@@ -169,7 +169,7 @@ def _parameters(opti: Any, like: HorizonProblem) -> HorizonStatement:
     )
 
 
-def _shape(problem: HorizonProblem) -> tuple[Any, ...]:
+def shape_of(problem: HorizonProblem) -> tuple[Any, ...]:
     """What a program is built for; everything else is a value."""
     part: BoolMap = problem.part
     return (part.shape, part.tobytes(), problem.layers, problem.passes, problem.ceiling is None, problem.alpha == 1.0)

@@ -127,7 +127,11 @@ def smoothed_cost(problem: HorizonProblem, droplets: FloatMap, smoothing: float)
 
 def exact_cost(statement: HorizonStatement, droplets: list[Any]) -> float:
     """Objective [um] of droplets (nx, ny) of each layer, for a statement in numbers."""
-    H = last_surface(statement, droplets)
+    return surface_cost(statement, last_surface(statement, droplets))
+
+
+def surface_cost(statement: HorizonStatement, H: Symbolic) -> float:
+    """Objective [um] of the last surface H (nx, ny) [um], for a statement in numbers."""
     return float(statement.cost(H, lambda x: ca.fmax(x, 0), lambda cells: ca.sqrt(variance(cells))))
 
 
@@ -159,7 +163,13 @@ def drop_limits(problem: HorizonProblem) -> FloatMap:
 def _layer_numbers(problem: HorizonProblem, layer: int) -> LayerSymbols:
     table = np.array([[kind.h1, kind.h2, kind.h3] for kind in problem.kinds]) / M_PER_UM
     h1, h2, h3 = np.moveaxis(table[first_kinds(problem)[layer]], -1, 0)
+    return LayerSymbols(h1, h2, h3, drop_limits(problem)[layer], jetted_maps(problem)[layer])
+
+
+def jetted_maps(problem: HorizonProblem) -> tuple[tuple[FloatMap, ...], ...]:
+    """For each pass of each layer, 1 on the cells that it jets on (nx, ny)."""
     i, j = np.indices(problem.part.shape)
-    order = problem.colours[layer] if problem.colours else ()
-    jetted = tuple((pass_colour(i, j) == colour).astype(float) for colour in order)
-    return LayerSymbols(h1, h2, h3, drop_limits(problem)[layer], jetted or (np.ones(problem.part.shape),))
+    if not problem.colours:
+        return ((np.ones(problem.part.shape),),) * problem.layers
+    colour = pass_colour(i, j)
+    return tuple(tuple((colour == each).astype(np.float64) for each in order) for order in problem.colours)

@@ -37,6 +37,8 @@ LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e
 """The same two on larger grids, where single layers are not annealed and what every layer takes hardly counts."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
 """Kind -> what a model adds."""
+SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 650e-6
+"""What a cell, a layer and a layer ahead take more with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
 """`finish` of these controllers -> layers ahead, where `horizon` is not given."""
@@ -164,7 +166,9 @@ def _seconds(table: ComponentTable, more: Mapping[int, float]) -> float:
     """Processor time that a component adds for each printed cell and layer; more: of planning, by layers ahead."""
     if table.kind not in PLANNING:
         return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
-    return more.get(_horizon(table) or 0, 0.0)
+    horizon = _horizon(table) or 0
+    is_slp = table.options.get("relaxation") == "slp"
+    return more.get(horizon, 0.0) + (SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS * horizon if is_slp else 0.0)
 
 
 def _horizon(table: ComponentTable) -> int | None:

@@ -84,3 +84,14 @@ def diffused(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:
             for at, share in open_to.items():
                 wish[at] += rest * share / sum(open_to.values())
     return plan
+
+
+def dithered(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:
+    """The droplets of a single layer, rounded by Bayer's thresholds (1973), which repeat every four cells."""
+    pattern = np.zeros((1, 1))
+    for _ in range(2):
+        pattern = np.block([[4 * pattern, 4 * pattern + 2], [4 * pattern + 3, 4 * pattern + 1]])
+    i, j = np.indices(problem.part.shape)
+    falls = droplets > (pattern[i % 4, j % 4] + 0.5) / 16
+    lowest = problem.choices & -problem.choices.astype(np.int32)
+    return np.where(falls & (problem.choices > 0), np.log2(np.maximum(lowest, 1)) + 1, 0).astype(np.int32)

@@ -14,18 +14,21 @@ from inkloop.geometry import contained
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
+from inkloop_controller.core.droplet_relaxation import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.estimation.loop_trust import LoopTrust
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import InkRegions
-from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
+from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, best_plan, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc, random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import Work
+from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
 from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
@@ -82,6 +85,49 @@ def test_both_relaxations_agree_where_both_apply() -> None:
     job, height = rough_job(1)
     ipopt, highs = (planned(job, height, alpha=1.0, horizon=1, relaxation=name).bound for name in ("ipopt", "highs"))
     assert ipopt == pytest.approx(highs, abs=5e-12)
+
+
+@pytest.mark.parametrize(("horizon", "passes"), [(1, 1), (2, 1), (3, 1), (2, 4)])
+def test_plan_of_linear_programs_is_not_worse_than_their_droplets_rounded(horizon: int, passes: int) -> None:
+    job, height = rough_job(1, layers=0.6 * horizon)
+    mpc = LayerMpc(replace(job, passes=passes), horizon=horizon, relaxation="slp")
+    plan, problem = mpc.plan(known(height), 0, none(job)), mpc.problem(known(height), 0)
+    droplets = SequentialProgram(problem).solve(problem, even_droplets(problem)).droplets
+    used = replace(problem, droplet_std=0.0)
+    assert bindings.objective(used, plan.plan).value <= bindings.objective(used, diffuse(problem, droplets)).value
+    assert np.isnan(plan.bound)
+    assert set(plan.seconds) == {"relaxation", "rounding", "repair"}
+    assert plan.seconds["relaxation"] > 0.0
+
+
+def test_droplets_of_the_solver_are_what_is_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a repair, and with everything else worse."""
+    job, height = rough_job(1, layers=1.0)
+    seen = []
+    solve = SequentialProgram.solve
+
+    def watched(self: SequentialProgram, *given: Any) -> Any:
+        seen.append(solve(self, *given))
+        return seen[-1]
+
+    monkeypatch.setattr(SequentialProgram, "solve", watched)
+    mpc = LayerMpc(job, horizon=2, relaxation="slp", after_sweep=lambda progress: True)
+    plan, problem = mpc.plan(known(height), 0, none(job)), mpc.problem(known(height), 0)
+    rounded = bindings.objective(problem, diffuse(problem, seen[0].droplets)).value
+    assert plan.start.startswith("relaxation")
+    assert plan.objective.value <= rounded
+
+
+def test_time_limit_cuts_the_solver_off_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    job, height = rough_job(1, layers=2.0)
+    options: Any = {"horizon": 3, "relaxation": "slp", "work": Work(time_limit=1e9)}
+    mpc = LayerMpc(job, **options)
+    assert mpc.plan(known(height), 0, none(job)).left_out == LeftOut.NOTHING
+    assert LeftOut.RELAXATION in mpc.plan(known(height), 0, none(job), elapsed=2e9).left_out
+    monkeypatch.setattr(layer_mpc, "SOLVER_SHARE", 1e-12)
+    for relaxation in ("slp", "ipopt"):
+        late = LayerMpc(job, **{**options, "relaxation": relaxation})
+        assert late.plan(known(height), 0, none(job)).left_out == LeftOut.RELAXATION
 
 
 def test_relaxation_is_solved_again_for_every_layer() -> None:
@@ -512,7 +558,11 @@ def test_search_of_the_paper_refuses_four_passes() -> None:
         (lambda job: LayerMpcController(job, finish="slow"), "finish is 'slow'; needs one of even, fast"),
         (lambda job: LayerMpc(job, horizon=0), "horizon is 0"),
         (lambda job: LayerMpc(job, horizon=6), "needs 1 to 5 layers"),
-        (lambda job: LayerMpc(job, horizon=1, relaxation="highs"), "take 'ipopt'"),
+        (
+            lambda job: LayerMpc(job, relaxation="highs"),
+            "'highs' with horizon 5, alpha 0.8 and 1 pass.*set these, or relaxation = 'slp'",
+        ),
+        (lambda job: LayerMpc(job, horizon=1, relaxation="highs"), "needs horizon = 1, alpha = 1 and 1 pass"),
         (lambda job: LayerMpc(job, certified=True), "certified with horizon 5"),
         (lambda job: Work(sweeps=0, threads=0), "sweeps is 0.*threads is 0"),
         (lambda job: Work(time_limit=0.0), "time_limit is 0"),

@@ -178,6 +178,9 @@ def test_computing_grows_with_cells_layers_horizon_and_runs() -> None:
     planning = [seconds(components__controller__horizon=ahead) for ahead in (2, 3, 4, 5)]
     assert planning == sorted(set(planning))
     assert seconds() == planning[-1]
+    by_programs = [seconds(components__controller__horizon=n, components__controller__relaxation="slp") for n in (2, 3)]
+    assert by_programs[0] > 10 * planning[0]
+    assert by_programs[1] - planning[1] == pytest.approx(1.5 * (by_programs[0] - planning[0]), rel=1e-9, abs=0.0)
     open_loop = seconds(f"{alone}[compare.{compared}") - seconds()
     assert open_loop == pytest.approx(3 * 5e-6, rel=1e-9, abs=0.0), "three layers without planning"
     assert seconds(part__height_um=45.6) == pytest.approx(2 * seconds(), rel=1e-9, abs=0.0)
