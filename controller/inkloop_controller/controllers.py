@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 from inkloop.component import Job
 from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.layer_controller import LayerController
+from inkloop_controller.layer_controller import LayerController, OnDoubt
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import Planner
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.options import arguments, made_of
+from inkloop_controller.problem.options import Option, arguments, made_of
 from inkloop_controller.problem.work import Work
 
 T = TypeVar("T")
 
 
-@made_of(LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)
+ON_DOUBT = Option(meaning='where the scans do not show what was printed: "stop" the print, or "continue", untrusted')
+
+
+def _on_doubt(*, on_doubt: Annotated[OnDoubt, ON_DOUBT] = "stop") -> OnDoubt:
+    return on_doubt
+
+
+@made_of(LayerMpc, Criterion, DropletChoices, Work, HeightEstimator, _on_doubt)
 def LayerMpcController(job: Job, **options: object) -> LayerController:
     """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator.
 
@@ -48,7 +55,7 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
     )
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
-    return LayerController(job, planner, estimator)
+    return LayerController(job, planner, estimator, _on_doubt(**arguments(_on_doubt, options)))
 
 
 @made_of(OpenLoop)
