@@ -23,9 +23,10 @@ static const double SAME_SPREAD = 0.1;       /* [cells^2] within which readings 
 static const double TEMPER = 0.5;            /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;             /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
+static const double CONVERGED = 1e-4;        /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3;     /* [cells], standard deviation from which on whole cells are tried */
 enum { SHIFTS_TRIED = 3 };
-enum { LEAST_CELLS = 12, ROUNDS = 7, COLD_ROUNDS = 2, WALLS_MAX = 20000, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+enum { LEAST_CELLS = 12, ROUNDS = 7, COLD_ROUNDS = 2, WALLS_MAX = 640, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 
@@ -103,6 +104,11 @@ static bool is_reached(const ScanEvidence *evidence, size_t cell) {
     return evidence->valid[cell] && evidence->increments->squares[cell] > 0.0;
 }
 
+/* Of a cell that droplets reach. */
+static size_t class_of(const ScanEvidence *evidence, size_t cell) {
+    return evidence->layer->pattern[cell] > 0 ? OWN : SPILL;
+}
+
 static void columns_at(const ScanEvidence *evidence, size_t shares, size_t cell, double *column) {
     const size_t ny = evidence->options->ny;
     datum_terms(place_on(cell / ny, evidence->options->nx), place_on(cell % ny, ny), column);
@@ -112,8 +118,10 @@ static void columns_at(const ScanEvidence *evidence, size_t shares, size_t cell,
     }
 }
 
-/* Of the cells that are not left out. */
-static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, bool is_robust) {
+/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of droplets
+ * and sensor; NULL: they are not, and errors have a t distribution. */
+static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
+                              const double *misfit) {
     const size_t n = DATUM_TERMS + shares, cells = evidence->options->nx * evidence->options->ny;
     SmoothSums sums = {{0.0}, {0.0}};
     for (size_t cell = 0; cell < cells; cell++) {
@@ -122,7 +130,8 @@ static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const
             continue;
         const double rest = plain_rest(evidence, cell);
         columns_at(evidence, shares, cell, column);
-        add_cell(column, n, rest, weight_of(rest, native_variance(evidence, cell), is_robust), &sums);
+        const double larger = misfit ? fmax(misfit[class_of(evidence, cell)], 1.0) : 1.0;
+        add_cell(column, n, rest, weight_of(rest, larger * native_variance(evidence, cell), !misfit), &sums);
     }
     for (size_t a = 0; a < n; a++)
         for (size_t b = a + 1; b < n; b++)
@@ -191,7 +200,7 @@ static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fi
     for (size_t cell = 0; cell < nx * ny; cell++) {
         if (!is_reached(evidence, cell))
             continue;
-        const size_t class = evidence->layer->pattern[cell] > 0 ? OWN : SPILL;
+        const size_t class = class_of(evidence, cell);
         const double rest = plain_rest(evidence, cell) - share_change(evidence, fit->share, cell) -
                             datum_left(fit, nx, ny, cell);
         room->lists[class][counts[class]++] = rest * rest / native_variance(evidence, cell);
@@ -206,16 +215,20 @@ static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fi
             median_of(room->lists[class], counts[class], nx, ny, room->spread_slope) / MEDIAN_SQUARE;
 }
 
+bool is_misfit(const InkFit *fit) {
+    return fmax(fit->misfit[OWN], fit->misfit[SPILL]) >= FOREIGN_MISFIT;
+}
+
 bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t shares = learnt_shares(evidence->options);
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
     for (int is_robust = 1; is_robust >= 0; is_robust--) {
-        const SmoothSums sums = smooth_sums(evidence, shares, NULL, is_robust);
+        const SmoothSums sums = smooth_sums(evidence, shares, NULL, is_robust ? NULL : fit->misfit);
         if (!solve_smooth(evidence, shares, &sums, fit))
             return false;
         take_misfits(evidence, room, fit);
-        if (fmax(fit->misfit[OWN], fit->misfit[SPILL]) < FOREIGN_MISFIT)
+        if (!is_misfit(fit))
             return true;
     }
     return true;
@@ -286,7 +299,7 @@ typedef struct {
 } WallFit;
 
 /* The readings at walls, at even distances if there are many. */
-static void collect_walls(const double g[GEOMETRY], WallFit *fit) {
+static void collect_walls(WallFit *fit) {
     const EstimatorOptions *options = fit->evidence->options;
     const size_t nx = options->nx, ny = options->ny;
     size_t all = 0;
@@ -294,16 +307,11 @@ static void collect_walls(const double g[GEOMETRY], WallFit *fit) {
         const size_t distance = (all + WALLS_MAX - 1) / WALLS_MAX;
         size_t found = 0;
         for (size_t cell = 0; cell < nx * ny; cell++) {
-            const double u = place_on(cell / ny, nx), w = place_on(cell % ny, ny);
-            if (!fit->evidence->valid[cell])
-                continue;
-            const Spot spot = spot_of(g, (double)(cell / ny), (double)(cell % ny), u, w);
-            const Place place = place_of(nx, ny, spot.x, spot.y);
-            const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
-            if (!fit->room->walls[nearest])
+            if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
                 continue;
             if (is_counted && found % distance == 0)
-                fit->walls[fit->count++] = (Wall){.cell = cell, .u = u, .w = w};
+                fit->walls[fit->count++] = (Wall){
+                    .cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
             found++;
         }
         all = found;
@@ -368,7 +376,7 @@ typedef struct {
     SmoothSums elsewhere; /* by the cells that are no walls, as if in register: there it is flat */
 } WallPrior;
 
-static bool prior_of_walls(const WallFit *fit, const Registration *registration, bool is_robust, WallPrior *prior) {
+static bool prior_of_walls(const WallFit *fit, const Registration *registration, const double *misfit, WallPrior *prior) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t all = SHARE + fit->shares;
     double geometry[GEOMETRY * GEOMETRY];
@@ -382,7 +390,7 @@ static bool prior_of_walls(const WallFit *fit, const Registration *registration,
             prior->precision[a * all + b] = geometry[a * GEOMETRY + b];
     memcpy(prior->before, registration->estimate, sizeof registration->estimate);
     memcpy(prior->before + SHARE, evidence->known->share, fit->shares * sizeof(double));
-    prior->elsewhere = smooth_sums(evidence, fit->shares, fit->room->walls, is_robust);
+    prior->elsewhere = smooth_sums(evidence, fit->shares, fit->room->walls, misfit);
     return true;
 }
 
@@ -471,13 +479,14 @@ static void try_shifts(const WallPrior *prior, int times, double distance, WallF
         }
 }
 
-/* The best shift by whole and half cells, where it is not known: a step finds no minimum further than that away. */
+/* The best shift by whole cells, then by half ones, where it is not known: a step finds no minimum further away. */
 static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
     const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
         return;
     try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
-    try_shifts(prior, 1, 0.5, fit, x);
+    if (x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
+        try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* Gauss-Newton steps from what was known; hot at first, so that a scan that has moved far does not count as outliers.
@@ -498,9 +507,14 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
         if (!solve_definite(all, matrix, side))
             return false;
         memcpy(before, x, all * sizeof *x);
+        double largest = 0.0;
         for (size_t k = 0; k < all; k++)
             x[k] += side[k];
         keep_within(fit->shares, before, x);
+        for (size_t k = 0; k < GEOMETRY; k++)
+            largest = fmax(largest, fabs(x[k] - before[k]));
+        if (heat == 1.0 && largest < CONVERGED)
+            break;
     }
     look_at_walls(x, fit);
     equations_of_walls(fit, prior, x, 1.0, matrix, side);
@@ -536,7 +550,8 @@ static double misfit_of(const WallFit *fit, InkFit *displaced) {
     return largest;
 }
 
-/* By how much likelier the readings are displaced than in register, as a logarithm. */
+/* By how much likelier the readings are displaced than in register, with its datum and shares by one of the fits, as a
+ * logarithm. */
 static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
@@ -554,7 +569,7 @@ static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
 
 static void learn(const WallFit *fit, const double *x, const double *covariance, double misfit, double gained,
                   Registration *registration) {
-    const size_t all = SHARE + fit->shares, nx = fit->evidence->options->nx, ny = fit->evidence->options->ny;
+    const size_t all = SHARE + fit->shares;
     if (registration->fits >= REMEMBERED)
         memmove(registration->misfits, registration->misfits + 1, (REMEMBERED - 1) * sizeof misfit);
     registration->misfits[registration->fits < REMEMBERED ? registration->fits : REMEMBERED - 1] = misfit;
@@ -566,12 +581,6 @@ static void learn(const WallFit *fit, const double *x, const double *covariance,
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
     registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
-    if (misfit >= FOREIGN_MISFIT && !registration->is_displaced) { /* what does not explain is not built on */
-        const Registration none = no_registration(nx, ny);
-        memcpy(registration->estimate, none.estimate, sizeof none.estimate);
-        memcpy(registration->covariance, none.covariance, sizeof none.covariance);
-        return;
-    }
     memcpy(registration->estimate, x, sizeof registration->estimate);
     for (size_t a = 0; a < GEOMETRY; a++)
         for (size_t b = 0; b < GEOMETRY; b++)
@@ -584,7 +593,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     WallFit fit = {.evidence = evidence, .room = room, .shares = n, .spread = -1.0};
     WallPrior prior;
     double x[FITTED], covariance[ENTRIES_MAX];
-    const bool is_robust = fmax(in_register->misfit[OWN], in_register->misfit[SPILL]) < FOREIGN_MISFIT;
+    const double *misfit = is_misfit(in_register) ? in_register->misfit : NULL;
     *displaced = *in_register;
     displaced->droplets = 0;
     expected_covariance(evidence->options, registration, prior.covariance);
@@ -596,13 +605,14 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     if (!fit.walls)
         return false;
     fit.values = (double *)(fit.walls + (cells < WALLS_MAX ? cells : WALLS_MAX));
-    collect_walls(registration->estimate, &fit);
+    collect_walls(&fit);
     average_prediction(registration->estimate[SPREAD], &fit);
-    if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, is_robust, &prior) &&
+    if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, misfit, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
-        const double misfit = misfit_of(&fit, displaced);
-        learn(&fit, x, covariance, misfit, likelihood_gained(&fit, in_register), registration);
+        const double left = misfit_of(&fit, displaced);
         take_smooth(x, covariance, DATUM, n, all, displaced);
+        const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
+        learn(&fit, x, covariance, left, gained, registration);
     }
     give_maps(fit.walls);
     return true;
