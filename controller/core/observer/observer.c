@@ -193,8 +193,9 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     if (fit->droplets < LEAST_DROPLETS || !(own > 0.0))
         return;
     const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
-    const double found = fmax(LEAST_VARIATION, variation + surplus), larger = fmax(found, variation) * own;
-    const double share = larger / (fit->mean_base + larger), freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
+    const double found = fmax(LEAST_VARIATION, variation + surplus);
+    const double share = variation * own / (fit->mean_base + variation * own);
+    const double freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
     const double kept = KEPT * known->droplet_evidence;
     known->droplet_variance =
         fmin((kept * variation + freedom * fmin(found, LARGEST_FOUND)) / (kept + freedom), LARGEST_VARIATION);
@@ -216,6 +217,13 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
         known->datum_spread[k] = DATUM_KEPT * known->datum_spread[k] +
                                  (1.0 - DATUM_KEPT) * fmax(known->datum[k] * known->datum[k], LEAST_SPREAD);
     }
+}
+
+/* Whether scans have left so much for some time: a few spikes on few cells are no droplets of another kind. */
+static bool has_been_misfit(const LoopTrust *trust, const InkFit *fit) {
+    const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
+    const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
+    return fmax(own, spill) > USUAL_MISFIT;
 }
 
 /* A scan and all that is made of it on the way. */
@@ -241,7 +249,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
-    const bool is_foreign = !may_be && is_misfit(fit);
+    const bool is_foreign = !may_be && is_misfit(fit) && has_been_misfit(&known->trust, fit);
     double doubtful[GEOMETRY * GEOMETRY];
     memcpy(doubtful, registration->covariance, sizeof doubtful);
     for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)

@@ -6,6 +6,7 @@ static const double STEEP = 0.8;        /* layers per cell: there a displacement
 static const double SUSPICIOUS = 4.0;   /* mean square of what a scan leaves, in that of droplets and sensor */
 static const double OUTLIER = 100.0;    /* ... that a single cell counts at most */
 static const double FAR_BETTER = 0.4;   /* of what the scan leaves as read (assumed) */
+static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
 static const double KEPT = 0.5;         /* of the evidence, from scan to scan */
 static const double BELIEVED = 1.4;     /* two scans in a row have 1.5 */
 static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
@@ -173,6 +174,9 @@ bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
         if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
             best = k;
     if (best < 0 || cost[best] >= FAR_BETTER * read)
+        return false;
+    const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
+    if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * doubt->noise_variance)
         return false;
     trust->doubts[best] += 1.0;
     conclude(doubt, cost, read, best, trust);

@@ -67,9 +67,9 @@ static size_t learnt_shares(const EstimatorOptions *options) {
     return options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink);
 }
 
-/* Weight of a reading whose error has a t distribution, or a normal one. */
-static double weight_of(double rest, double variance, bool is_robust) {
-    return is_robust ? (NU + 1.0) / (NU * variance + rest * rest) : 1.0 / variance;
+/* Weight of a reading whose error has a t distribution. */
+static double weight_of(double rest, double variance) {
+    return (NU + 1.0) / (NU * variance + rest * rest);
 }
 
 /* Precision of the shares before the scan. */
@@ -119,7 +119,7 @@ static void columns_at(const ScanEvidence *evidence, size_t shares, size_t cell,
 }
 
 /* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of droplets
- * and sensor; NULL: they are not, and errors have a t distribution. */
+ * and sensor; NULL: they are not. */
 static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
                               const double *misfit) {
     const size_t n = DATUM_TERMS + shares, cells = evidence->options->nx * evidence->options->ny;
@@ -131,7 +131,7 @@ static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const
         const double rest = plain_rest(evidence, cell);
         columns_at(evidence, shares, cell, column);
         const double larger = misfit ? fmax(misfit[class_of(evidence, cell)], 1.0) : 1.0;
-        add_cell(column, n, rest, weight_of(rest, larger * native_variance(evidence, cell), !misfit), &sums);
+        add_cell(column, n, rest, weight_of(rest, larger * native_variance(evidence, cell)), &sums);
     }
     for (size_t a = 0; a < n; a++)
         for (size_t b = a + 1; b < n; b++)
@@ -223,8 +223,8 @@ bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t shares = learnt_shares(evidence->options);
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
-    for (int is_robust = 1; is_robust >= 0; is_robust--) {
-        const SmoothSums sums = smooth_sums(evidence, shares, NULL, is_robust ? NULL : fit->misfit);
+    for (int round = 0; round < 2; round++) { /* the second one with what the first leaves */
+        const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
         if (!solve_smooth(evidence, shares, &sums, fit))
             return false;
         take_misfits(evidence, room, fit);
@@ -419,7 +419,7 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
     add_elsewhere(prior, x, fit->shares, matrix, side);
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
-        const double weight = weight_of(wall->rest, heat * wall->variance, true);
+        const double weight = weight_of(wall->rest, heat * wall->variance);
         for (size_t a = 0; a < all; a++) {
             const double of = weight * wall->column[a];
             side[a] += of * wall->rest;
@@ -480,23 +480,23 @@ static void try_shifts(const WallPrior *prior, int times, double distance, WallF
 }
 
 /* The best shift by whole cells, then by half ones, where it is not known: a step finds no minimum further away. */
-static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, double *x) {
     const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
         return;
     try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
-    if (x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
+    if (is_known || x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
         try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* Gauss-Newton steps from what was known; hot at first, so that a scan that has moved far does not count as outliers.
  */
-static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
+static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, double *x, double *covariance) {
     const size_t all = SHARE + fit->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];
     memset(x, 0, FITTED * sizeof *x);
     memcpy(x, prior->before, all * sizeof *x);
-    begin_at_best(prior, fit, x);
+    begin_at_best(prior, is_known, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
         if (fabs(x[SPREAD] - fit->spread) > SAME_SPREAD)
@@ -608,7 +608,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     collect_walls(&fit);
     average_prediction(registration->estimate[SPREAD], &fit);
     if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, misfit, &prior) &&
-        solve_walls(&prior, &fit, x, covariance)) {
+        solve_walls(&prior, registration->is_displaced, &fit, x, covariance)) {
         const double left = misfit_of(&fit, displaced);
         take_smooth(x, covariance, DATUM, n, all, displaced);
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
