@@ -1,5 +1,6 @@
 #include "scan_doubts.h"
 
+#include <math.h>
 #include <string.h>
 
 static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings */
@@ -68,7 +69,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
             if (!valid[cell] || !doubt->even[cell])
                 continue;
             const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
-            sum += fmin(rest * rest, most);
+            sum += rest * rest < most ? rest * rest : most;
             count++;
         }
     }
@@ -215,7 +216,7 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
             continue;
         const double target = options->target[cell], height = estimate->height[cell];
         const double by_droplets = volume * estimate->ledger[cell];
-        const double excess = by_droplets - height, rise = height - fmax(target, by_droplets);
+        const double excess = by_droplets - height, rise = height - (target > by_droplets ? target : by_droplets);
         part++;
         blind += !valid[cell];
         trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers &&
