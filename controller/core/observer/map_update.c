@@ -8,7 +8,6 @@ static const double SURPRISE = 4.5;      /* standard deviations: as likely the s
 static const double CERTAIN = 0.9;       /* weight of a reading below which it surprises */
 static const double SAME = 0.4;          /* of a surprise: as much again is the cell's */
 static const double SPIKY = 0.008;       /* share of vanishing surprises from which on they must come three times */
-static const double READING = 0.004;     /* error of a displaced reading, of the slope [cells] (assumed) */
 static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
 static const double DEAD_WEAK = 0.3;     /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
@@ -184,7 +183,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double with_spread = value_at(update->spread_slope, &place), known = value_at(spread, &place);
             const double rest =
                 evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place) - value_at(changed, &place);
-            const double error = evidence->noise_variance + READING * READING * (x * x + y * y) +
+            const double error = evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
                                  variance_of(&row, w) +
                                  geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);

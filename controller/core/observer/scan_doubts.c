@@ -4,12 +4,12 @@
 #include <string.h>
 
 static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings */
-static const double SUSPICIOUS = 4.0;   /* mean square of what a scan leaves, in that of droplets and sensor */
+static const double SUSPICIOUS = 2.5;   /* mean square of what a scan leaves, in that of droplets and sensor */
 static const double OUTLIER = 100.0;    /* ... that a single cell counts at most */
 static const double FAR_BETTER = 0.4;   /* of what the scan leaves as read (assumed) */
 static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
 static const double KEPT = 0.5;         /* of the evidence, from scan to scan */
-static const double BELIEVED = 1.4;     /* two scans in a row have 1.5 */
+static const double BELIEVED = 1.2;     /* two scans in a row have 1.5, of three the first and the last 1.25 */
 static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
 static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
 static const double RESERVE = 1.0;      /* layers above the target that a cell may have by its ledger (assumed) */

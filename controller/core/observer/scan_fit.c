@@ -15,7 +15,6 @@ static const double SHARE_STEP = 0.01, FULL_STEP = 0.02; /* of a share from laye
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 static const double WALL = 0.1;              /* of the variance of a droplet: the least that a displacement moves */
 static const double STEEP = 0.8;             /* layers per cell */
-static const double READING = 0.004;         /* error of a displaced reading, of the slope [cells] (assumed) */
 static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01; /* per scan, at the edge [1], [cells^2] (assumed) */
 static const double LEAST_STEP = 0.01, STEP_GAIN = 0.3;     /* of the shift [cells]; of what is learnt of it */
 static const double LONGEST_MOVE = 0.7;      /* of a Gauss-Newton step [cells] */
@@ -527,7 +526,8 @@ static void look_at_walls(const double *x, WallFit *fit) {
         for (size_t k = 0; k < DATUM_TERMS; k++)
             wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
         wall->variance = evidence->noise_variance + value_at(evidence->variance, &place) +
-                         evidence->droplet_variance * wall->squares + READING * READING * wall->slopes;
+                         evidence->droplet_variance * wall->squares +
+                         view_variance(along_x, along_y, with_spread, x[SPREAD]);
         wall->class = is_own ? OWN : wall->squares > 0.0 ? SPILL : CLASSES;
         for (size_t s = 0; s < fit->shares; s++) {
             const ShareColumn of = share_column(evidence, s);
