@@ -57,10 +57,11 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     return is_real ? (Belief){1.0, rest * rest} : (Belief){weight, 0.0};
 }
 
-/* Variance of the error of a reading that counts by a weight; of the prediction: known. */
-static double error_of(double variance, double weight, double known) {
-    const double error = (weight > LEAST_WEIGHT ? variance / weight : variance / LEAST_WEIGHT) - known;
-    return error > LEAST_ERROR ? error : LEAST_ERROR;
+/* Variance of the error of a reading that counts by a weight, beside a prediction of variance `known`. */
+static double error_of(double error, double weight, double known) {
+    const double counted = weight > LEAST_WEIGHT ? weight : LEAST_WEIGHT;
+    const double wide = error / counted + known * (1.0 / counted - 1.0);
+    return wide > LEAST_ERROR ? wide : LEAST_ERROR;
 }
 
 /* Carries what is known of a cell that was not seen. */
@@ -141,7 +142,7 @@ Surprises update_in_register(const MapUpdate *update) {
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, variance, &count);
-                const double weak = error_of(variance, belief.weight, spread);
+                const double weak = error_of(error, belief.weight, spread);
                 spread += belief.jump;
                 gain = spread / (spread + weak);
             } else
@@ -187,7 +188,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                                  variance_of(&row, w) +
                                  geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
-            const double weak = error_of(known + error, belief.weight, known);
+            const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;
             off[cell] = rest / weak;
             jump[cell] = belief.jump;
@@ -215,12 +216,14 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
             const size_t cell = i * ny + j;
             const Spot spot = spot_of(back, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
             const Place place = place_of(nx, ny, spot.x, spot.y);
-            const double seen = value_at(weight, &place), known = spread[cell] + jump[cell];
-            const bool is_seen = seen * known > NOT_SEEN;
-            const double rest = is_seen ? value_at(off, &place) / seen : 0.0;
-            const double gain = is_seen ? known * seen / (1.0 + known * seen) : 0.0;
-            dry += take_dead(update, cell, is_seen, rest, known + (is_seen ? 1.0 / seen : 0.0));
-            after->unseen[cell] = is_seen ? 0 : before->unseen[cell] + 1;
+            const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
+            const bool is_read = weight[nearest] > 0.0;
+            const double seen = value_at(weight, &place), known = spread[cell] + jump[nearest];
+            const double rest = seen * known > NOT_SEEN ? value_at(off, &place) / seen : 0.0;
+            const double gain = known * seen / (1.0 + known * seen);
+            dry += take_dead(update, cell, is_read, is_read ? off[nearest] / weight[nearest] : 0.0,
+                             spread[cell] + evidence->noise_variance);
+            after->unseen[cell] = is_read ? 0 : before->unseen[cell] + 1;
             after->height[cell] = evidence->predicted[cell] + changed[cell] + gain * rest;
             after->variance[cell] = (1.0 - gain) * known;
         }

@@ -19,7 +19,7 @@ typedef struct {
     double extra[CLASSES];     /* process noise beyond that of droplets, in native variances */
     bool is_robust;
     bool is_telling; /* of dead cells, surprises */
-    double *scratch[4];
+    double *scratch[3];
     SurfaceEstimate *after;
 } MapUpdate;
 

@@ -264,7 +264,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                         .full_own = work->full_own,
                         .is_robust = !is_foreign,
                         .is_telling = !look->is_unknown,
-                        .scratch = {work->slopes, work->factor, work->spare[2], work->spare[3]},
+                        .scratch = {work->slopes, work->spare[2], work->spare[3]},
                         .after = after};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
@@ -284,7 +284,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     learn_datum(&look->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
     memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
-    if (!is_misfit(fit))
+    if (!is_misfit(fit) && !known->trust.is_volume_believed)
         doubt_volume(options, known, number, &known->trust);
     return true;
 }
@@ -420,6 +420,7 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
 
 void trust_again(SurfaceEstimate *estimate, size_t cells) {
     LoopTrust *trust = &estimate->known->trust;
+    trust->is_volume_believed |= trust->stop == STOP_VOLUME;
     trust->stop = trust->stop_layer = trust->transform = 0;
     trust->stop_figure = trust->volume_doubt = 0.0;
     trust->is_looked_at = 1;

@@ -26,7 +26,7 @@ static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
 static const double CONVERGED = 1e-3;        /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3;     /* [cells], standard deviation from which on whole cells are tried */
 enum { SHIFTS_TRIED = 3 };
-enum { LEAST_CELLS = 12, ROUNDS = 7, COLD_ROUNDS = 2, WALLS_MAX = 640, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+enum { LEAST_CELLS = 12, ROUNDS = 12, COLD_ROUNDS = 2, WALLS_MAX = 640, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 

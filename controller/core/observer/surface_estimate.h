@@ -112,7 +112,8 @@ typedef struct {
     int64_t ground_wrong; /* the ground is not the flat one */
     int64_t stop;         /* STOP_... of the first scan that stopped the print; 0: none did */
     int64_t stop_layer;   /* ... its layer */
-    int64_t is_looked_at; /* by a person: the next scan is taken as it is */
+    int64_t is_looked_at;       /* by a person: the next scan is taken as it is */
+    int64_t is_volume_believed; /* whatever it is: a person has looked */
     int64_t transform;    /* ... the DOUBT_... that fits mirrored or turned scans */
     double stop_figure;   /* ... how many times better the scan fits than as read; a volume [1] */
 } LoopTrust;
