@@ -10,8 +10,9 @@ import pytest
 
 from inkloop.component import Ink, Job
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from support.numpy import lu_numpy, observer_numpy
-from support.numpy.observer_numpy import Observer, State
+from support.numpy import lu_numpy
+from support.numpy.observer_numpy import Observer
+from support.numpy.observer_setup import Setup, State, blurred, near, sampling
 
 PITCH, HEIGHT = 263.256e-6, 60e-6
 A, B = Ink(4.4e-6, 0.6e-6, 0.2e-6), Ink(3.9e-6, 0.7e-6, 0.25e-6)
@@ -109,8 +110,8 @@ def scan_of(case: Case, height: Any, rng: np.random.Generator) -> tuple[Any, Any
     turn = np.array([[np.cos(case.rotation), -np.sin(case.rotation)], [np.sin(case.rotation), np.cos(case.rotation)]])
     x, y = np.tensordot(turn, np.stack([i - middle[0], j - middle[1]]), 1)
     reading = np.array(
-        observer_numpy.sampling(height.shape, x + middle[0] + case.shift[0], y + middle[1] + case.shift[1])
-        @ observer_numpy.blurred(height, case.spot**2).ravel()
+        sampling(height.shape, x + middle[0] + case.shift[0], y + middle[1] + case.shift[1])
+        @ blurred(height, case.spot**2).ravel()
     ).reshape(height.shape)
     reading += datum(case, rng) + case.noise * rng.standard_normal(height.shape)
     reading += 20e-6 * (rng.random(height.shape) < case.spikes) * rng.choice([-1.0, 1.0], height.shape)
@@ -132,7 +133,7 @@ def grown(case: Case, height: Any, pattern: Any, layer: int, rng: np.random.Gene
         volume[:, case.row] = 1e-9
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
     height = lu_numpy.layer(height, pattern, inks, volume, case.passes)[0]
-    return height + case.around * (observer_numpy.near(pattern > 0) & (pattern == 0))
+    return height + case.around * (near(pattern > 0) & (pattern == 0))
 
 
 def agree(found: Estimate, stated: State, figures: Any, where: str) -> None:
@@ -165,7 +166,7 @@ def compare(case: Case) -> tuple[Estimate, State]:
         flat_ground=is_flat,
     )
     noise = None if case.sensor_noise is None else case.sensor_noise**2
-    statement = Observer(job, noise, case.model, registered=case.registered, flat=is_flat)
+    statement = Observer(Setup(job, noise, case.model, registered=case.registered, flat=is_flat))
     height = case.rough * rng.random(job.mask.shape)
     scan, valid = scan_of(case, height, rng)
     found, stated = core.first(scan, valid), statement.first(scan, valid)
@@ -179,7 +180,7 @@ def compare(case: Case) -> tuple[Estimate, State]:
         is_unknown = layer == case.unknown
         found = core.next(found, pattern, layer, scan, valid, is_unknown=is_unknown)
         stated = statement.next(stated, pattern, layer, scan, valid, is_unknown)
-        figures = {**statement.figures(stated), "inks": statement.inks(stated.share)}
+        figures = {**statement.figures(stated), "inks": statement.setup.inks(stated.share)}
         agree(found, stated, figures, f"after layer {layer}")
     return found, stated
 
