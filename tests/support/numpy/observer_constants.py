@@ -21,6 +21,7 @@ KEPT, LEAST_VARIATION, LARGEST_FOUND, LARGEST_VARIATION = 0.8, 0.01, 9.0, 2.0
 FIRST_EVIDENCE, EVIDENCE_MAX, OF_A_MEDIAN, EARLY = 10.0, 500.0, 0.37, 12
 SUSPICIOUS, OUTLIER, FAR_BETTER, DOUBT_KEPT, BELIEVED, LEAST_SHARE, SMOOTH = 4.0, 100.0, 0.4, 0.5, 1.4, 0.05, 2e-4
 LEAST_EVEN, NOISY, VOLUME_STD, RESERVE, HIGH = 40, 1e-16, 0.05, 1.0, 0.4
+BLIND, BLIND_LAYERS, RESIDUALS_MAX = 0.5, 5, 9.0
 UNIFORM_MEDIAN_SQUARE, MODEL_MAX, DEVIATION_MAX, OTHER_DROPLETS, SPILL_MAX = 0.75, 0.3, 0.15, 5.0, 6.0
 NO_GROWTH, SAME_SCAN, LATE, TURNED, VOLUME = 64, 128, 256, 512, 1024
 TURNS = (
@@ -28,4 +29,4 @@ TURNS = (
     lambda m: np.rot90(m, 3), lambda m: np.rot90(m, 2).T,
 )  # fmt: skip
 """What the scan would be if it were mirrored or turned; the last four on square grids."""
-SPREAD, SHIFTS, TERMS = 6, 2, np.s_[7:13]  # of the unknowns: variance of the spot; shifts; terms of the datum
+SPREAD = 6  # of the unknowns: variance of the spot

@@ -9,20 +9,7 @@ import numpy as np
 
 from inkloop.component import Job
 from support.numpy import lu_numpy
-from support.numpy.observer_constants import (
-    FIRST_EVIDENCE,
-    FIRST_ODDS,
-    FIRST_STEP,
-    LEAST_CELLS,
-    MAGNIFICATION_STD,
-    MEDIAN_SQUARE,
-    NARROW,
-    ROTATION_STD,
-    SHEAR_STD,
-    SHIFT_STD,
-    SPREAD_STD,
-    TAPS,
-)  # fmt: skip
+from support.numpy import observer_constants as c
 
 
 @dataclass
@@ -49,11 +36,11 @@ class State:
     ground: Any = field(default_factory=lambda: np.zeros(3))
     ground_wrong: bool = False
     variation: float = 1.0
-    evidence: float = FIRST_EVIDENCE
+    evidence: float = c.FIRST_EVIDENCE
     vanishing: float = 0.0
     scans: int = 1
-    steps: Any = field(default_factory=lambda: np.full(2, FIRST_STEP**2))
-    odds: float = FIRST_ODDS
+    steps: Any = field(default_factory=lambda: np.full(2, c.FIRST_STEP**2))
+    odds: float = c.FIRST_ODDS
     misfits: list[float] = field(default_factory=list)
     is_displaced: bool = False
     layers: int = 0
@@ -64,6 +51,7 @@ class State:
     volume_doubt: float = 0.0
     stop: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # reason, layer, transform, figure
     is_looked_at: bool = False
+    blind: int = 0
 
 
 def solved(matrix: Any, side: Any) -> Any:
@@ -102,21 +90,21 @@ def blurred(height: Any, spread: float) -> Any:
     """Averaged over a spot of a variance [cells^2]."""
     if spread < 1e-9:
         return height
-    away = np.arange(-TAPS, TAPS + 1)
+    away = np.arange(-c.TAPS, c.TAPS + 1)
     weights = (
         np.exp(-0.5 * away**2 / spread)
-        if spread >= NARROW
+        if spread >= c.NARROW
         else np.interp(np.abs(away), [0, 1, 2], [1 - spread, spread / 2, 0])
     )
     for axis in (0, 1):
-        wide = np.pad(height, [(TAPS, TAPS) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
+        wide = np.pad(height, [(c.TAPS, c.TAPS) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
         height = np.apply_along_axis(np.convolve, axis, wide, weights / weights.sum(), "valid")
     return height
 
 
 def misfit(squares: Any) -> float:
     """Median of squares, in that of a normal variable of variance 1; few tell nothing."""
-    return float(np.median(squares)) / MEDIAN_SQUARE if len(squares) >= LEAST_CELLS else 1.0
+    return float(np.median(squares)) / c.MEDIAN_SQUARE if len(squares) >= c.LEAST_CELLS else 1.0
 
 
 class Setup:
@@ -141,11 +129,11 @@ class Setup:
     def no_geometry(self) -> tuple[Any, Any]:
         """(g, covariance) before any scan: shifts, rotation, magnification, shear, spot."""
         turned, grown = (
-            ROTATION_STD * np.array([0.0, 1.0, -1.0, 0.0]),
-            MAGNIFICATION_STD * np.array([1.0, 0.0, 0.0, 1.0]),
+            c.ROTATION_STD * np.array([0.0, 1.0, -1.0, 0.0]),
+            c.MAGNIFICATION_STD * np.array([1.0, 0.0, 0.0, 1.0]),
         )
-        linear = np.outer(turned, turned) + np.outer(grown, grown) + SHEAR_STD**2 * np.eye(4)
-        covariance = np.diag([SHIFT_STD**2] * 2 + [0.0] * 4 + [SPREAD_STD**2])
+        linear = np.outer(turned, turned) + np.outer(grown, grown) + c.SHEAR_STD**2 * np.eye(4)
+        covariance = np.diag([c.SHIFT_STD**2] * 2 + [0.0] * 4 + [c.SPREAD_STD**2])
         covariance[2:6, 2:6] = linear * np.outer(np.tile(self.half, 2), np.tile(self.half, 2))
         return np.zeros(7), covariance
 
