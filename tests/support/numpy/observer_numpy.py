@@ -26,11 +26,12 @@ class Observer:
     def reading_noise(self, s: State, shown: float | None) -> float:
         """Step 2: variance of a reading; half of what the second scan shows is the first one's, on ground not flat."""
         o = self.setup
+        least = max(o.steps, c.NOISELESS)
         if o.noise is not None or shown is None:
-            return max(s.noise, c.NOISELESS)
+            return max(s.noise, least)
         if s.scans == 1:
-            return max(shown if o.flat else shown / 2.0, c.NOISELESS)
-        return max(c.NOISE_KEPT * s.noise + (1.0 - c.NOISE_KEPT) * shown, c.NOISELESS)
+            return max(shown if o.flat else shown / 2.0, least)
+        return max(c.NOISE_KEPT * s.noise + (1.0 - c.NOISE_KEPT) * shown, least)
 
     def take_scan(self, s: State, before: State, look: Look) -> None:
         """Steps 4 and 5: the fits, which one is believed, and the maps."""
@@ -154,15 +155,15 @@ class Observer:
             s.volume_doubt += is_known and not o.least <= volume <= o.most
             if is_known and not o.least <= volume <= o.most and s.stop[0] == 0 and s.volume_doubt >= c.BELIEVED:
                 s.stop = (c.VOLUME, layer, 0, volume)
-        target = o.job.target_height
+        target, layer_height = o.job.target_height, o.layer * o.drop_levels
         s.blind = s.blind + 1 if np.mean(~s.last_valid[o.part]) > c.BLIND else 0
-        s.capped = o.part & (o.least * s.ledger > target + c.RESERVE * o.layer)
-        s.high = o.part & (s.height - np.maximum(target, volume * s.ledger) > c.HIGH * o.layer)
+        s.capped = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
+        s.high = o.part & (s.height - np.maximum(target, volume * s.ledger) > c.HIGH * layer_height)
 
     def first(self, scan: Any, valid: Any) -> State:
         """Of layer 0."""
         o = self.setup
-        noise, shares, scan = o.noise or 0.0, o.orders * len(o.nominal), np.where(valid, scan, 0.0)
+        noise, shares, scan = max(o.noise or 0.0, o.steps), o.orders * len(o.nominal), np.where(valid, scan, 0.0)
         variance = (c.SHARE_STD.get(o.model, 0.0) ** 2) * np.eye(shares)
         first_variance = float(np.mean(o.nominal @ [1.0, 4.0, 4.0])) ** 2
         zero, spread = np.zeros(o.shape), (c.DATUM_STD * o.layer) ** 2
@@ -172,7 +173,7 @@ class Observer:
         )  # fmt: skip
         if o.flat:
             term, _, _, shown = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
-            s.noise = max(shown or 0.0, c.NOISELESS) if o.noise is None else noise
+            s.noise = max(shown or 0.0, o.steps, c.NOISELESS) if o.noise is None else noise
             s.ground = term[:3] * [1.0, 2.0, 2.0]
             s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
             s.height, s.variance = zero, np.full(o.shape, c.KNOWN_GROUND)
@@ -180,13 +181,22 @@ class Observer:
         self.look_at_part(s, None)
         return s
 
-    def next(self, before: State, pattern: Any, layer: int, scan: Any, valid: Any, is_unknown: bool = False) -> State:
-        """After layer number `layer`: steps 1 and 2, and what follows."""
+    def next(
+        self,
+        before: State,
+        pattern: Any,
+        layer: int,
+        scan: Any,
+        valid: Any,
+        is_unknown: bool = False,
+        factor: Any = 1.0,
+    ) -> State:
+        """After layer number `layer`, factor: volume of each droplet [1]: steps 1 and 2, and what follows."""
         o = self.setup
         s, scan = deepcopy(before), np.where(valid, scan, 0.0)
         s.last, s.last_valid, inks = scan, valid, o.inks(before.share)
-        living = np.where(before.dead >= c.DEAD, c.NO_VOLUME, 1.0)
-        full_own = np.append(0.0, inks[:, 0])[pattern]
+        living = np.where(before.dead >= c.DEAD, c.NO_VOLUME, factor)
+        full_own = factor * np.append(0.0, inks[:, 0])[pattern]
         predicted = o.printed(before.height, pattern, inks, living)
         adds, squares, own = o.increments(before.height, pattern, inks, living)
         ledger, variance = o.printed(before.ledger, pattern, o.nominal, living), before.variance.copy()

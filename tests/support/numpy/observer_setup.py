@@ -108,15 +108,18 @@ def misfit(squares: Any) -> float:
 
 
 class Setup:
-    """`noise`: of a reading [m^2], None where it is learnt; `model`: "scale", "full" or "off"; least, most: volume."""
+    """`noise`: of a reading [m^2], None where it is learnt; `model`: "scale", "full" or "off"; least, most: volume;
+
+    steps: variance of the rounding of a reading [m^2]."""
 
     def __init__(
         self, job: Job, noise: float | None = None, model: str = "scale", *, registered: bool = True, flat: bool = True,
-        least: float = 0.5, most: float = 1.25, unseen_layers: int = 5,
+        least: float = 0.5, most: float = 1.25, unseen_layers: int = 5, steps: float = 0.0, drop_levels: int = 1,
     ) -> None:  # fmt: skip
         self.job, self.part, self.shape, self.passes = job, job.mask, job.mask.shape, job.passes
         self.noise, self.model, self.registered, self.flat = noise, model, registered, flat
         self.least, self.most, self.unseen_layers = least, most, unseen_layers
+        self.steps, self.drop_levels = steps, drop_levels
         self.nominal = np.array([(ink.h1, ink.h2, ink.h3) for ink in job.inks])
         self.layer = float(np.max(self.nominal @ [1.0, 4.0, 4.0]))
         self.orders = 3 if model == "full" else 1

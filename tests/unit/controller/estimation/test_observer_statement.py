@@ -30,8 +30,9 @@ class Case:
     besides [m]; unknown: a layer that was abandoned; shift [cells], rotation [rad], spot [cells]: of the scans; level:
     standard deviation of the six terms of a datum, anew for each scan [m]; spikes, missing: shares of the readings;
     frozen: the last scan that is a new one; looked_at: the layer after which a person has looked, and scans are new
-    again; rough: the start surface; cancels: tolerance of variances, where a reading's is the difference of two larger
-    ones: after a person has looked, of 1e-6 and 1e-6 + 1e-13.
+    again; rough: the start surface; resolution: step of the readings [m]; drop_levels: a droplet has 1 to so many drops;
+    cancels: tolerance of variances, where a reading's is the difference of two larger ones: after a person has looked,
+    of 1e-6 and 1e-6 + 1e-13.
     """
 
     nx: int = 13
@@ -57,6 +58,8 @@ class Case:
     model: Any = "scale"
     sensor_noise: float | None = None
     registered: bool = True
+    resolution: float = 0.0
+    drop_levels: int = 1
     cancels: float = TOLERANCE
 
     def job(self) -> Job:
@@ -101,7 +104,10 @@ CASES = {
     "rough start surface": Case(rough=2e-6),
     "weak droplets": Case(15, 13, volume=0.55),
     "droplets too weak": Case(15, 13, volume=0.45),
-    "half of the scans missing": Case(layers=10, missing=0.6),
+    "drops of three levels": Case(drop_levels=3),
+    "readings rounded": Case(15, 13, noise=1e-7, resolution=5e-7),
+    "readings rounded, noise known": Case(noise=1e-7, resolution=5e-7, sensor_noise=1e-7),
+    "half of the readings missing": Case(layers=10, missing=0.6),
     "most readings missing": Case(layers=8, missing=0.995),
 }
 
@@ -123,6 +129,8 @@ def scan_of(case: Case, height: Any, rng: np.random.Generator) -> tuple[Any, Any
     ).reshape(height.shape)
     reading += datum(case, rng) + case.noise * rng.standard_normal(height.shape)
     reading += 20e-6 * (rng.random(height.shape) < case.spikes) * rng.choice([-1.0, 1.0], height.shape)
+    if case.resolution > 0.0:
+        reading = case.resolution * np.round(reading / case.resolution)
     return reading, rng.random(height.shape) >= case.missing
 
 
@@ -135,8 +143,8 @@ def jetted(case: Case, job: Job, layer: int, rng: np.random.Generator) -> Any:
     return pattern
 
 
-def grown(case: Case, height: Any, pattern: Any, layer: int, rng: np.random.Generator) -> Any:
-    volume = case.volume * (1.0 - 0.2 * rng.random(height.shape))
+def grown(case: Case, height: Any, pattern: Any, drops: Any, layer: int, rng: np.random.Generator) -> Any:
+    volume = drops * case.volume * (1.0 - 0.2 * rng.random(height.shape))
     if case.row is not None and layer >= 2:
         volume[:, case.row] = 1e-9
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
@@ -168,25 +176,32 @@ def compare(case: Case) -> tuple[Estimate, State]:
         job,
         adapt_ink=case.model,
         sensor_noise_std=case.sensor_noise,
+        sensor_resolution=case.resolution,
         register_scans=case.registered,
         flat_ground=is_flat,
+        drop_levels=case.drop_levels,
     )
-    noise = None if case.sensor_noise is None else case.sensor_noise**2
-    statement = Observer(Setup(job, noise, case.model, registered=case.registered, flat=is_flat))
+    steps = case.resolution**2 / 12.0
+    noise = None if case.sensor_noise is None else case.sensor_noise**2 + steps
+    setup = Setup(
+        job, noise, case.model, registered=case.registered, flat=is_flat, steps=steps, drop_levels=case.drop_levels
+    )
+    statement = Observer(setup)
     height = case.rough * rng.random(job.mask.shape)
     scan, valid = scan_of(case, height, rng)
     found, stated = core.first(scan, valid), statement.first(scan, valid)
     for layer in range(1, case.layers + 1):
         pattern = jetted(case, job, layer, rng)
-        height = grown(case, height, pattern, layer, rng)
+        drops = rng.integers(1, case.drop_levels, height.shape, endpoint=True).astype(np.float64)
+        height = grown(case, height, pattern, drops, layer, rng)
         is_new = case.frozen is None or layer <= case.frozen
         if is_new or (case.looked_at is not None and layer > case.looked_at):
             scan, valid = scan_of(case, height, rng)
         if case.is_turned:
             scan, valid = np.ascontiguousarray(scan.T), np.ascontiguousarray(valid.T)
         is_unknown = layer == case.unknown
-        found = core.next(found, pattern, layer, scan, valid, is_unknown=is_unknown)
-        stated = statement.next(stated, pattern, layer, scan, valid, is_unknown)
+        found = core.next(found, pattern, layer, scan, valid, drops, is_unknown=is_unknown)
+        stated = statement.next(stated, pattern, layer, scan, valid, is_unknown, drops)
         figures = {**statement.figures(stated), "inks": statement.setup.inks(stated.share)}
         agree(found, stated, figures, case.cancels, f"after layer {layer}")
         if layer == case.looked_at:
