@@ -30,7 +30,7 @@ class Case:
     besides [m]; unknown: a layer that was abandoned; shift [cells], rotation [rad], spot [cells]: of the scans; level:
     standard deviation of the six terms of a datum, anew for each scan [m]; spikes, missing: shares of the readings;
     frozen: the last scan that is a new one; looked_at: the layer after which a person has looked, and scans are new
-    again; rough: the start surface; resolution: step of the readings [m]; drop_levels: a droplet has 1 to so many drops;
+    again; rough: the start surface; resolution: step of the readings [m]; drop_levels: most drops of a droplet;
     cancels: tolerance of variances, where a reading's is the difference of two larger ones: after a person has looked,
     of 1e-6 and 1e-6 + 1e-13.
     """
