@@ -51,6 +51,7 @@ class State:
     volume_doubt: float = 0.0
     stop: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # reason, layer, transform, figure
     is_looked_at: bool = False
+    is_volume_believed: bool = False
     blind: int = 0
 
 

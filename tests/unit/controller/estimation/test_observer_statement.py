@@ -225,9 +225,6 @@ def test_cases_show_what_they_are_for() -> None:
     assert compare(CASES["transposed scans"])[0].figures.transform == 5
 
 
-@pytest.mark.xfail(
-    reason="the map update of displaced scans overwrites the volumes that the ledger counts", strict=False
-)
 def test_ledger_counts_no_droplets_of_dead_nozzles_where_scans_are_displaced() -> None:
     found, _ = compare(replace(CASES["dead row, scans as they are"], nx=15, ny=15, row=3, registered=True))
     assert found.figures.is_displaced
