@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, central, sampling
+from support.numpy.observer_setup import Setup, State, sampling
 from support.numpy.scan_doubts_numpy import is_doubted
 from support.numpy.scan_fit_numpy import Fit, Look, View, fit_datum, fit_displaced, fit_in_register, may_be_displaced
 
@@ -62,34 +62,28 @@ class Observer:
         left = np.tensordot(fit.datum, o.terms, 1)
         of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
         change = look.change(fit.share)
-        if s.is_displaced:
-            view = View(o, look, np.ones(o.shape, np.bool_), s.g[c.SPREAD])
-            view.look(np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share]))
-            S = view.S
-            rest = look.scan - left - (view.averaged.ravel() @ S.T + change.ravel() @ S.T).reshape(o.shape)
-            of_geometry = np.einsum("ra,ab,rb->r", view.J[:, :7], s.covariance, view.J[:, :7]) + view.own_variance
-            spread = (S @ known.ravel()).reshape(o.shape)
-            error = look.noise + of_datum + of_geometry.reshape(o.shape)
-        else:
-            rest, spread, error = look.scan - left - look.predicted - change, known, look.noise + of_datum
-            if may_be:
-                x, y = central(look.predicted)
-                J = np.stack([x, y, x * o.u, x * o.w, y * o.u, y * o.w, with_spot])
-                doubtful = s.covariance + np.outer(s.g, s.g)
-                error = error + np.where(walls, np.einsum("aij,ab,bij->ij", J, doubtful, J), 0.0)
+        g = s.g if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
+        view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD])
+        view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else s.share]))
+        S, J, doubtful, more = view.S, view.J[:, :7], s.covariance, view.own_variance
+        if not s.is_displaced:
+            J[:, c.SPREAD] = with_spot.ravel()
+            J, doubtful, more = J * walls.reshape(-1, 1), may_be * (doubtful + np.outer(s.g, s.g)), 0.0
+        rest = look.scan - left - (S @ (view.averaged + change).ravel()).reshape(o.shape)
+        spread = (S @ known.ravel()).reshape(o.shape)
+        of_geometry = np.einsum("ra,ab,rb->r", J, doubtful, J) + more
+        error = look.noise + of_datum + of_geometry.reshape(o.shape)
         weight, jump, vanished = self.believed(s, before, look, rest, spread + error, is_robust)
         counted = np.maximum(weight, c.LEAST_WEIGHT)
         weak = np.maximum(error / counted + spread * (1.0 / counted - 1.0), c.LEAST_ERROR)
-        is_seen, weight, rest = look.valid, np.where(look.valid, 1.0 / weak, 0.0), np.where(look.valid, rest, 0.0)
-        nearest, variance, off = rest, spread + error, rest
-        if s.is_displaced:
-            there = self.back(s.g)
-            at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(there, o.shape, strict=True)]
-            near = tuple(np.ceil(place - 0.5).astype(int) for place in at)
-            is_seen, nearest, jump, variance = look.valid[near], rest[near], jump[near], known + look.noise
-            back = sampling(o.shape, *there)
-            off, weight = ((back @ value.ravel()).reshape(o.shape) for value in (weight * rest, weight))
-            off = off / np.where(weight * (known + jump) > c.NOT_SEEN, weight, np.inf)
+        weight, rest = np.where(look.valid, 1.0 / weak, 0.0), np.where(look.valid, rest, 0.0)
+        there = self.back(g)
+        at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(there, o.shape, strict=True)]
+        near = tuple(np.ceil(place - 0.5).astype(int) for place in at)
+        is_seen, nearest, jump = look.valid[near], rest[near], jump[near]
+        variance, back = known + (look.noise if s.is_displaced else error), sampling(o.shape, *there)
+        off, weight = ((back @ value.ravel()).reshape(o.shape) for value in (weight * rest, weight))
+        off = off / np.where(weight * (known + jump) > c.NOT_SEEN * s.is_displaced, weight, np.inf)
         known = known + jump
         s.unseen = np.where(is_seen, 0, before.unseen + 1)
         s.height = look.predicted + change + known * weight / (1.0 + known * weight) * off

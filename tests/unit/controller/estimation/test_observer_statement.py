@@ -106,6 +106,7 @@ CASES = {
     "unknown layer": Case(unknown=4),
     "unknown layer, shifted": Case(15, 13, unknown=5, shift=(0.4, 0.3)),
     "frozen scan": Case(layers=9, frozen=4),
+    "frozen scan, noisy": Case(15, 13, noise=3e-6, frozen=3),
     "frozen scan, looked at": Case(15, 13, layers=12, frozen=4, looked_at=7, cancels=1e-7),
     "transposed scans": Case(13, 13, is_turned=True),
     "rough start surface": Case(rough=2e-6),
