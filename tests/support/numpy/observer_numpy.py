@@ -22,10 +22,9 @@ def rounding_variance(readings: Any, layer: float) -> float:
     levels = np.unique(readings)
     if len(readings) < c.LEAST_READINGS or not c.LEAST_LEVELS <= len(levels) <= len(readings) / 2:
         return 0.0
-    step = np.diff(levels).min()
-    off = (levels - levels[0]) / step
-    is_rounded = step > c.LEAST_STEP_READ * layer and np.abs(off - np.round(off)).max() <= c.SAME_STEP
-    return float(step**2 / 12.0) if is_rounded else 0.0
+    step = float(np.diff(levels).min())
+    off = np.abs(np.remainder((levels - levels[0]) / step + 0.5, 1.0) - 0.5).max()
+    return step**2 / 12.0 if step > c.LEAST_STEP_READ * layer and off <= c.SAME_STEP else 0.0
 
 
 class Observer:
@@ -188,15 +187,9 @@ class Observer:
         return s
 
     def next(
-        self,
-        before: State,
-        pattern: Any,
-        layer: int,
-        scan: Any,
-        valid: Any,
-        is_unknown: bool = False,
+        self, before: State, pattern: Any, layer: int, scan: Any, valid: Any, is_unknown: bool = False,
         factor: Any = 1.0,
-    ) -> State:
+    ) -> State:  # fmt: skip
         """After layer number `layer`, factor: volume of each droplet [1]: steps 1 and 2, and what follows."""
         o = self.setup
         s, scan = deepcopy(before), np.where(valid, scan, 0.0)
@@ -241,11 +234,10 @@ class Observer:
     def figures(self, s: State) -> dict[str, Any]:
         """What is reported, by the names of `EstimateFigures`."""
         o = self.setup
-        found = c.DROPLET_STD * float(np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE))
-        model = c.DROPLET_STD * float(np.sqrt(s.early))
-        std = (
-            min(model, c.MODEL_MAX) if s.early > c.OTHER_DROPLETS else min(found, c.DEVIATION_MAX) if s.layers else 0.0
-        )
+        std = min(c.DROPLET_STD * np.sqrt(s.early), c.MODEL_MAX)
+        if s.early <= c.OTHER_DROPLETS:
+            found = c.DROPLET_STD * np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE)
+            std = min(found, c.DEVIATION_MAX) if s.layers else 0.0
         reason, layer, transform, figure = s.stop
         is_unknown = s.variance > (c.UNKNOWN_HEIGHT * o.layer * o.drop_levels) ** 2
         unseen = int(np.sum(o.part & (s.unseen > o.unseen_layers) & is_unknown))

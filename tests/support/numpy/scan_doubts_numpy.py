@@ -37,8 +37,7 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, layer: 
     growth = np.mean((look.predicted - before.height)[jetted] ** 2)
     native = noise + look.of_droplet * np.mean(look.own[jetted] ** 2) * max(share, c.LEAST_SHARE)
     native += np.mean(np.diag(s.share_covariance)) * growth * share
-    steep = min((c.STEEP * o.layer) ** 2, native / before.steps.max())
-    even = np.sum(central(look.predicted) ** 2, axis=0) < steep
+    even = np.sum(central(look.predicted) ** 2, axis=0) < min((c.STEEP * o.layer) ** 2, native / before.steps.max())
 
     def cost(scan: Any, valid: Any, expected: Any) -> float:
         return cost_of(o, before, scan, valid, expected, even, noise, c.OUTLIER * native)

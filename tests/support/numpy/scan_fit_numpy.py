@@ -80,22 +80,14 @@ class View:
         o, data, cells = self.setup, self.data, self.cells
         at = np.stack(o.places(x[:7]))[:, cells]
         self.S = S = sampling(o.shape, *at)
-        slope = [
-            (sampling(o.shape, *(at + step)) - sampling(o.shape, *(at - step)))
-            @ self.averaged.ravel()
-            / (2.0 * c.SLOPE_STEP)
-            for step in c.SLOPE_STEP * np.eye(2)[:, :, None]
-        ]
+
+        def averaged(at: Any) -> Any:
+            return sampling(o.shape, *at) @ self.averaged.ravel()
+
+        steps = c.SLOPE_STEP * np.eye(2)[:, :, None]
+        slope = [(averaged(at + step) - averaged(at - step)) / (2.0 * c.SLOPE_STEP) for step in steps]
         u, w, terms = o.u[cells], o.w[cells], o.terms[:, cells]
-        geometry = [
-            slope[0],
-            slope[1],
-            slope[0] * u,
-            slope[0] * w,
-            slope[1] * u,
-            slope[1] * w,
-            S @ self.with_spot.ravel(),
-        ]
+        geometry = [*slope, *(each * place for each in slope for place in (u, w)), S @ self.with_spot.ravel()]
         shares = [S @ add.ravel() for add in data.adds[: len(x) - 13]]
         self.J = np.stack([*geometry, *terms, *shares], axis=1)
         change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - data.state.share[: len(x) - 13]])
@@ -128,8 +120,7 @@ def fit_datum(
 def smooth_prior(o: Setup, look: Look) -> Any:
     """Precision of datum and shares before the scan."""
     shares = 0 if o.model == "off" else len(look.state.share)
-    precision = np.zeros((6 + shares, 6 + shares))
-    precision[:6, :6] = look.datum[2]
+    precision = np.pad(look.datum[2], (0, shares))
     if shares:
         step = c.SHARE_STEP[o.model] ** 2 * np.eye(shares)
         precision[6:, 6:] = inverse(look.state.share_covariance + step)
@@ -215,10 +206,8 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     for times, distance in ((c.TRIED, 1.0), (1, 0.5)) if shift_variance >= c.UNKNOWN_SHIFT**2 else ():
         if distance == 0.5 and not s.is_displaced and np.array_equal(x, before):
             break
-        tried = [x] + [
-            np.concatenate([x[:2] + distance * np.array(by), x[2:]])
-            for by in np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times
-        ]
+        moves = distance * (np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times)
+        tried = [x, *(x + np.pad(move, (0, len(x) - 2)) for move in moves)]
         x = tried[int(np.argmin([cost(each) for each in tried]))]
     for number in range(c.ROUNDS):
         if abs(x[c.SPREAD] - view.spread) > c.SAME_SPREAD:
