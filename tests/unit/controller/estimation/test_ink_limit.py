@@ -51,7 +51,7 @@ def test_ledger_is_the_layer_map_of_all_droplets_but_those_of_dead_nozzles_and_o
         full = height
     assert estimate.dead.any()
     assert found[OUTSIDE] < full[OUTSIDE] - 3e-6
-    np.testing.assert_allclose(np.delete(found, OUTSIDE[0], axis=0)[5:], np.delete(full, OUTSIDE[0], axis=0)[5:], atol=1e-8)
+    np.testing.assert_allclose(found[OUTSIDE[0] + 4 :], full[OUTSIDE[0] + 4 :], rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("least", [LEAST, 0.9])
