@@ -6,7 +6,7 @@ import io
 from dataclasses import dataclass, fields, replace
 from math import isfinite, nan
 from time import perf_counter
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from inkloop_controller.estimation.height_estimator import Estimate, HeightEstim
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.arrays import is_finite
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
-
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
 """What follows where the scans do not show what was printed."""
@@ -135,13 +134,13 @@ class LayerController:
         """The whole state, bit by bit, as NumPy's npz; without a pattern that is the plan's, and with one drop for all
         sites where all have the same.
         """
-        state = {name: value for name, value in vars(self._state).items() if name != "estimate"}
+        state: dict[str, Any] = {name: value for name, value in vars(self._state).items() if name != "estimate"}
         if self._state.pattern.ctypes.data == self._state.plan.ctypes.data:
             del state["pattern"]
         if not any(self._state.drop_level.strides):
             state[DROP_LEVEL] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
-        np.savez(buffer, **state, **self._state.estimate.state)
+        np.savez(buffer, **state | dict(self._state.estimate.state))
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
@@ -187,7 +186,9 @@ class LayerController:
         before = self._state  # that before the estimate is no longer in memory
         estimate = before.estimate
         if self._is_stopped():
-            self._state = replace(before, pattern=np.zeros_like(before.pattern), answered=scan, status=int(Status.UNTRUSTED))
+            self._state = replace(
+                before, pattern=np.zeros_like(before.pattern), answered=scan, status=int(Status.UNTRUSTED)
+            )
             return
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE

@@ -42,7 +42,8 @@ FLAT_GROUND = Option(
     form=bool | None,
 )
 VOLUME_LEAST = Option(
-    meaning="least volume of the droplets, as a share of the nominal one, that is believed; less stops the print", form=Positive
+    meaning="least volume of the droplets, as a share of the nominal one, that is believed; less stops the print",
+    form=Positive,
 )
 VOLUME_MOST = Option(meaning="largest volume of the droplets that is believed; more stops the print", form=Positive)
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/observer/surface_estimate.h

@@ -19,6 +19,7 @@ from support.long_proofs import rest_is_long
 LINE = 16
 NOTHING = 1e-12  # volume of the droplets of a dead nozzle [1]
 FOUND_WITHIN = 4  # layers
+WEAK = "the end of the print shows weak droplets alone, which count as the volume of the ink"
 MASKED = "noisy scans in register are read as displaced, and a reading that is not believed as those around it"
 
 
@@ -105,7 +106,7 @@ def test_widths_that_noise_makes_unsure_are_no_dead_nozzles() -> None:
     assert printed(cylinder(), 1, 0.4, 1e-6, range(0), adapt_ink="full").false_alarms == 0
 
 
-@pytest.mark.xfail(strict=True, reason="the end of the print shows weak droplets alone, which count as the volume of the ink")
+@pytest.mark.xfail(strict=True, reason=WEAK)
 @pytest.mark.system
 def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
     assert not any(printed(cylinder(), 3, 0.2, 0.0, range(10, 200), volume=1.0 / 3.0).dead_cells)

@@ -15,8 +15,8 @@ from inkloop_controller.model.layer_model import LayerModel
 
 TOLERANCE = 0.01e-6  # [m]
 SIDE, RADIUS = 25, 10
-I, J = np.indices((SIDE, SIDE))
-PART = (I - 12) ** 2 + (J - 12) ** 2 <= RADIUS**2
+ROW, COLUMN = np.indices((SIDE, SIDE))
+PART = (ROW - 12) ** 2 + (COLUMN - 12) ** 2 <= RADIUS**2
 JOB = Job(SIDE, SIDE, 90e-6, np.where(PART, 70e-6, 0.0), PART)
 SEEN = np.ones(PART.shape, np.bool_)
 PLAIN = {"register_scans": False}

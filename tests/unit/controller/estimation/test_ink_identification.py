@@ -125,9 +125,8 @@ def test_drift_and_tilt_of_the_sensor_are_not_taken_for_ink() -> None:
 
 def test_noise_moves_the_ink_little() -> None:
     """A micrometre leaves the datum of each scan unsure."""
-    bench, found = Bench(block(34, 34), (Ink(),), "scale", noise_std=1e-6), []
-    for _ in range(20):
-        found.append(bench.print(bench.full_pattern()).ink_scale)
+    bench = Bench(block(34, 34), (Ink(),), "scale", noise_std=1e-6)
+    found = [bench.print(bench.full_pattern()).ink_scale for _ in range(20)]
     assert np.abs(np.subtract(found, 1.0)).max() < 0.08
     assert np.mean(found) == pytest.approx(1.0, abs=0.02)
 

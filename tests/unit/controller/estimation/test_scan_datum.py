@@ -48,9 +48,7 @@ def test_offset_and_rise_of_flat_ground_are_reported() -> None:
     assert first(PLANE).figures.ground == pytest.approx((3e-6, 4e-6, -8e-6), rel=1e-3, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("layers", "is_wrong"), [(1.0, False), (-2.5, False), (3.5, True), (-3.5, True), (20.0, True)]
-)
+@pytest.mark.parametrize(("layers", "is_wrong"), [(1.0, False), (-2.5, False), (3.5, True), (-3.5, True), (20.0, True)])
 def test_ground_further_off_than_three_layers_is_not_the_flat_one(layers: float, is_wrong: bool) -> None:
     scan = np.full(PART.shape, layers * 7.6e-6)
     assert first(scan).figures.reasons == (UntrustedReason.GROUND if is_wrong else UntrustedReason(0))
