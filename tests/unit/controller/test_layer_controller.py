@@ -77,12 +77,12 @@ def test_commands_count_from_the_layers_there_are(make: Any) -> None:
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_done_is_for_good(make: Any) -> None:
-    controller = started(make(JOB, **({"layers": 0} if make is OpenLoopController else {})))
-    done = answer(controller, JOB.target_height, 0, 0)
+    controller = started(make(JOB, **({"layers": 4} if make is OpenLoopController else {})), layer=4)
+    done = answer(controller, JOB.target_height, 4, 4)
     assert done["status"] == Status.DONE
-    assert done["layer_command"] == 0
+    assert done["layer_command"] == 4
     assert not done["pattern"].any()
-    assert answer(controller, FLAT, 1, 1)["status"] == Status.DONE
+    assert answer(controller, FLAT, 5, 5)["status"] == Status.DONE
 
 
 @pytest.mark.system
@@ -298,12 +298,12 @@ def test_before_the_first_scan_nothing_is_known_and_nothing_is_jetted(make: Any)
 
 def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
     """A cell 60 um higher than the target of its part, and one that was never seen."""
-    controller = started(LayerMpcController(JOB, register_scans=False, untrusted_layers=0))
+    controller = started(LayerMpcController(JOB, register_scans=False, untrusted_layers=0), layer=1)
     height, valid = FLAT.copy(), np.ones(FLAT.shape, np.bool_)
     i, j = (int(each[4]) for each in np.nonzero(JOB.mask))
     height[i, j] = JOB.target_height[i, j] + 60e-6
     valid[tuple(each[9] for each in np.nonzero(JOB.mask))] = False
-    found = answer(controller, height, 0, 0, valid)
+    found = answer(controller, height, 1, 1, valid)
     assert (found["height_excess_i"], found["height_excess_j"]) == (i, j)
     assert found["height_excess"] == pytest.approx(60e-6, rel=1e-9, abs=0.0)
     assert found["untrusted_cells"] == 1
