@@ -1,5 +1,6 @@
 #include "map_update.h"
 
+#include <math.h>
 #include <string.h>
 
 
@@ -9,6 +10,7 @@ static const double SAME = 0.4;          /* of a surprise: as much again is the 
 static const double SPIKY = 0.008;       /* share of vanishing surprises from which on they must come three times */
 static const double READING = 0.004;     /* error of a displaced reading, of the slope [cells] (assumed) */
 static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
+static const double LEAST_WEIGHT = 1e-9;
 static const double DEAD_WEAK = 0.3;     /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
 static const double LAYER_EVIDENCE = 5.0; /* of one layer at most: a single droplet that failed is no dead nozzle */
 static const double WHOLE_HEAD = 0.5;    /* of the part: where more brings nothing, the ink has run out */
@@ -25,7 +27,8 @@ static double process_variance(const MapUpdate *update, size_t cell) {
     const double extra = evidence->layer->pattern[cell] > 0 ? update->extra[OWN]
                          : squares > 0.0                    ? update->extra[SPILL]
                                                             : 0.0;
-    return fmax(evidence->variance[cell] + droplets + extra * native_variance(evidence, cell), LEAST_VARIANCE);
+    const double variance = evidence->variance[cell] + droplets + extra * native_variance(evidence, cell);
+    return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
 
 /* What the ink changes in the prediction, with the offset of the datum. */
@@ -53,6 +56,12 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
     return is_real ? (Belief){1.0, rest * rest} : (Belief){weight, 0.0};
+}
+
+/* Variance of the error of a reading that counts by a weight; of the prediction: known. */
+static double error_of(double variance, double weight, double known) {
+    const double error = (weight > LEAST_WEIGHT ? variance / weight : variance / LEAST_WEIGHT) - known;
+    return error > LEAST_ERROR ? error : LEAST_ERROR;
 }
 
 /* Carries what is known of a cell that was not seen. */
@@ -103,7 +112,8 @@ static double left_of(const DatumRow *row, double w) {
 
 static double variance_of(const DatumRow *row, double w) {
     const double *of = row->variance;
-    return fmax(of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4]))), 0.0);
+    const double variance = of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
+    return variance > 0.0 ? variance : 0.0;
 }
 
 Surprises update_in_register(const MapUpdate *update) {
@@ -132,7 +142,7 @@ Surprises update_in_register(const MapUpdate *update) {
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, variance, &count);
-                const double weak = fmax(variance / fmax(belief.weight, 1e-9) - spread, LEAST_ERROR);
+                const double weak = error_of(variance, belief.weight, spread);
                 spread += belief.jump;
                 gain = spread / (spread + weak);
             } else
@@ -178,7 +188,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                                  variance_of(&row, w) +
                                  geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
-            const double weak = fmax((known + error) / fmax(belief.weight, 1e-9) - known, LEAST_ERROR);
+            const double weak = error_of(known + error, belief.weight, known);
             weight[cell] = 1.0 / weak;
             off[cell] = rest / weak;
             jump[cell] = belief.jump;

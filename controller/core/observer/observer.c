@@ -16,7 +16,6 @@ static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* 
 static const double GROUND_TOLERANCE = 3.0;   /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;     /* [m^2], variance of flat ground */
 static const double LEAST_SEEN = 0.02;        /* of the grid: fewer readings are no scan */
-static const double FOREIGN_MISFIT = 4.0;     /* two standard deviations: no droplet of the model's (assumed) */
 static const double USUAL_MISFIT = 2.0;       /* up to which droplets explain it */
 static const double KEPT = 0.8;               /* of what was learnt, from layer to layer */
 static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
@@ -194,8 +193,9 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     if (fit->droplets < LEAST_DROPLETS || !(own > 0.0))
         return;
     const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
-    const double found = fmax(LEAST_VARIATION, variation + surplus), larger = fmax(found, variation) * own;
-    const double share = larger / (fit->mean_base + larger), freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
+    const double found = fmax(LEAST_VARIATION, variation + surplus);
+    const double share = variation * own / (fit->mean_base + variation * own);
+    const double freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
     const double kept = KEPT * known->droplet_evidence;
     known->droplet_variance =
         fmin((kept * variation + freedom * fmin(found, LARGEST_FOUND)) / (kept + freedom), LARGEST_VARIATION);
@@ -219,6 +219,13 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
     }
 }
 
+/* Whether scans have left so much for some time: a few spikes on few cells are no droplets of another kind. */
+static bool has_been_misfit(const LoopTrust *trust, const InkFit *fit) {
+    const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
+    const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
+    return fmax(own, spill) > USUAL_MISFIT;
+}
+
 /* A scan and all that is made of it on the way. */
 typedef struct {
     ScanEvidence evidence;
@@ -229,8 +236,8 @@ typedef struct {
 } Look;
 
 /* Fits the scan, chooses between in register and displaced, and updates the maps. */
-static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, Look *look, Workspace *work,
-                      SurfaceEstimate *after) {
+static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, Look *look, int32_t number,
+                      Workspace *work, SurfaceEstimate *after) {
     const ScanEvidence *evidence = &look->evidence;
     Knowledge *known = after->known;
     Registration *registration = &known->registration;
@@ -242,7 +249,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
-    const bool is_foreign = !may_be && fmax(fit->misfit[OWN], fit->misfit[SPILL]) >= FOREIGN_MISFIT;
+    const bool is_foreign = !may_be && is_misfit(fit) && has_been_misfit(&known->trust, fit);
     double doubtful[GEOMETRY * GEOMETRY];
     memcpy(doubtful, registration->covariance, sizeof doubtful);
     for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)
@@ -278,6 +285,8 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     learn_datum(&look->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
     memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
+    if (!is_misfit(fit))
+        doubt_volume(options, known, number, &known->trust);
     return true;
 }
 
@@ -339,7 +348,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     look.datum = scan_datum(nx, ny, measured, valid, before->height, work->ground, spread,
                             fmax(known->noise_variance, NOISELESS));
     take_datum_off(options, &look.datum, measured, valid, work->scan);
-    const double noise = reading_noise(options, known, &look.datum);
+    const double noise = fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
         if (before->unseen[cell] == 0 && !(variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
             variance[cell] += noise; /* what the first scan was worth */
@@ -381,7 +390,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     }
     known->trust.is_looked_at = 0;
     known->noise_variance = is_unknown ? known->noise_variance : noise;
-    return take_scan(options, before, &look, work, after);
+    return take_scan(options, before, &look, number, work, after);
 }
 
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
@@ -403,8 +412,6 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
     if (is_done) {
         after->known->scans = before->known->scans + 1;
         count_droplets(options, before, &living, is_unknown, work.spare[0], after);
-        if (!options->take_as_read && !is_unknown)
-            doubt_volume(options, after->known, number, &after->known->trust);
         look_at_part(options, valid, after);
     }
     give_maps(work.memory);

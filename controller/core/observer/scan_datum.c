@@ -1,6 +1,7 @@
 #include "scan_datum.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #include "median.h"
 #include "near_cells.h"
@@ -10,7 +11,8 @@ static const double NU = 4.0;        /* degrees of freedom of a reading's error 
 static const double MAD = 1.4826;    /* standard deviation / median absolute value of a normal variable */
 static const double NOISELESS = 1e-20; /* [m^2]: a tenth of a nanometre */
 static const double SURELY = 1e-30;    /* [m^2], variance of terms that are none */
-enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024 };
+static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */
+enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
 
 void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
     const size_t cells = nx * ny;
@@ -97,6 +99,36 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
     if (cells.count >= LEAST_CELLS && invert_definite(DATUM_TERMS, matrix, datum.covariance))
         memcpy(datum.precision, matrix, sizeof matrix);
     return datum;
+}
+
+static int by_size(const void *one, const void *other) {
+    const double a = *(const double *)one, b = *(const double *)other;
+    return (a > b) - (a < b);
+}
+
+double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer) {
+    const size_t distance = (nx * ny + CELLS_MAX - 1) / CELLS_MAX;
+    double reading[CELLS_MAX], step = INFINITY;
+    size_t count = 0, levels = 1;
+    for (size_t cell = 0; cell < nx * ny && count < CELLS_MAX; cell += distance)
+        if (valid[cell])
+            reading[count++] = scan[cell];
+    if (count < LEAST_READINGS)
+        return 0.0;
+    qsort(reading, count, sizeof *reading, by_size);
+    for (size_t k = 1; k < count; k++)
+        if (reading[k] > reading[k - 1]) {
+            step = fmin(step, reading[k] - reading[k - 1]);
+            levels++;
+        }
+    if (levels < LEAST_LEVELS || levels * 2 > count || !(step > LEAST_STEP * layer))
+        return 0.0;
+    for (size_t k = 1; k < count; k++) {
+        const double steps = (reading[k] - reading[0]) / step;
+        if (fabs(steps - round(steps)) > SAME_STEP)
+            return 0.0;
+    }
+    return step * step / 12.0;
 }
 
 void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]) {

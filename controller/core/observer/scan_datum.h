@@ -24,6 +24,10 @@ void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uin
 ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
                      const uint8_t *ground, const double spread[DATUM_TERMS], double noise);
 
+/* Variance of the rounding of readings that are all multiples of a step [m^2]; 0: they are not. layer: height of a
+ * layer [m]. */
+double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer);
+
 /* Coefficients of 1, w, ... of the datum in a row, and of its variance. */
 enum { ROW_TERMS = 3, ROW_VARIANCE_TERMS = 5 };
 void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]);

@@ -1,17 +1,20 @@
 #include "scan_doubts.h"
 
+#include <math.h>
 #include <string.h>
 
-static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings by as much */
+static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings */
 static const double SUSPICIOUS = 4.0;   /* mean square of what a scan leaves, in that of droplets and sensor */
 static const double OUTLIER = 100.0;    /* ... that a single cell counts at most */
 static const double FAR_BETTER = 0.4;   /* of what the scan leaves as read (assumed) */
+static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
 static const double KEPT = 0.5;         /* of the evidence, from scan to scan */
 static const double BELIEVED = 1.4;     /* two scans in a row have 1.5 */
 static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
 static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
 static const double RESERVE = 1.0;      /* layers above the target that a cell may have by its ledger (assumed) */
-static const double HIGH = 0.4;         /* layers above target and ledger: sound prints show 0.3 */
+static const double HIGH = 0.7;         /* layers above target and ledger: a satellite is no more (assumed) */
+static const double UNSURE = 0.3;       /* layers: standard deviation of a height that is not known (assumed) */
 static const double BLIND = 0.5;        /* share of the part (assumed) */
 static const double SMOOTH = 2e-4;      /* layers^2: least noise about a datum, so that it does not follow a part */
 static const double NOISY = 1e-16;      /* [m^2]: readings that vary by 10 nm never repeat bit by bit */
@@ -66,7 +69,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
             if (!valid[cell] || !doubt->even[cell])
                 continue;
             const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
-            sum += fmin(rest * rest, most);
+            sum += rest * rest < most ? rest * rest : most;
             count++;
         }
     }
@@ -152,8 +155,9 @@ static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double r
 }
 
 bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
-    const double layer = layer_of(doubt->evidence->options), steep = STEEP * STEEP * layer * layer;
+    const double layer = layer_of(doubt->evidence->options), *steps = doubt->before->known->registration.steps;
     const double native = native_square(doubt), most = OUTLIER * native;
+    const double steep = fmin(STEEP * STEEP * layer * layer, native / fmax(steps[0], steps[1]));
     double cost[DOUBTS];
     for (int k = 0; k < DOUBTS; k++)
         trust->doubts[k] *= KEPT;
@@ -171,6 +175,9 @@ bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
         if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
             best = k;
     if (best < 0 || cost[best] >= FAR_BETTER * read)
+        return false;
+    const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
+    if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * doubt->noise_variance)
         return false;
     trust->doubts[best] += 1.0;
     conclude(doubt, cost, read, best, trust);
@@ -209,10 +216,11 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
             continue;
         const double target = options->target[cell], height = estimate->height[cell];
         const double by_droplets = volume * estimate->ledger[cell];
-        const double excess = by_droplets - height, rise = height - fmax(target, by_droplets);
+        const double excess = by_droplets - height, rise = height - (target > by_droplets ? target : by_droplets);
         part++;
         blind += !valid[cell];
-        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers;
+        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers &&
+                               estimate->variance[cell] > UNSURE * UNSURE * layer * layer;
         if (excess > trust->excess) {
             trust->excess = excess;
             trust->excess_cell = (int64_t)cell;

@@ -1,5 +1,6 @@
 #include "scan_fit.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "map_memory.h"
@@ -23,9 +24,10 @@ static const double SAME_SPREAD = 0.1;       /* [cells^2] within which readings 
 static const double TEMPER = 0.5;            /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;             /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
+static const double CONVERGED = 1e-3;        /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3;     /* [cells], standard deviation from which on whole cells are tried */
 enum { SHIFTS_TRIED = 3 };
-enum { LEAST_CELLS = 12, ROUNDS = 7, COLD_ROUNDS = 2, WALLS_MAX = 20000, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+enum { LEAST_CELLS = 12, ROUNDS = 7, COLD_ROUNDS = 2, WALLS_MAX = 640, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 
@@ -66,9 +68,9 @@ static size_t learnt_shares(const EstimatorOptions *options) {
     return options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink);
 }
 
-/* Weight of a reading whose error has a t distribution, or a normal one. */
-static double weight_of(double rest, double variance, bool is_robust) {
-    return is_robust ? (NU + 1.0) / (NU * variance + rest * rest) : 1.0 / variance;
+/* Weight of a reading whose error has a t distribution. */
+static double weight_of(double rest, double variance) {
+    return (NU + 1.0) / (NU * variance + rest * rest);
 }
 
 /* Precision of the shares before the scan. */
@@ -87,42 +89,144 @@ typedef struct {
     double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
 } SmoothSums;
 
-static void add_cell(const double *column, size_t n, double rest, double weight, SmoothSums *sums) {
-    for (size_t a = 0; a < n; a++) {
-        sums->side[a] += weight * column[a] * rest;
-        for (size_t b = 0; b <= a; b++)
-            sums->matrix[a * n + b] += weight * column[a] * column[b];
-    }
-}
-
 static double plain_rest(const ScanEvidence *evidence, size_t cell) {
     return evidence->scan[cell] - evidence->predicted[cell];
 }
 
-static bool is_reached(const ScanEvidence *evidence, size_t cell) {
-    return evidence->valid[cell] && evidence->increments->squares[cell] > 0.0;
-}
+enum { BLOCK = 64, POWERS = 5 };
 
-static void columns_at(const ScanEvidence *evidence, size_t shares, size_t cell, double *column) {
-    const size_t ny = evidence->options->ny;
-    datum_terms(place_on(cell / ny, evidence->options->nx), place_on(cell % ny, ny), column);
-    for (size_t k = 0; k < shares; k++) {
-        const ShareColumn of = share_column(evidence, k);
-        column[DATUM_TERMS + k] = of.factor * of.map[cell];
+/* Sums of a row: of the weights with powers of w; of the rest and of each column of a share with them, weighted; and of
+ * products of these. */
+typedef struct {
+    double of_one[POWERS], of_rest[ROW_TERMS], of_share[SHARES_MAX][ROW_TERMS];
+    double rest_share[SHARES_MAX], share_share[SHARES_MAX * SHARES_MAX];
+} RowMoments;
+
+/* Some cells of a row: columns of shares, what is left of their readings, and its weight. */
+typedef struct {
+    double weight[BLOCK], rest[BLOCK], share[SHARES_MAX][BLOCK], w[BLOCK];
+} FitCells;
+
+static INLINED void load_cells(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
+                               const double larger[CLASSES], size_t first, size_t column, size_t count,
+                               FitCells *restrict cells) {
+    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
+    const double *variance = evidence->variance + first, *squares = evidence->increments->squares + first;
+    const double noise = evidence->noise_variance, droplets = evidence->droplet_variance;
+    const int32_t *pattern = evidence->layer->pattern + first;
+    const uint8_t *valid = evidence->valid + first;
+    const double step = evidence->options->ny > 1 ? 2.0 / ((double)evidence->options->ny - 1.0) : 0.0;
+    for (size_t k = 0; k < count; k++) {
+        const double rest = scan[k] - predicted[k], native = noise + variance[k] + droplets * squares[k];
+        const double wide = (pattern[k] > 0 ? larger[OWN] : larger[SPILL]) * native;
+        const double weight = (NU + 1.0) / (NU * wide + rest * rest);
+        const bool counts = (valid[k] != 0) & (squares[k] > 0.0);
+        cells->rest[k] = rest;
+        cells->weight[k] = counts ? weight : 0.0;
+        cells->w[k] = step > 0.0 ? step * (double)(int32_t)(column + k) - 1.0 : 0.0;
+    }
+    for (size_t k = 0; left_out && k < count; k++)
+        cells->weight[k] = left_out[first + k] ? 0.0 : cells->weight[k];
+    for (size_t s = 0; s < shares; s++) {
+        const ShareColumn of = share_column(evidence, s);
+        for (size_t k = 0; k < count; k++)
+            cells->share[s][k] = of.factor * of.map[first + k];
     }
 }
 
-/* Of the cells that are not left out. */
-static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, bool is_robust) {
-    const size_t n = DATUM_TERMS + shares, cells = evidence->options->nx * evidence->options->ny;
+/* Adds sums of `line` with powers of w, weighted already. */
+static INLINED void add_powers(const double *line, const double *w, size_t count, size_t powers, double *sums) {
+    double power[BLOCK];
+    memcpy(power, line, count * sizeof *line);
+    for (size_t p = 0; p < powers; p++) {
+        sums[p] += lane_sum(power, count);
+        for (size_t k = 0; p + 1 < powers && k < count; k++)
+            power[k] *= w[k];
+    }
+}
+
+static INLINED void add_moments(const FitCells *cells, size_t shares, size_t count, RowMoments *row) {
+    double line[BLOCK];
+    add_powers(cells->weight, cells->w, count, POWERS, row->of_one);
+    for (size_t k = 0; k < count; k++)
+        line[k] = cells->weight[k] * cells->rest[k];
+    add_powers(line, cells->w, count, ROW_TERMS, row->of_rest);
+    for (size_t s = 0; s < shares; s++) {
+        for (size_t k = 0; k < count; k++)
+            line[k] = cells->weight[k] * cells->share[s][k];
+        add_powers(line, cells->w, count, ROW_TERMS, row->of_share[s]);
+        row->rest_share[s] += lane_dot(line, cells->rest, count);
+        for (size_t t = 0; t <= s; t++)
+            row->share_share[s * SHARES_MAX + t] += lane_dot(line, cells->share[t], count);
+    }
+}
+
+/* The moments of a row in the normal equations; u: its place. */
+static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *sums) {
+    static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
+    const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
+    const size_t n = DATUM_TERMS + shares;
+    for (size_t a = 0; a < DATUM_TERMS; a++) {
+        sums->side[a] += factor[a] * row->of_rest[POWER[a]];
+        for (size_t b = 0; b <= a; b++)
+            sums->matrix[a * n + b] += factor[a] * factor[b] * row->of_one[POWER[a] + POWER[b]];
+    }
+    for (size_t s = 0; s < shares; s++) {
+        const size_t a = DATUM_TERMS + s;
+        sums->side[a] += row->rest_share[s];
+        for (size_t b = 0; b < DATUM_TERMS; b++)
+            sums->matrix[a * n + b] += factor[b] * row->of_share[s][POWER[b]];
+        for (size_t t = 0; t <= s; t++)
+            sums->matrix[a * n + DATUM_TERMS + t] += row->share_share[s * SHARES_MAX + t];
+    }
+}
+
+/* What the threads share that add up the normal equations. */
+typedef struct {
+    const ScanEvidence *evidence;
+    size_t shares;
+    const uint8_t *left_out;
+    double larger[CLASSES];
+    SmoothSums sums[CHUNKS];
+} SmoothWork;
+
+static INLINED void smooth_rows(void *context, const RowRange *range) {
+    SmoothWork *work = context;
+    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    FitCells cells;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        SmoothSums sums = {{0.0}, {0.0}};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            RowMoments row = {{0.0}, {0.0}, {{0.0}}, {0.0}, {0.0}};
+            for (size_t column = 0; column < ny; column += BLOCK) {
+                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
+                load_cells(work->evidence, work->shares, work->left_out, work->larger, i * ny + column, column, count,
+                           &cells);
+                add_moments(&cells, work->shares, count, &row);
+            }
+            add_row(&row, place_on(i, nx), work->shares, &sums);
+        }
+        work->sums[chunk] = sums;
+    }
+}
+
+CLONED_ROW_WORK(smooth_range, smooth_rows)
+
+/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of droplets
+ * and sensor; NULL: they are not. */
+static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
+                              const double *misfit) {
+    const size_t n = DATUM_TERMS + shares;
+    SmoothWork work = {.evidence = evidence, .shares = shares, .left_out = left_out, .larger = {1.0, 1.0}};
     SmoothSums sums = {{0.0}, {0.0}};
-    for (size_t cell = 0; cell < cells; cell++) {
-        double column[SMOOTH_MAX];
-        if (!is_reached(evidence, cell) || (left_out && left_out[cell]))
-            continue;
-        const double rest = plain_rest(evidence, cell);
-        columns_at(evidence, shares, cell, column);
-        add_cell(column, n, rest, weight_of(rest, native_variance(evidence, cell), is_robust), &sums);
+    for (size_t class = 0; misfit && class < CLASSES; class++)
+        work.larger[class] = fmax(misfit[class], 1.0);
+    run_rows(evidence->layer->threads, evidence->options->nx, evidence->options->ny, smooth_range, &work);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        for (size_t k = 0; k < n * n; k++)
+            sums.matrix[k] += work.sums[chunk].matrix[k];
+        for (size_t k = 0; k < n; k++)
+            sums.side[k] += work.sums[chunk].side[k];
     }
     for (size_t a = 0; a < n; a++)
         for (size_t b = a + 1; b < n; b++)
@@ -178,44 +282,129 @@ static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const Smoo
     return true;
 }
 
-static double median_of(const double *values, size_t count, size_t nx, size_t ny, double *room) {
-    ValueLists lists = {.nx = nx, .ny = ny, .map = values, .lengths = {count}};
-    return count < LEAST_CELLS ? MEDIAN_SQUARE : median_of_lists(&lists, room);
+/* Lists of squares by class in the rows of a chunk, and sums over cells with a droplet. */
+typedef struct {
+    size_t counts[CLASSES];
+    double base, droplets; /* [m^2] */
+} ChunkMisfits;
+
+typedef struct {
+    const ScanEvidence *evidence;
+    const InkFit *fit;
+    double *lists[CLASSES];
+    size_t shares;
+    ChunkMisfits found[CHUNKS];
+} MisfitWork;
+
+/* Appends the values that are chosen; returns the end. No branch depends on a cell. */
+static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
+    for (size_t k = 0; k < count; k++) {
+        *end = values[k];
+        end += chosen[k];
+    }
+    return end;
 }
+
+static INLINED void misfit_cells(const MisfitWork *work, const double row[ROW_TERMS], size_t first, size_t column,
+                                 size_t count, double *ends[CLASSES], ChunkMisfits *found) {
+    const ScanEvidence *evidence = work->evidence;
+    const double none[CLASSES] = {1.0, 1.0}, *variance = evidence->variance + first;
+    const double *squares = evidence->increments->squares + first;
+    const int32_t *pattern = evidence->layer->pattern + first;
+    const uint8_t *valid = evidence->valid + first;
+    uint8_t chosen[CLASSES][BLOCK];
+    double square[BLOCK], base[BLOCK], droplets[BLOCK];
+    FitCells cells;
+    load_cells(evidence, work->shares, NULL, none, first, column, count, &cells);
+    for (size_t s = 0; s < work->shares; s++) {
+        const double change = work->fit->share[s] - evidence->known->share[s];
+        for (size_t k = 0; k < count; k++)
+            cells.rest[k] -= change * cells.share[s][k];
+    }
+    for (size_t k = 0; k < count; k++) {
+        const double w = cells.w[k], rest = cells.rest[k] - (row[0] + w * (row[1] + w * row[2]));
+        base[k] = evidence->noise_variance + variance[k];
+        square[k] = rest * rest / (base[k] + evidence->droplet_variance * squares[k]);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const uint8_t reached = (valid[k] != 0) & (squares[k] > 0.0), own = pattern[k] > 0;
+        chosen[OWN][k] = reached & own;
+        chosen[SPILL][k] = reached & !own;
+    }
+    for (size_t k = 0; k < count; k++) {
+        base[k] = chosen[OWN][k] ? base[k] : 0.0;
+        droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
+    }
+    found->base += lane_sum(base, count);
+    found->droplets += lane_sum(droplets, count);
+    for (size_t class = 0; class < CLASSES; class++)
+        ends[class] = append(square, chosen[class], count, ends[class]);
+}
+
+static INLINED void misfit_rows(void *context, const RowRange *range) {
+    MisfitWork *work = context;
+    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t begin = chunk_row(nx, chunk) * ny;
+        double *ends[CLASSES] = {work->lists[OWN] + begin, work->lists[SPILL] + begin};
+        ChunkMisfits found = {{0, 0}, 0.0, 0.0};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_TERMS];
+            datum_of_row(work->fit->datum, place_on(i, nx), row);
+            for (size_t column = 0; column < ny; column += BLOCK) {
+                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
+                misfit_cells(work, row, i * ny + column, column, count, ends, &found);
+            }
+        }
+        for (size_t class = 0; class < CLASSES; class++)
+            found.counts[class] = (size_t)(ends[class] - (work->lists[class] + begin));
+        work->found[chunk] = found;
+    }
+}
+
+CLONED_ROW_WORK(misfit_range, misfit_rows)
 
 /* What is left on the cells of each class. */
 static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    MisfitWork work = {.evidence = evidence,
+                       .fit = fit,
+                       .lists = {room->lists[OWN], room->lists[SPILL]},
+                       .shares = learnt_shares(evidence->options)};
+    ValueLists lists[CLASSES] = {{.nx = nx, .ny = ny, .map = room->lists[OWN]},
+                                 {.nx = nx, .ny = ny, .map = room->lists[SPILL]}};
     size_t counts[CLASSES] = {0, 0};
     double base = 0.0, droplets = 0.0;
-    for (size_t cell = 0; cell < nx * ny; cell++) {
-        if (!is_reached(evidence, cell))
-            continue;
-        const size_t class = evidence->layer->pattern[cell] > 0 ? OWN : SPILL;
-        const double rest = plain_rest(evidence, cell) - share_change(evidence, fit->share, cell) -
-                            datum_left(fit, nx, ny, cell);
-        room->lists[class][counts[class]++] = rest * rest / native_variance(evidence, cell);
-        base += class == OWN ? evidence->noise_variance + evidence->variance[cell] : 0.0;
-        droplets += class == OWN ? evidence->increments->squares[cell] : 0.0;
+    run_rows(evidence->layer->threads, nx, ny, misfit_range, &work);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        for (size_t class = 0; class < CLASSES; class++)
+            counts[class] += lists[class].lengths[chunk] = work.found[chunk].counts[class];
+        base += work.found[chunk].base;
+        droplets += work.found[chunk].droplets;
     }
     fit->droplets = counts[OWN];
     fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
     fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
     for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] =
-            median_of(room->lists[class], counts[class], nx, ny, room->spread_slope) / MEDIAN_SQUARE;
+        fit->misfit[class] = counts[class] < LEAST_CELLS
+                                 ? 1.0
+                                 : median_of_lists(&lists[class], room->spread_slope) / MEDIAN_SQUARE;
+}
+
+bool is_misfit(const InkFit *fit) {
+    return fmax(fit->misfit[OWN], fit->misfit[SPILL]) >= FOREIGN_MISFIT;
 }
 
 bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t shares = learnt_shares(evidence->options);
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
-    for (int is_robust = 1; is_robust >= 0; is_robust--) {
-        const SmoothSums sums = smooth_sums(evidence, shares, NULL, is_robust);
+    for (int round = 0; round < 2; round++) { /* the second one with what the first leaves */
+        const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
         if (!solve_smooth(evidence, shares, &sums, fit))
             return false;
         take_misfits(evidence, room, fit);
-        if (fmax(fit->misfit[OWN], fit->misfit[SPILL]) < FOREIGN_MISFIT)
+        if (!is_misfit(fit))
             return true;
     }
     return true;
@@ -226,9 +415,12 @@ double geometry_variance(const double *covariance, double along_x, double along_
     const double column[GEOMETRY] = {along_x,     along_y,     along_x * u, along_x * w,
                                      along_y * u, along_y * w, with_spread};
     double sum = 0.0;
-    for (size_t a = 0; a < GEOMETRY; a++)
-        for (size_t b = 0; b < GEOMETRY; b++)
-            sum += column[a] * covariance[a * GEOMETRY + b] * column[b];
+    for (size_t a = 0; a < GEOMETRY; a++) {
+        double line = 0.5 * covariance[a * GEOMETRY + a] * column[a];
+        for (size_t b = 0; b < a; b++)
+            line += covariance[a * GEOMETRY + b] * column[b];
+        sum += 2.0 * line * column[a];
+    }
     return sum;
 }
 
@@ -286,7 +478,7 @@ typedef struct {
 } WallFit;
 
 /* The readings at walls, at even distances if there are many. */
-static void collect_walls(const double g[GEOMETRY], WallFit *fit) {
+static void collect_walls(WallFit *fit) {
     const EstimatorOptions *options = fit->evidence->options;
     const size_t nx = options->nx, ny = options->ny;
     size_t all = 0;
@@ -294,16 +486,11 @@ static void collect_walls(const double g[GEOMETRY], WallFit *fit) {
         const size_t distance = (all + WALLS_MAX - 1) / WALLS_MAX;
         size_t found = 0;
         for (size_t cell = 0; cell < nx * ny; cell++) {
-            const double u = place_on(cell / ny, nx), w = place_on(cell % ny, ny);
-            if (!fit->evidence->valid[cell])
-                continue;
-            const Spot spot = spot_of(g, (double)(cell / ny), (double)(cell % ny), u, w);
-            const Place place = place_of(nx, ny, spot.x, spot.y);
-            const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
-            if (!fit->room->walls[nearest])
+            if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
                 continue;
             if (is_counted && found % distance == 0)
-                fit->walls[fit->count++] = (Wall){.cell = cell, .u = u, .w = w};
+                fit->walls[fit->count++] = (Wall){
+                    .cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
             found++;
         }
         all = found;
@@ -368,7 +555,7 @@ typedef struct {
     SmoothSums elsewhere; /* by the cells that are no walls, as if in register: there it is flat */
 } WallPrior;
 
-static bool prior_of_walls(const WallFit *fit, const Registration *registration, bool is_robust, WallPrior *prior) {
+static bool prior_of_walls(const WallFit *fit, const Registration *registration, const double *misfit, WallPrior *prior) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t all = SHARE + fit->shares;
     double geometry[GEOMETRY * GEOMETRY];
@@ -382,7 +569,7 @@ static bool prior_of_walls(const WallFit *fit, const Registration *registration,
             prior->precision[a * all + b] = geometry[a * GEOMETRY + b];
     memcpy(prior->before, registration->estimate, sizeof registration->estimate);
     memcpy(prior->before + SHARE, evidence->known->share, fit->shares * sizeof(double));
-    prior->elsewhere = smooth_sums(evidence, fit->shares, fit->room->walls, is_robust);
+    prior->elsewhere = smooth_sums(evidence, fit->shares, fit->room->walls, misfit);
     return true;
 }
 
@@ -411,7 +598,7 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
     add_elsewhere(prior, x, fit->shares, matrix, side);
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
-        const double weight = weight_of(wall->rest, heat * wall->variance, true);
+        const double weight = weight_of(wall->rest, heat * wall->variance);
         for (size_t a = 0; a < all; a++) {
             const double of = weight * wall->column[a];
             side[a] += of * wall->rest;
@@ -471,23 +658,24 @@ static void try_shifts(const WallPrior *prior, int times, double distance, WallF
         }
 }
 
-/* The best shift by whole and half cells, where it is not known: a step finds no minimum further than that away. */
-static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+/* The best shift by whole cells, then by half ones, where it is not known: a step finds no minimum further away. */
+static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, double *x) {
     const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
         return;
     try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
-    try_shifts(prior, 1, 0.5, fit, x);
+    if (is_known || x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
+        try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* Gauss-Newton steps from what was known; hot at first, so that a scan that has moved far does not count as outliers.
  */
-static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
+static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, double *x, double *covariance) {
     const size_t all = SHARE + fit->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];
     memset(x, 0, FITTED * sizeof *x);
     memcpy(x, prior->before, all * sizeof *x);
-    begin_at_best(prior, fit, x);
+    begin_at_best(prior, is_known, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
         if (fabs(x[SPREAD] - fit->spread) > SAME_SPREAD)
@@ -498,9 +686,14 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
         if (!solve_definite(all, matrix, side))
             return false;
         memcpy(before, x, all * sizeof *x);
+        double largest = 0.0;
         for (size_t k = 0; k < all; k++)
             x[k] += side[k];
         keep_within(fit->shares, before, x);
+        for (size_t k = 0; k < GEOMETRY; k++)
+            largest = fmax(largest, fabs(x[k] - before[k]));
+        if (heat == 1.0 && largest < CONVERGED)
+            break;
     }
     look_at_walls(x, fit);
     equations_of_walls(fit, prior, x, 1.0, matrix, side);
@@ -536,7 +729,8 @@ static double misfit_of(const WallFit *fit, InkFit *displaced) {
     return largest;
 }
 
-/* By how much likelier the readings are displaced than in register, as a logarithm. */
+/* By how much likelier the readings are displaced than in register, with its datum and shares by one of the fits, as a
+ * logarithm. */
 static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
@@ -554,7 +748,7 @@ static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
 
 static void learn(const WallFit *fit, const double *x, const double *covariance, double misfit, double gained,
                   Registration *registration) {
-    const size_t all = SHARE + fit->shares, nx = fit->evidence->options->nx, ny = fit->evidence->options->ny;
+    const size_t all = SHARE + fit->shares;
     if (registration->fits >= REMEMBERED)
         memmove(registration->misfits, registration->misfits + 1, (REMEMBERED - 1) * sizeof misfit);
     registration->misfits[registration->fits < REMEMBERED ? registration->fits : REMEMBERED - 1] = misfit;
@@ -566,12 +760,6 @@ static void learn(const WallFit *fit, const double *x, const double *covariance,
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
     registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
-    if (misfit >= FOREIGN_MISFIT && !registration->is_displaced) { /* what does not explain is not built on */
-        const Registration none = no_registration(nx, ny);
-        memcpy(registration->estimate, none.estimate, sizeof none.estimate);
-        memcpy(registration->covariance, none.covariance, sizeof none.covariance);
-        return;
-    }
     memcpy(registration->estimate, x, sizeof registration->estimate);
     for (size_t a = 0; a < GEOMETRY; a++)
         for (size_t b = 0; b < GEOMETRY; b++)
@@ -584,7 +772,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     WallFit fit = {.evidence = evidence, .room = room, .shares = n, .spread = -1.0};
     WallPrior prior;
     double x[FITTED], covariance[ENTRIES_MAX];
-    const bool is_robust = fmax(in_register->misfit[OWN], in_register->misfit[SPILL]) < FOREIGN_MISFIT;
+    const double *misfit = is_misfit(in_register) ? in_register->misfit : NULL;
     *displaced = *in_register;
     displaced->droplets = 0;
     expected_covariance(evidence->options, registration, prior.covariance);
@@ -596,13 +784,14 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     if (!fit.walls)
         return false;
     fit.values = (double *)(fit.walls + (cells < WALLS_MAX ? cells : WALLS_MAX));
-    collect_walls(registration->estimate, &fit);
+    collect_walls(&fit);
     average_prediction(registration->estimate[SPREAD], &fit);
-    if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, is_robust, &prior) &&
-        solve_walls(&prior, &fit, x, covariance)) {
-        const double misfit = misfit_of(&fit, displaced);
-        learn(&fit, x, covariance, misfit, likelihood_gained(&fit, in_register), registration);
+    if (fit.count >= LEAST_CELLS && prior_of_walls(&fit, registration, misfit, &prior) &&
+        solve_walls(&prior, registration->is_displaced, &fit, x, covariance)) {
+        const double left = misfit_of(&fit, displaced);
         take_smooth(x, covariance, DATUM, n, all, displaced);
+        const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
+        learn(&fit, x, covariance, left, gained, registration);
     }
     give_maps(fit.walls);
     return true;

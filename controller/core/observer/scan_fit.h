@@ -70,6 +70,9 @@ static inline double datum_left(const InkFit *fit, size_t nx, size_t ny, size_t 
 /* What a change of the shares from those known before adds to a cell [m]. */
 double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
 
+/* Whether a fit leaves more than droplets of the model's and the sensor explain. */
+bool is_misfit(const InkFit *fit);
+
 /* The scan in register. False if it cannot be solved for. */
 bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 

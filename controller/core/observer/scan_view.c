@@ -1,5 +1,6 @@
 #include "scan_view.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "instruction_sets.h"

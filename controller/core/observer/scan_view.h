@@ -2,8 +2,6 @@
 #ifndef INKLOOP_SCAN_VIEW_H
 #define INKLOOP_SCAN_VIEW_H
 
-#include <math.h>
-
 #include "scan_datum.h"
 
 /* Where a reading is of: an interpolation by straight lines between four cells; beyond the border the map continues as
@@ -14,7 +12,9 @@ typedef struct {
 } Place;
 
 static inline Place place_of(size_t nx, size_t ny, double x, double y) {
-    const double inside_x = fmin(fmax(x, 0.0), (double)nx - 1.0), inside_y = fmin(fmax(y, 0.0), (double)ny - 1.0);
+    const double last_x = (double)nx - 1.0, last_y = (double)ny - 1.0;
+    const double inside_x = x > 0.0 ? (x < last_x ? x : last_x) : 0.0;
+    const double inside_y = y > 0.0 ? (y < last_y ? y : last_y) : 0.0;
     const size_t last_row = nx > 1 ? nx - 2 : 0, last_column = ny > 1 ? ny - 2 : 0;
     const size_t row = (size_t)inside_x < last_row ? (size_t)inside_x : last_row;
     const size_t column = (size_t)inside_y < last_column ? (size_t)inside_y : last_column;
