@@ -211,7 +211,11 @@ def test_bound_counts_only_with_a_relaxation() -> None:
 
 
 def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_continues() -> None:
-    controller, plant, height = started(LayerMpcController(JOB, untrusted_layers=1)), LayerModel.of(JOB), FLAT
+    controller, plant, height = (
+        started(LayerMpcController(JOB, untrusted_layers=1, flat_ground=False)),
+        LayerModel.of(JOB),
+        FLAT,
+    )
     hidden = np.ones(FLAT.shape, np.bool_)
     hidden[4, 4] = False
     statuses = []
@@ -297,12 +301,13 @@ def test_before_the_first_scan_nothing_is_known_and_nothing_is_jetted(make: Any)
 
 
 def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
-    """A cell 60 um higher than the target of its part in three scans, and one that is not seen any longer."""
-    controller, plant = started(LayerMpcController(JOB, register_scans=False, untrusted_layers=0)), LayerModel.of(JOB)
-    height, found = FLAT, answer(controller, FLAT, 0, 0)
+    """A cell 60 um higher than the target of its part in three scans, and one that is never seen."""
+    options = {"register_scans": False, "untrusted_layers": 0, "flat_ground": False}
+    controller, plant = started(LayerMpcController(JOB, **options)), LayerModel.of(JOB)
     i, j = (int(each[4]) for each in np.nonzero(JOB.mask))
     valid = np.ones(FLAT.shape, np.bool_)
     valid[tuple(each[9] for each in np.nonzero(JOB.mask))] = False
+    height, found = FLAT, answer(controller, FLAT, 0, 0, valid)
     for layer in (1, 2, 3):
         height = plant.layer(height, found["pattern"], layer)
         height[i, j] = JOB.target_height[i, j] + 60e-6

@@ -17,7 +17,6 @@ from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long
 
 LAYERS_MAX = 60
-LOCKED = "readings without any noise outvote those that show the geometry, and the map keeps what was misread"
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("noise", [0.3e-6, pytest.param(0.0, marks=pytest.mark.xfail(strict=True, reason=LOCKED))])
+@pytest.mark.parametrize("noise", [0.0, 0.3e-6])
 @pytest.mark.parametrize("spot", rest_is_long([0.5, 1.0], 1))
 def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float, noise: float) -> None:
     job = small_cylinder()
@@ -131,7 +130,7 @@ def test_rotation_and_magnification_are_found_and_leave_the_part_as_good_as_with
     assert found.error.max() < 3e-6
 
 
-@pytest.mark.parametrize("noise", [0.3e-6, pytest.param(0.0, marks=pytest.mark.xfail(strict=True, reason=LOCKED))])
+@pytest.mark.parametrize("noise", [0.0, 0.3e-6])
 def test_rotation_of_a_part_with_corners_is_found(noise: float) -> None:
     job, sensor = block(24, 26, height=80e-6), Sensor((0.2, -0.1), noise=noise, rotation=0.02, magnification=0.01)
     rng = np.random.default_rng(0)
@@ -191,16 +190,13 @@ def estimated(job: Job, sensor: Sensor, layers: int, seed: int = 0, **options: A
     return estimates, heights
 
 
-IMAGINED = "the likelihood of a displacement is that of another volume of the ink too"
-
-
 @pytest.mark.parametrize(
     "sensor",
     [
         Sensor(),
-        pytest.param(Sensor(noise=0.3e-6), marks=pytest.mark.xfail(strict=True, reason=IMAGINED)),
-        pytest.param(Sensor(noise=1e-6), marks=pytest.mark.xfail(strict=True, reason=IMAGINED)),
-        pytest.param(Sensor(noise=0.3e-6, dropout=0.1), marks=pytest.mark.xfail(strict=True, reason=IMAGINED)),
+        Sensor(noise=0.3e-6),
+        Sensor(noise=1e-6),
+        Sensor(noise=0.3e-6, dropout=0.1),
     ],
     ids=["exact", "quiet", "noisy", "lost"],
 )
@@ -210,7 +206,6 @@ def test_sensor_in_register_is_not_corrected(sensor: Sensor) -> None:
         assert not any(estimate.figures.is_displaced for estimate in estimates)
 
 
-@pytest.mark.xfail(strict=True, reason=IMAGINED)
 def test_sensor_in_register_is_not_corrected_on_a_large_part() -> None:
     estimates, _ = estimated(block(200, 180, height=100e-6), Sensor(noise=0.3e-6), 3)
     assert not any(estimate.figures.is_displaced for estimate in estimates)
