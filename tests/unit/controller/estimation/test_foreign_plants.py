@@ -90,10 +90,10 @@ def test_estimate_follows_exact_scans_of_full_layers_of_a_foreign_plant(
     [
         pytest.param("Wu and Chiu", {}, marks=pytest.mark.xfail(strict=True, reason=SURPRISED)),
         pytest.param("wide spill", {}, marks=pytest.mark.xfail(strict=True, reason=MAY_BE)),
-        pytest.param("no spill", {}, marks=pytest.mark.xfail(strict=True, reason=SURPRISED)),
+        pytest.param("no spill", {}),
         pytest.param("Wu and Chiu", PLAIN, marks=pytest.mark.xfail(strict=True, reason=SURPRISED)),
         pytest.param("wide spill", PLAIN),
-        pytest.param("no spill", PLAIN, marks=pytest.mark.xfail(strict=True, reason=SURPRISED)),
+        pytest.param("no spill", PLAIN),
     ],
 )
 def test_estimate_follows_exact_scans_of_a_foreign_plant_to_the_end_of_the_print(
