@@ -181,14 +181,15 @@ def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
 def low_wall(height: Any, layer: int) -> Any:
     """A frame that is 25 um too high, and a wall of which the profiler reads the half."""
     reading = height + 25e-6
-    reading[2] = 25e-6 + 0.5 * height[2]
+    reading[5] = 25e-6 + 0.5 * height[5]
     return reading
 
 
 def test_ground_that_is_not_flat_and_cells_that_do_not_answer_are_reported_alike() -> None:
-    job, plant = block(14, 12), LayerModel.of(block(14, 12))
+    mask = np.pad(np.ones((10, 8), np.bool_), 5)
+    job = Job(20, 18, 263.256e-6, np.where(mask, 30e-6, 0.0), mask)
     options = {"horizon": 2, "annealing_sweeps": 1, "register_scans": False, "volume_least": 0.95}
-    controllers, height = twins(job, options), np.zeros((14, 12))
+    controllers, height, plant = twins(job, options), np.zeros((20, 18)), LayerModel.of(job)
     reasons = set()
     for controller in controllers:
         controller.initialize(0, inputs_of(job, low_wall(height, 0), 0))
@@ -247,6 +248,7 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
         "controller": {
             "target_height": job.target_height,
             "mask": job.mask,
+            "flat_ground": True,
             "horizon": 3,
             "seed": job.seed,
             "annealing_sweeps": ANNEALING_SWEEPS,

@@ -104,6 +104,32 @@ def test_part_without_unprinted_cells_has_no_datum_taken_off(margin: int) -> Non
     np.testing.assert_allclose(found.height, start, rtol=0.0, atol=1e-12)
 
 
+UNSEEN = "without ground that no droplet reaches the datum of flat ground is forgotten"
+
+
+@pytest.mark.parametrize("offset", [5e-6, -5e-6])
+@pytest.mark.parametrize(
+    "margin",
+    [
+        *(pytest.param(margin, marks=pytest.mark.xfail(strict=True, reason=UNSEEN)) for margin in (2, 3)),
+        5,
+    ],
+)
+def test_steady_offset_is_taken_off_whatever_margin_the_part_has(margin: int, offset: float) -> None:
+    nx = 14 + 2 * margin
+    job = block(nx, nx, height=60e-6)
+    job.mask[:] = np.pad(np.ones((14, 14), np.bool_), margin)
+    estimator, plant, rng = HeightEstimator(job), LayerModel.of(job), np.random.default_rng(0)
+    height, pattern, seen = np.zeros(job.mask.shape), job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    estimate = estimator.first(height + offset + 0.3e-6 * rng.standard_normal(height.shape), seen)
+    for layer in range(1, 6):
+        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
+        scan = height + offset + 0.3e-6 * rng.standard_normal(height.shape)
+        estimate = estimator.next(estimate, pattern, layer, scan, seen)
+    assert abs((estimate.height - height)[job.mask].mean()) < 0.3e-6
+    assert not estimate.figures.reasons
+
+
 @pytest.mark.parametrize("noise_um", [0.2, 1.0])
 def test_drift_of_offset_tilt_and_bow_over_a_print_leaves_surface_and_ink_as_they_are(noise_um: float) -> None:
     rng, estimator, plant = np.random.default_rng(3), HeightEstimator(JOB), LayerModel.of(JOB).scaled(0.9)
