@@ -54,12 +54,22 @@ static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     return true;
 }
 
+/* Whether a person has looked at a print that was stopped: its last scan is answered again. */
+static bool is_looked_at(const LayerControllerVariables *v) {
+    return *v->looked_at && *v->stop_reason != 0;
+}
+
 /* What is known after the scan at the inputs; false if there is no memory. */
 static bool estimate(const LayerControllerVariables *v, void *kept, Answer *answer) {
     const EstimatorOptions options = estimator_options(v);
     const Passes passes = passes_of(v);
     const uint8_t *valid = (const uint8_t *)v->valid;
     int32_t order[COLOURS];
+    if (is_looked_at(v)) {
+        memcpy(answer->memory, kept, estimate_size(cell_count(v)));
+        trust_again(&answer->estimate, cell_count(v));
+        return true;
+    }
     if (*v->answered == NO_SCAN)
         return estimate_first(&options, *v->layers_scanned, v->measured_height, valid, &answer->estimate);
     for (int pass = 0; pass < COLOURS; pass++)
@@ -220,7 +230,7 @@ static Outcome initialize(Instance *instance) {
 static Outcome do_step(Instance *instance, double start, double end) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const bool is_new = *v.layers_scanned == *v.layers_printed && *v.layers_scanned == *v.layer_command &&
-                        *v.layers_scanned > *v.answered;
+                        (*v.layers_scanned > *v.answered || is_looked_at(&v));
     (void)start, (void)end;
     if (*v.status == DONE || !is_new)
         return ACCEPTED;
