@@ -31,7 +31,6 @@ from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.arrays import is_finite
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
-
 OnDoubt: TypeAlias = Literal["stop", "continue"]
 """What follows where the scans do not show what was printed."""
 
@@ -305,12 +304,12 @@ def _check_scan(scan: int, measured: FloatMap, valid: BoolMap, shape: tuple[int,
     for name, map_ in ((MEASURED_HEIGHT, measured), (VALID, valid)):
         if map_.shape != shape:
             raise ComponentError(f"layer controller: {name} of scan {scan} has shape {map_.shape}; needs {shape}")
-    if is_finite(measured) and -HIGHEST <= measured.min() and measured.max() <= HIGHEST:
+    if is_finite(measured) and measured.min() >= -HIGHEST and measured.max() <= HIGHEST:
         return
     wrong = valid & ~(np.abs(measured) <= HIGHEST)
     if wrong.any():
         i, j = (int(index) for index in np.argwhere(wrong)[0])
         raise ComponentError(
-            f"layer controller: measured_height is {measured[i, j]:g} at cell ({i}, {j}) of scan {scan}, which is marked "
-            f"valid; needs a height in metres within {HIGHEST:g} m there, or valid = false"
+            f"layer controller: measured_height is {measured[i, j]:g} at cell ({i}, {j}) of scan {scan}, which is "
+            f"marked valid; needs a height in metres, within {HIGHEST:g} m, or valid = false"
         )

@@ -7,8 +7,8 @@ import xarray as xr
 
 from inkloop.contract import LAYER_UNKNOWN
 from inkloop.report.trust import STOPPED, stop_remarks, untrusted_remarks
-from inkloop.results.attributes import LEFT_OUT
 from inkloop.results import result as results
+from inkloop.results.attributes import LEFT_OUT
 from inkloop.results.result import Result
 from inkloop.units import UM_PER_M
 

@@ -42,8 +42,8 @@ def stop_remarks(run: xr.Dataset) -> list[str]:
 def _blind(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     worst = _worst(run, "blind_share", layers)
     return (
-        f"most of the part was not measured for more than five layers, {float(run.blind_share[worst]):.0%} of its cells "
-        f"not in the scan of layer {worst - 1}{_and_others(layers)}; meanwhile the print lived on predictions: check the "
+        f"{float(run.blind_share[worst]):.0%} of the part's cells were not measured in the scan of layer {worst - 1}"
+        f"{_and_others(layers)}, after more than five such layers, and the print lived on predictions; check the "
         "field of view and the drop-outs of the profiler"
     )
 
@@ -72,9 +72,9 @@ def _ink(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     i, j = int(run.ink_excess_i[worst]), int(run.ink_excess_j[worst])
     return (
         f"capped cells: {int(run.capped_cells[layers].max())}, given no more ink, since by the least volume that is "
-        f"believed of their droplets they stand a layer above their target; cell ({i}, {j}) is "
-        f"{float(run.ink_excess[worst]) * UM_PER_M:.1f} µm lower by the scan of layer {worst - 1} than by its droplets; "
-        "check the nozzles there, and register the profiler with the printer"
+        f"believed of their droplets they stand a layer above their target; by its droplets cell ({i}, {j}) is "
+        f"{float(run.ink_excess[worst]) * UM_PER_M:.1f} µm higher than by the scan of layer {worst - 1}; check the "
+        "nozzles there, and register the profiler with the printer"
     )
 
 
@@ -83,8 +83,8 @@ def _high(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     i, j = int(run.height_excess_i[worst]), int(run.height_excess_j[worst])
     return (
         f"cell ({i}, {j}) stood {float(run.height_excess[worst]) * UM_PER_M:.1f} µm above its target and what its "
-        f"droplets explain in the scan of layer {worst - 1}{_and_others(layers)}; identify the ink of this printer with "
-        "`inkloop identify`, and check the profiler"
+        f"droplets explain in the scan of layer {worst - 1}{_and_others(layers)}; identify the ink of this printer "
+        "with `inkloop identify`, and check the profiler"
     )
 
 
@@ -105,9 +105,9 @@ def _same_scan(run: xr.Dataset, layer: int) -> str:
 
 def _late(run: xr.Dataset, layer: int) -> str:
     return (
-        f"scans lag by a layer, up to that of layer {_stop_layer(run, layer)}: {_better(run, layer)} the surface of the "
-        "layer before. Let the profiler begin its scan when the layer is complete, and check that scans are numbered "
-        "from 0, the surface before the print"
+        f"scans lag by a layer, up to that of layer {_stop_layer(run, layer)}: {_better(run, layer)} the surface of "
+        "the layer before. Let the profiler begin its scan when the layer is complete, and check that scans are "
+        "numbered from 0, the surface before the print"
     )
 
 
@@ -122,9 +122,9 @@ def _turned(run: xr.Dataset, layer: int) -> str:
 def _volume(run: xr.Dataset, layer: int) -> str:
     return (
         f"droplets bring {float(run.stop_figure[layer]):.2f} of the nominal volume by the scan of layer "
-        f"{_stop_layer(run, layer)}, outside of what is believed, {_believed(run)}. Correct h1, h2 and h3 in [ink], by "
-        "`inkloop identify` for example, check the height gain of the profiler against a step of known height, or widen "
-        "the range"
+        f"{_stop_layer(run, layer)}, outside of what is believed, {_believed(run)}. Correct h1, h2 and h3 in [ink], "
+        "by `inkloop identify` for example, check the height gain of the profiler against a step of known height, or "
+        "widen the range"
     )
 
 
@@ -156,8 +156,8 @@ def _believed(run: xr.Dataset) -> str:
 _VOLUMES = {"volume_least": 0.5, "volume_most": 1.25}
 """What a controller believes if the scenario does not say, as in controller/core/observer."""
 _AXES = (
-    "Exchange the axes: set rows_along to the other axis in a `MapFolder`, fastest to the other axis in the mapping file of "
-    "a device, or exchange {i} and {j} in `ports`"
+    "Exchange the axes: set rows_along to the other axis in a `MapFolder`, fastest to the other axis in the mapping "
+    "file of a device, or exchange {i} and {j} in `ports`"
 )
 _ROTATION = "to rotation_deg of a `MapFolder` and correct its offsets, or turn the maps in the settings of the profiler"
 _MIRROR = (
