@@ -30,11 +30,12 @@ from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HE
 class Freezing:
     'Its scans from layer 10 on are that of layer 9, until a file says that it is repaired.'
 
-    def __init__(self, job, *, freezes: bool = True):
+    def __init__(self, job, *, repaired: str, freezes: bool = True):
         shape = (job.nx, job.ny)
         self.inputs = contract_ports(shape, HEIGHT, LAYERS_PRINTED)
         self.outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
-        self._freezes, self._scanned, self._shown = freezes, -1, np.zeros(shape)
+        self._freezes, self._repaired = freezes, Path(repaired)
+        self._scanned, self._shown = -1, np.zeros(shape)
 
     def initialize(self, time_ns, inputs):
         return self._outputs()
@@ -43,7 +44,7 @@ class Freezing:
         layer = int(inputs[LAYERS_PRINTED])
         if layer > self._scanned:
             self._scanned = layer
-            if layer < 10 or not self._freezes or Path(__file__).with_name("repaired").exists():
+            if layer < 10 or not self._freezes or self._repaired.exists():
                 noise = np.random.default_rng(layer).standard_normal(self._shown.shape)
                 self._shown = inputs[HEIGHT] + 0.1e-6 * noise
         return self._outputs()
@@ -95,6 +96,7 @@ variation_kind = "per_droplet"
 
 [components.profiler]
 kind = "freezing:Freezing"
+repaired = "REPAIRED"
 """
 KINDS = ["LayerMpc", "LayerController"]
 
@@ -103,7 +105,7 @@ KINDS = ["LayerMpc", "LayerController"]
 def scenario(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     (tmp_path / "freezing.py").write_text(PROFILER)
     path = tmp_path / "block.toml"
-    path.write_text(SCENARIO.replace("KIND", request.param))
+    path.write_text(SCENARIO.replace("KIND", request.param).replace("REPAIRED", str(tmp_path / "repaired")))
     return path
 
 
@@ -161,18 +163,25 @@ def test_print_is_stopped_again_as_long_as_the_scans_lie(
 def test_print_whose_comparison_alone_is_stopped_is_done(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    comparison = '[compare."frozen".components.profiler]\nkind = "freezing:Freezing"\n'
-    text = scenario.read_text().replace("Freezing\"", "Freezing\"\nfreezes = false")
-    scenario.write_text(f"{text}\n{comparison}freezes = true\n")
+    text = scenario.read_text().replace('Freezing"', 'Freezing"\nfreezes = false')
+    table = text[text.index("[components.profiler]") :].replace("freezes = false", "freezes = true")
+    scenario.write_text(f"{text}\n{table.replace('[components', '[compare.frozen.components')}")
     assert main(["run", str(scenario), "--out", str(tmp_path / "run")]) == 0
     assert "frozen: stopped: the scans do not show what was printed: the profiler shows" in said(capsys)
-    assert main(["run", str(scenario), "--out", str(tmp_path / "other"), "--set", "components.profiler.freezes=true"]) == 4
+    freezing = ["--set", "components.profiler.freezes=true"]
+    assert main(["run", str(scenario), "--out", str(tmp_path / "other"), *freezing]) == 4
     assert len(list((tmp_path / "other").glob("compare/*/result.nc"))) == 1
 
 
-def test_stopped_print_on_a_bench_leaves_it_safe_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stopped_print_on_a_bench_leaves_it_safe_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The profiler's answers from layer 3 on are those of layer 2; then it is repaired."""
-    path, folder, frozen = write(tmp_path, BLOCK.replace("height_um = 15.0", "height_um = 45.0")), tmp_path / "run", dict[str, Any]()
+    path, folder, frozen = (
+        write(tmp_path, BLOCK.replace("height_um = 15.0", "height_um = 45.0")),
+        tmp_path / "run",
+        dict[str, Any](),
+    )
     outputs = Profiler._outputs
 
     def freeze(profiler: Profiler) -> Any:
@@ -188,7 +197,11 @@ def test_stopped_print_on_a_bench_leaves_it_safe_and_goes_on(tmp_path: Path, mon
             patch.setattr(Profiler, "_outputs", freeze)
             stopped = Print(scenario, folder).run()
         assert (stopped.stop_reason, int(stopped.dataset.stop_reason[-1])) == ("stopped", 128)
+        assert main(["device", str(path), "status", "--json", "--set", f"bench.channel={channel}"]) == 0
+        nodes = json.loads(capsys.readouterr().out)["nodes"]
+        assert [node["state"] for node in nodes] == ["SAFE"] * 4
         layers = stopped.dataset.sizes["layer"] - 1
+        assert (nodes[0]["layer"], nodes[0]["done"]) == (layers, 4)
         assert layers <= 5
         done = Print(scenario, folder).run()
     assert done.stop_reason == "done"
