@@ -1,4 +1,4 @@
-"""A print whose scans do not show what was printed is stopped, and goes on once a person has looked; all controllers."""
+"""A print whose scans do not show what was printed is stopped, and goes on once a person has looked at it."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ def test_stopped_print_on_a_bench_leaves_it_safe_and_goes_on(
             return values
         return {**values, **{name: value.copy() for name, value in frozen.items()}}
 
-    with emulated(path) as (bench, channel):
+    with emulated(path) as (_, channel):
         scenario = Scenario.load(path, {"bench.channel": channel})
         with monkeypatch.context() as patch:
             patch.setattr(Profiler, "_outputs", freeze)

@@ -121,17 +121,17 @@ def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and
 def test_reasons_for_no_trust_are_reported_with_figure_place_and_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, wrong = str(tmp_path / "wrong"), ["--set", "components.profiler.bias_um=9"]
+    folder, wrong = str(tmp_path / "wrong"), ["--set", "components.profiler.bias_um=30"]
     wrong += ["--set", "components.controller.on_doubt=continue"]
     assert main(["run", str(CUBOID), "--out", folder, "--no-compare", *wrong]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for message in (
-        "ground that the scenario calls flat at 9.0 µm in the middle",
+        "ground that the scenario calls flat at 30.0 µm in the middle",
         "check the datum and the level of the profiler",
     ):
         assert message in shown
     assert main(["info", folder]) == 0
-    assert "calls flat at 9.0 µm" in capsys.readouterr().out
+    assert "calls flat at 30.0 µm" in capsys.readouterr().out
 
 
 def test_every_reason_has_a_sentence_of_its_own() -> None:
