@@ -150,11 +150,11 @@ def test_print_is_stopped_again_as_long_as_the_scans_lie(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    assert main(["run", str(scenario), "--out", str(folder), "--json"]) == 4
+    assert main(["run", str(scenario), "--out", str(folder), "--json", "--no-isolate"]) == 4
     (figures,) = json.loads(capsys.readouterr().out)["runs"].values()
     assert (figures["stop_reason"], figures["layers"]) == ("stopped", 11)
     assert figures["remarks"][0].startswith("stopped: the scans do not show what was printed: the profiler shows")
-    assert main(["resume", str(folder)]) == 4
+    assert main(["resume", str(folder), "--isolate"]) == 4
     result = Result.load(folder)
     assert result.stop_reason == "stopped"
     assert np.flatnonzero(result.dataset.stop_reason).tolist() == [11, 13]
