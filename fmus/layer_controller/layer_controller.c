@@ -44,7 +44,7 @@ static int32_t *kept_plan(const LayerControllerVariables *v, void *kept) {
 
 static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     const size_t cells = cell_count(v), size = estimate_size(cells);
-    char *memory = malloc(size + cells * sizeof(double) + plan_size(v));
+    char *memory = calloc(1, size + cells * sizeof(double) + plan_size(v)); /* a state repeats bit by bit */
     *answer = (Answer){.memory = memory};
     if (!memory)
         return false;
