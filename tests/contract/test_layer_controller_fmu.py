@@ -242,6 +242,7 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
             "target_height": job.target_height,
             "mask": job.mask,
             "horizon": 3,
+            "flat_ground": True,
             "seed": job.seed,
             "annealing_sweeps": ANNEALING_SWEEPS,
             **ink,

@@ -424,7 +424,8 @@ void trust_again(SurfaceEstimate *estimate, size_t cells) {
     trust->stop = trust->stop_layer = trust->transform = 0;
     trust->stop_figure = trust->volume_doubt = 0.0;
     trust->is_looked_at = 1;
-    memset(trust->doubts, 0, sizeof trust->doubts);
+    for (int k = 0; k < DOUBTS; k++)
+        trust->doubts[k] = 1.0; /* one more scan that fits another explanation is enough */
     for (size_t cell = 0; cell < cells; cell++)
         estimate->variance[cell] = UNSURE;
 }
