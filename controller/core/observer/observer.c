@@ -346,6 +346,8 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     mark_ground(nx, ny, options->part, work->ground, work->marks);
     look.datum = scan_datum(nx, ny, measured, valid, before->height, work->ground, spread,
                             fmax(known->noise_variance, NOISELESS));
+    if (look.datum.noise_variance < 0.0) /* no ground: a profiler that keeps its frame */
+        memcpy(look.datum.term, known->datum, sizeof known->datum);
     take_datum_off(options, &look.datum, measured, valid, work->scan);
     const double noise = fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
