@@ -6,7 +6,7 @@ import io
 from dataclasses import dataclass, fields, replace
 from math import isfinite, nan
 from time import perf_counter
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -146,13 +146,13 @@ class LayerController:
         """The whole state, bit by bit, as NumPy's npz; without a pattern that is the plan's, and with one drop for all
         sites where all have the same.
         """
-        state = {name: value for name, value in vars(self._state).items() if name != "estimate"}
+        state: dict[str, Any] = {name: value for name, value in vars(self._state).items() if name != "estimate"}
         if self._state.pattern.ctypes.data == self._state.plan.ctypes.data:
             del state["pattern"]
         if not any(self._state.drop_level.strides):
             state[DROP_LEVEL] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
-        np.savez(buffer, **state, **self._state.estimate.state)
+        np.savez(buffer, **state | dict(self._state.estimate.state))
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
