@@ -250,7 +250,6 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
             "mask": job.mask,
             "flat_ground": True,
             "horizon": 3,
-            "flat_ground": True,
             "seed": job.seed,
             "annealing_sweeps": ANNEALING_SWEEPS,
             **ink,
