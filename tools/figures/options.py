@@ -26,6 +26,7 @@ from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
+from inkloop_controller.controllers import ON_DOUBT
 from inkloop_controller.problem.options import Keyword, keywords
 
 PAGE = DOCS / "reference" / "scenario.md"
@@ -58,6 +59,7 @@ def texts() -> Texts:
     model = definition.load(DEFINITION.read_text(encoding="utf-8"), DEFINITION)
     meanings = {variable.name: variable.description for variable in model.variables}
     rows = {name: [row_of_keyword(each, meanings) for each in keywords(marked)] for name, marked in MARKED.items()}
+    rows["HeightEstimator"].append(row("on_doubt", default("stop", ""), with_code(ON_DOUBT.meaning or "")))
     for name, fields in TABLES.items():
         rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
     study = {

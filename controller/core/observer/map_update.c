@@ -3,18 +3,16 @@
 #include <math.h>
 #include <string.h>
 
-
-static const double SURPRISE = 4.5;      /* standard deviations: as likely the sensor's as the cell's (assumed) */
-static const double CERTAIN = 0.9;       /* weight of a reading below which it surprises */
-static const double SAME = 0.4;          /* of a surprise: as much again is the cell's */
-static const double SPIKY = 0.008;       /* share of vanishing surprises from which on they must come three times */
-static const double READING = 0.004;     /* error of a displaced reading, of the slope [cells] (assumed) */
+static const double SURPRISE = 4.5; /* standard deviations: as likely the sensor's as the cell's (assumed) */
+static const double CERTAIN = 0.9;  /* weight of a reading below which it surprises */
+static const double SAME = 0.4;     /* of a surprise: as much again is the cell's */
+static const double SPIKY = 0.008;  /* share of vanishing surprises from which on they must come three times */
 static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
-static const double DEAD_WEAK = 0.3;     /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
+static const double DEAD_WEAK = 0.3; /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
 static const double LAYER_EVIDENCE = 5.0; /* of one layer at most: a single droplet that failed is no dead nozzle */
-static const double WHOLE_HEAD = 0.5;    /* of the part: where more brings nothing, the ink has run out */
-static const double NOT_SEEN = 1e-6;     /* weights of readings are at least so much of a variance */
+static const double WHOLE_HEAD = 0.5;     /* of the part: where more brings nothing, the ink has run out */
+static const double NOT_SEEN = 1e-6;      /* weights of readings are at least so much of a variance */
 
 static size_t cells_of(const MapUpdate *update) {
     return update->evidence->options->nx * update->evidence->options->ny;
@@ -58,10 +56,11 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     return is_real ? (Belief){1.0, rest * rest} : (Belief){weight, 0.0};
 }
 
-/* Variance of the error of a reading that counts by a weight; of the prediction: known. */
-static double error_of(double variance, double weight, double known) {
-    const double error = (weight > LEAST_WEIGHT ? variance / weight : variance / LEAST_WEIGHT) - known;
-    return error > LEAST_ERROR ? error : LEAST_ERROR;
+/* Variance of the error of a reading that counts by a weight, beside a prediction of variance `known`. */
+static double error_of(double error, double weight, double known) {
+    const double counted = weight > LEAST_WEIGHT ? weight : LEAST_WEIGHT;
+    const double wide = error / counted + known * (1.0 / counted - 1.0);
+    return wide > LEAST_ERROR ? wide : LEAST_ERROR;
 }
 
 /* Carries what is known of a cell that was not seen. */
@@ -134,7 +133,8 @@ Surprises update_in_register(const MapUpdate *update) {
                 rest = evidence->scan[cell] - left_of(&row, place_on(j, ny)) - expected;
                 double error = evidence->noise_variance + variance_of(&row, place_on(j, ny));
                 if (update->geometry && update->walls[cell]) {
-                    const double up = predicted[i > 0 ? cell - ny : cell], down = predicted[i + 1 < nx ? cell + ny : cell];
+                    const double up = predicted[i > 0 ? cell - ny : cell],
+                                 down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
                     error += geometry_variance(update->geometry, 0.5 * (down - up), 0.5 * (right - left),
@@ -142,7 +142,7 @@ Surprises update_in_register(const MapUpdate *update) {
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, variance, &count);
-                const double weak = error_of(variance, belief.weight, spread);
+                const double weak = error_of(error, belief.weight, spread);
                 spread += belief.jump;
                 gain = spread / (spread + weak);
             } else
@@ -184,11 +184,10 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double with_spread = value_at(update->spread_slope, &place), known = value_at(spread, &place);
             const double rest =
                 evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place) - value_at(changed, &place);
-            const double error = evidence->noise_variance + READING * READING * (x * x + y * y) +
-                                 variance_of(&row, w) +
-                                 geometry_variance(update->geometry, x, y, with_spread, u, w);
+            const double error = evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
+                                 variance_of(&row, w) + geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
-            const double weak = error_of(known + error, belief.weight, known);
+            const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;
             off[cell] = rest / weak;
             jump[cell] = belief.jump;
@@ -216,12 +215,14 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
             const size_t cell = i * ny + j;
             const Spot spot = spot_of(back, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
             const Place place = place_of(nx, ny, spot.x, spot.y);
-            const double seen = value_at(weight, &place), known = spread[cell] + jump[cell];
-            const bool is_seen = seen * known > NOT_SEEN;
-            const double rest = is_seen ? value_at(off, &place) / seen : 0.0;
-            const double gain = is_seen ? known * seen / (1.0 + known * seen) : 0.0;
-            dry += take_dead(update, cell, is_seen, rest, known + (is_seen ? 1.0 / seen : 0.0));
-            after->unseen[cell] = is_seen ? 0 : before->unseen[cell] + 1;
+            const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
+            const bool is_read = weight[nearest] > 0.0;
+            const double seen = value_at(weight, &place), known = spread[cell] + jump[nearest];
+            const double rest = seen * known > NOT_SEEN ? value_at(off, &place) / seen : 0.0;
+            const double gain = known * seen / (1.0 + known * seen);
+            dry += take_dead(update, cell, is_read, is_read ? off[nearest] / weight[nearest] : 0.0,
+                             spread[cell] + evidence->noise_variance);
+            after->unseen[cell] = is_read ? 0 : before->unseen[cell] + 1;
             after->height[cell] = evidence->predicted[cell] + changed[cell] + gain * rest;
             after->variance[cell] = (1.0 - gain) * known;
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import weakref
 from typing import Any
 
@@ -320,3 +321,46 @@ def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
     assert int(found["untrusted_reasons"]) == UntrustedReason.UNSEEN | UntrustedReason.HIGH
     assert not found["scan_corrected"]
     assert not found["stop_reason"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"measured_height": np.zeros((3, 4))}, "measured_height of scan 0 has shape (3, 4); needs (10, 9)"),
+        ({"valid": np.ones((3, 4), np.bool_)}, "valid of scan 0 has shape (3, 4); needs (10, 9)"),
+        ({"measured_height": np.where(np.arange(9) == 7, np.nan, FLAT)}, "is nan at cell (0, 7) of scan 0"),
+        ({"measured_height": np.where(np.arange(9) == 7, 12.0, FLAT)}, "is 12 at cell (0, 7) of scan 0"),
+        ({"measured_height": np.where(np.arange(9) == 7, -1.1, FLAT)}, "needs a height in metres, within 1 m"),
+    ],
+)
+def test_scan_that_is_none_is_refused_and_nothing_is_lost(change: dict[str, Any], message: str) -> None:
+    controller, other = (started(LayerMpcController(JOB)) for _ in range(2))
+    with pytest.raises(ComponentError, match=re.escape(message)):
+        controller.do_step(0, SECOND, inputs_of(JOB, FLAT, 0) | change)
+    found, expected = (answer(each, FLAT, 0, 0) for each in (controller, other))
+    np.testing.assert_array_equal(found["pattern"], expected["pattern"])
+    assert found["layer_command"] == 1
+
+
+@pytest.mark.parametrize("reading", [np.nan, 12.0])
+def test_cell_that_is_not_valid_may_hold_any_reading(reading: float) -> None:
+    controller, valid = started(LayerMpcController(JOB)), np.ones(FLAT.shape, np.bool_)
+    valid[4, 4] = False
+    assert answer(controller, np.where(valid, FLAT, reading), 0, 0, valid)["layer_command"] == 1
+
+
+def test_print_without_any_reading_lives_on_predictions_and_is_untrusted_after_five_layers() -> None:
+    job = block(14, 14, 60e-6)
+    controller = LayerMpcController(job, horizon=1)
+    blank, nothing = np.zeros((14, 14)), np.zeros((14, 14), np.bool_)
+    controller.initialize(0, inputs_of(job, blank, 0))
+    statuses = []
+    for layer in range(40):
+        outputs = controller.do_step(0, SECOND, inputs_of(job, blank, layer, None if layer == 0 else nothing))
+        if outputs["status"] == Status.DONE:
+            break
+        statuses.append(int(outputs["status"]))
+        assert outputs["stop_reason"] == 0
+    assert statuses[:6] == [Status.IDLE] * 6
+    assert set(statuses[6:]) == {Status.UNTRUSTED}
+    assert layer < 20

@@ -1,0 +1,262 @@
+"""The observer of controller/core/observer, stated in NumPy with dense matrices, for small grids.
+
+Heights in metres, geometry in cells. S_g is a matrix (readings, cells); an unknown vector is (geometry, datum, shares).
+Grids of at most 1024 cells: the core looks at even distances of larger grounds. Nothing is singular here.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+
+from support.numpy import observer_constants as c
+from support.numpy.observer_setup import Setup, State, central, sampling
+from support.numpy.scan_doubts_numpy import is_doubted
+from support.numpy.scan_fit_numpy import Fit, Look, View, fit_datum, fit_displaced, fit_in_register, may_be_displaced
+
+
+class Observer:
+    """Estimates surface, ink and geometry of the scans of a print, scan by scan; `setup`: grid and options."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+
+    def reading_noise(self, s: State, shown: float | None) -> float:
+        """Step 2: variance of a reading; half of what the second scan shows is the first one's, on ground not flat."""
+        o = self.setup
+        least = max(o.steps, c.NOISELESS)
+        if o.noise is not None or shown is None:
+            return max(s.noise, least)
+        if s.scans == 1:
+            return max(shown if o.flat else shown / 2.0, least)
+        return max(c.NOISE_KEPT * s.noise + (1.0 - c.NOISE_KEPT) * shown, least)
+
+    def take_scan(self, s: State, before: State, look: Look) -> None:
+        """Steps 4 and 5: the fits, which one is believed, and the maps."""
+        o = self.setup
+        is_registered, walls, with_spot = o.registered and not look.is_unknown, look.valid, look.predicted
+        in_register = fit = displaced = fit_in_register(o, look)
+        if is_registered:
+            displaced, walls, with_spot = fit_displaced(o, s, look, in_register)
+            fit = displaced if s.is_displaced else in_register
+        may_be = is_registered and bool(s.misfits) and may_be_displaced(s)
+        is_robust = may_be or fit.misfit.max() < c.FOREIGN
+        extra = np.append(np.maximum(fit.misfit - c.USUAL, 0.0) * (not may_be and not s.is_displaced), 0.0)
+        known = np.maximum(
+            look.variance + look.of_droplet * look.squares + extra[look.classes] * look.native, c.LEAST_VARIANCE
+        )
+        left = np.tensordot(fit.datum, o.terms, 1)
+        of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
+        change = look.change(fit.share)
+        if s.is_displaced:
+            view = View(o, look, np.ones(o.shape, np.bool_), s.g[c.SPREAD])
+            view.look(np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share]))
+            S = view.S
+            rest = look.scan - left - (view.averaged.ravel() @ S.T + change.ravel() @ S.T).reshape(o.shape)
+            of_geometry = (
+                np.einsum("ra,ab,rb->r", view.J[:, :7], s.covariance, view.J[:, :7]) + c.READING**2 * view.slopes
+            )
+            spread = (S @ known.ravel()).reshape(o.shape)
+            error = look.noise + of_datum + of_geometry.reshape(o.shape)
+        else:
+            rest, spread, error = look.scan - left - look.predicted - change, known, look.noise + of_datum
+            if may_be:
+                x, y = central(look.predicted)
+                J = np.stack([x, y, x * o.u, x * o.w, y * o.u, y * o.w, with_spot])
+                doubtful = s.covariance + np.outer(s.g, s.g)
+                error = error + np.where(walls, np.einsum("aij,ab,bij->ij", J, doubtful, J), 0.0)
+        weight, jump, vanished = self.believed(s, before, look, rest, spread + error, is_robust)
+        weak = np.maximum((spread + error) / np.maximum(weight, 1e-9) - spread, c.LEAST_ERROR)
+        weight = np.where(look.valid, 1.0 / weak, 0.0)
+        known = known + jump
+        if s.is_displaced:
+            back = sampling(o.shape, *self.back(s.g))
+            seen = (back @ weight.ravel()).reshape(o.shape)
+            is_seen = seen * known > c.NOT_SEEN
+            rest = np.where(
+                is_seen, (back @ (weight * rest).ravel()).reshape(o.shape) / np.where(is_seen, seen, 1.0), 0.0
+            )
+            weight = np.where(is_seen, seen, 0.0)
+            variance = known + 1.0 / np.where(is_seen, seen, np.inf)
+        else:
+            is_seen, rest, variance = look.valid, np.where(look.valid, rest, 0.0), spread + error
+        s.unseen = np.where(is_seen, 0, before.unseen + 1)
+        s.height = look.predicted + change + known * weight / (1.0 + known * weight) * rest
+        s.variance = known / (1.0 + known * weight)
+        if look.is_unknown:
+            return
+        s.dead = self.dead(before, look, is_seen, rest, variance)
+        s.vanishing = 0.9 * s.vanishing + 0.1 * vanished / max(look.valid.sum(), 1)
+        is_better = may_be and displaced.droplets >= c.LEAST_DROPLETS and displaced.misfit[0] < in_register.misfit[0]
+        self.learn(s, look, displaced if s.is_displaced or is_better else in_register, fit)
+
+    def back(self, g: Any) -> tuple[Any, Any]:
+        """Where on the scan the reading of each cell lies."""
+        o = self.setup
+        linear = np.eye(2) + g[2:6].reshape(2, 2) / o.half
+        inner = np.stack([o.i - o.half[0] - g[0], o.j - o.half[1] - g[1]])
+        x, y = np.tensordot(np.linalg.inv(linear), inner, 1)
+        return x + o.half[0], y + o.half[1]
+
+    def believed(
+        self, s: State, before: State, look: Look, rest: Any, variance: Any, is_robust: bool
+    ) -> tuple[Any, Any, int]:
+        """(weights of the readings, variances by which cells have jumped, surprises that have vanished)."""
+        square, told = rest**2 / variance, before.surprise
+        weight = 1.0 / (1.0 + np.exp(np.minimum((square - c.SURPRISE**2) / 2.0, 60.0)))
+        weight = np.where((square > c.SURPRISE**2 / 2.0) & is_robust, weight, 1.0)
+        is_big = weight < c.CERTAIN
+        is_same = is_big & (told * rest > 0.0) & (np.abs(told) > c.SAME * np.abs(rest))
+        times = np.where(is_same, before.surprised + 1, is_big)
+        is_real = look.valid & is_same & (times >= (3 if before.vanishing > c.SPIKY else 2))
+        s.surprise = np.where(look.valid & is_big & ~is_real, rest, 0.0)
+        s.surprised = np.where(look.valid & ~is_real, times, 0)
+        vanished = int(np.sum(look.valid & (told != 0.0) & ~is_big))
+        return np.where(is_real, 1.0, weight), np.where(is_real, rest**2, 0.0), vanished
+
+    def dead(self, before: State, look: Look, is_seen: Any, rest: Any, variance: Any) -> Any:
+        """Evidence that nothing comes, against a weak droplet."""
+        o = self.setup
+        grown = rest + np.where(before.dead < c.DEAD, look.own, 0.0)
+        weak, least = c.WEAK * look.full_own, np.maximum(np.minimum(variance, look.full_own**2), c.LEAST_VARIANCE)
+        evidence = np.where(is_seen & (look.full_own > 0.0), weak * (weak / 2.0 - grown) / least, 0.0)
+        if np.sum(evidence > 0.0) > c.WHOLE_HEAD * o.part.sum():
+            return before.dead
+        return np.clip(before.dead + np.clip(evidence, -c.LAYER_EVIDENCE, c.LAYER_EVIDENCE), 0.0, c.DEAD)
+
+    def learn(self, s: State, look: Look, fit: Fit, believed: Fit) -> None:
+        """Variance of droplets, spread of the datum, shares."""
+        own = c.DROPLET_STD**2 * fit.squares
+        if fit.droplets >= c.LEAST_DROPLETS and own > 0.0:
+            found = max(c.LEAST_VARIATION, s.variation + (fit.misfit[0] - 1.0) * (fit.base + s.variation * own) / own)
+            share = max(found, s.variation) * own / (fit.base + max(found, s.variation) * own)
+            kept, freedom = c.KEPT * s.evidence, c.OF_A_MEDIAN * fit.droplets * share**2
+            mean = (kept * s.variation + freedom * min(found, c.LARGEST_FOUND)) / (kept + freedom)
+            s.variation, s.evidence = min(mean, c.LARGEST_VARIATION), min(kept + freedom, c.EVIDENCE_MAX)
+            s.layers += 1
+            s.residual = c.KEPT * s.residual + (1.0 - c.KEPT) * found
+            s.mean_misfit = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
+            if s.layers <= c.EARLY:
+                s.early += (found - s.early) / s.layers
+        if look.datum[3] is not None:
+            square = np.maximum((look.datum[0] + believed.datum) ** 2, c.LEAST_SPREAD)
+            s.datum_spread = c.DATUM_KEPT * s.datum_spread + (1.0 - c.DATUM_KEPT) * square
+        s.share, s.share_covariance = believed.share, believed.share_covariance
+
+    def look_at_part(self, s: State, layer: int | None) -> None:
+        """Volume beyond belief, where a layer was scanned; cells that are capped, and that stand too high."""
+        o = self.setup
+        volume = o.volume(s.share)
+        if layer is not None:
+            s.volume_doubt *= c.DOUBT_KEPT
+            is_known = o.model == "scale" and np.mean(np.diag(s.share_covariance)) < c.VOLUME_STD**2
+            s.volume_doubt += is_known and not o.least <= volume <= o.most
+            if is_known and not o.least <= volume <= o.most and s.stop[0] == 0 and s.volume_doubt >= c.BELIEVED:
+                s.stop = (c.VOLUME, layer, 0, volume)
+        target, layer_height = o.job.target_height, o.layer * o.drop_levels
+        s.blind = s.blind + 1 if np.mean(~s.last_valid[o.part]) > c.BLIND else 0
+        s.capped = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
+        s.high = o.part & (s.height - np.maximum(target, volume * s.ledger) > c.HIGH * layer_height)
+
+    def first(self, scan: Any, valid: Any) -> State:
+        """Of layer 0."""
+        o = self.setup
+        noise, shares, scan = max(o.noise or 0.0, o.steps), o.orders * len(o.nominal), np.where(valid, scan, 0.0)
+        variance = (c.SHARE_STD.get(o.model, 0.0) ** 2) * np.eye(shares)
+        first_variance = float(np.mean(o.nominal @ [1.0, 4.0, 4.0])) ** 2
+        zero, spread = np.zeros(o.shape), (c.DATUM_STD * o.layer) ** 2
+        s = State(
+            scan, np.where(valid, noise, first_variance), zero, scan, valid, np.where(valid, 0, 1), np.ones(shares),
+            variance, spread, noise, *o.no_geometry(), surprise=zero, surprised=zero.astype(int), dead=zero,
+        )  # fmt: skip
+        if o.flat:
+            term, _, _, shown = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
+            s.noise = max(shown or 0.0, o.steps, c.NOISELESS) if o.noise is None else noise
+            s.ground = term[:3] * [1.0, 2.0, 2.0]
+            s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
+            s.height, s.variance = zero, np.full(o.shape, c.KNOWN_GROUND)
+        s.ledger = s.height
+        self.look_at_part(s, None)
+        return s
+
+    def next(
+        self,
+        before: State,
+        pattern: Any,
+        layer: int,
+        scan: Any,
+        valid: Any,
+        is_unknown: bool = False,
+        factor: Any = 1.0,
+    ) -> State:
+        """After layer number `layer`, factor: volume of each droplet [1]: steps 1 and 2, and what follows."""
+        o = self.setup
+        s, scan = deepcopy(before), np.where(valid, scan, 0.0)
+        s.last, s.last_valid, inks = scan, valid, o.inks(before.share)
+        living = np.where(before.dead >= c.DEAD, c.NO_VOLUME, factor)
+        full_own = factor * np.append(0.0, inks[:, 0])[pattern]
+        predicted = o.printed(before.height, pattern, inks, living)
+        adds, squares, own = o.increments(before.height, pattern, inks, living)
+        ledger, variance = o.printed(before.ledger, pattern, o.nominal, living), before.variance.copy()
+        if is_unknown:
+            variance += (predicted - before.height) ** 2 / 12.0
+            predicted, ledger = (before.height + predicted) / 2.0, (before.ledger + ledger) / 2.0
+            adds, squares, own = 0.0 * adds, 0.0 * squares, 0.0 * own
+        datum = fit_datum(o, scan, before.height, o.free & valid, s.datum_spread, max(s.noise, c.NOISELESS))
+        noise = self.reading_noise(s, datum[3])
+        if s.scans == 1 and o.noise is None:  # what the first scan was worth
+            variance += noise * ((before.unseen == 0) & (variance <= noise) & (before.variance != c.KNOWN_GROUND))
+        flat = np.where(valid, scan - np.tensordot(datum[0], o.terms, 1), 0.0)
+        look = Look(
+            before, pattern, flat, valid, predicted, variance, adds, squares, own, full_own, noise, datum, is_unknown
+        )
+        is_scan = valid.sum() >= max(c.LEAST_SEEN * valid.size, 1)
+        if not is_scan or (not is_unknown and not s.is_looked_at and is_doubted(o, s, before, look, scan, layer)):
+            s.height, s.unseen = predicted, before.unseen + 1
+            s.variance = np.maximum(variance + look.of_droplet * squares, c.LEAST_VARIANCE)
+            s.surprise, s.surprised = np.zeros(o.shape), np.zeros(o.shape, int)
+        else:
+            s.is_looked_at, s.noise = False, s.noise if is_unknown else noise
+            self.take_scan(s, before, look)
+        s.scans, s.ledger = before.scans + 1, ledger
+        self.look_at_part(s, None if is_unknown else layer)
+        return s
+
+    def trust_again(self, before: State) -> State:
+        """After a person has looked: the next scan is taken as it is."""
+        s = deepcopy(before)
+        s.stop, s.volume_doubt, s.doubts, s.is_looked_at = (0, 0, 0, 0.0), 0.0, 0.0 * s.doubts, True
+        s.variance = np.full(self.setup.shape, c.UNSURE)
+        return s
+
+    def figures(self, s: State) -> dict[str, Any]:
+        """What is reported, by the names of `EstimateFigures`."""
+        o = self.setup
+        found = c.DROPLET_STD * float(np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE))
+        model = c.DROPLET_STD * float(np.sqrt(s.early))
+        std = (
+            min(model, c.MODEL_MAX) if s.early > c.OTHER_DROPLETS else min(found, c.DEVIATION_MAX) if s.layers else 0.0
+        )
+        reason, layer, transform, figure = s.stop
+        unseen = int(np.sum(s.unseen[o.part] > o.unseen_layers))
+        marks = [unseen > 0, s.blind > c.BLIND_LAYERS, s.ground_wrong, s.mean_misfit[0] > c.RESIDUALS_MAX]
+        marks += [s.capped.any(), s.high.any()]
+        shown = {
+            "volume": o.volume(s.share), "droplet_std": std, "noise_std": np.sqrt(s.noise), "ground": s.ground,
+            "surprise": np.sqrt(s.mean_misfit[0]), "stop": reason, "stop_layer": layer, "stop_figure": figure,
+            "transform": transform, "dead_cells": np.sum(s.dead >= c.DEAD), "capped_cells": np.sum(s.capped),
+            "unseen_cells": unseen, "scans": s.scans, "reasons": reason + np.sum(marks * 2 ** np.arange(6)),
+            "is_foreign": s.mean_misfit[1] > c.SPILL_MAX, "is_displaced": s.is_displaced and bool(s.misfits),
+        }  # fmt: skip
+        if s.misfits:
+            spread, error = max(s.g[c.SPREAD], 0.0), np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
+            linear = s.g[2:6].reshape(2, 2) / o.half
+            shown |= {
+                "shift_x": s.g[0], "shift_y": s.g[1], "shift_std": np.sqrt(np.diag(s.covariance)[:2].max()),
+                "spot_radius": np.sqrt(spread) if s.is_displaced and spread > 2.0 * error else 0.0,
+                "spot_std": np.sqrt(spread + error) - np.sqrt(spread),
+                "rotation": (linear[1, 0] - linear[0, 1]) / 2.0, "magnification": np.trace(linear) / 2.0,
+            }  # fmt: skip
+        return shown

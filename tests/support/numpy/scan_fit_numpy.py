@@ -1,0 +1,254 @@
+"""The robust fits of a scan, stated in NumPy: its datum; ink in register; ink and geometry displaced."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from support.numpy import observer_constants as c
+from support.numpy.observer_setup import Setup, State, blurred, central, inverse, misfit, near, sampling, solved
+
+
+@dataclass
+class Fit:
+    """Shares, the datum left, and what they leave: misfit of cells with a droplet and of their neighbours."""
+
+    share: Any
+    share_covariance: Any
+    datum: Any
+    datum_covariance: Any
+    misfit: Any
+    droplets: int = 0
+    base: float = 0.0
+    squares: float = 0.0
+
+
+@dataclass
+class Look:
+    """A scan with all that is known before it; adds: (shares, nx, ny), what a change of each share by 1 adds [m]."""
+
+    state: State
+    pattern: Any
+    scan: Any
+    valid: Any
+    predicted: Any
+    variance: Any
+    adds: Any
+    squares: Any
+    own: Any
+    full_own: Any
+    noise: float
+    datum: tuple[Any, Any, Any, float | None]
+    is_unknown: bool
+
+    def __post_init__(self) -> None:
+        self.of_droplet = c.DROPLET_STD**2 * self.state.variation
+        self.native = self.noise + self.variance + self.of_droplet * self.squares
+        self.reached = self.valid & (self.squares > 0.0)
+        self.classes = np.where(self.pattern > 0, 0, np.where(self.squares > 0.0, 1, 2))
+
+    def change(self, share: Any) -> Any:
+        """(nx, ny): what other shares than those known add."""
+        return np.tensordot(share - self.state.share, self.adds, 1)
+
+    def rest(self, fit: Fit, terms: Any) -> Any:
+        """(nx, ny): what a fit in register leaves of the scan."""
+        return self.scan - self.predicted - self.change(fit.share) - np.tensordot(fit.datum, terms, 1)
+
+
+class View:
+    """What a displaced sensor reads on some cells, linear in the unknowns about x."""
+
+    def __init__(self, setup: Setup, look: Look, cells: Any, spread: float) -> None:
+        self.setup, self.data, self.cells = setup, look, cells
+        self.average(spread)
+
+    def average(self, spread: float) -> None:
+        self.spread = max(spread, 0.0)
+        self.averaged = blurred(self.data.predicted, self.spread)
+        self.with_spot = (blurred(self.data.predicted, self.spread + c.SPOT_STEP) - self.averaged) / c.SPOT_STEP
+
+    def look(self, x: Any) -> None:
+        """Rests, their variances and classes, and the matrix J of what the unknowns change."""
+        o, data, cells = self.setup, self.data, self.cells
+        at = np.stack(o.places(x[:7]))[:, cells]
+        self.S = S = sampling(o.shape, *at)
+        slope = [
+            (sampling(o.shape, *(at + step)) - sampling(o.shape, *(at - step)))
+            @ self.averaged.ravel()
+            / (2.0 * c.SLOPE_STEP)
+            for step in c.SLOPE_STEP * np.eye(2)[:, :, None]
+        ]
+        u, w, terms = o.u[cells], o.w[cells], o.terms[:, cells]
+        geometry = [
+            slope[0],
+            slope[1],
+            slope[0] * u,
+            slope[0] * w,
+            slope[1] * u,
+            slope[1] * w,
+            S @ self.with_spot.ravel(),
+        ]
+        shares = [S @ add.ravel() for add in data.adds[: len(x) - 13]]
+        self.J = np.stack([*geometry, *terms, *shares], axis=1)
+        change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - data.state.share[: len(x) - 13]])
+        self.rest = data.scan[cells] - S @ self.averaged.ravel() - self.J[:, c.SPREAD :] @ change
+        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S @ data.squares.ravel()
+        self.variance = (
+            data.noise + S @ data.variance.ravel() + data.of_droplet * self.squares + c.READING**2 * self.slopes
+        )
+        is_own = np.any((S > 0.0) & (data.pattern.ravel() > 0), axis=1)
+        self.classes = np.where(is_own, 0, np.where(self.squares > 0.0, 1, 2))
+
+
+def fit_datum(
+    o: Setup, scan: Any, known: Any, cells: Any, spread: Any, noise: float
+) -> tuple[Any, Any, Any, float | None]:
+    """(terms, covariance, precision, variance of readings about it) of a robust fit on cells that show it."""
+    A, rise, variance = o.terms[:, cells].T, (scan - known)[cells], max(noise, c.NOISELESS)
+    if len(A) < c.LEAST_GROUND:
+        return np.zeros(6), np.zeros((6, 6)), np.eye(6) / c.SURELY, None
+    weight = np.ones(len(A))
+    for _ in range(6):
+        N = (A.T * weight / variance) @ A + np.diag(1.0 / spread)
+        term = solved(N, A.T @ (weight * rise) / variance)
+        rest = rise - A @ term
+        scale = max((c.MAD * float(np.median(np.abs(rest)))) ** 2, c.NOISELESS)
+        variance = max((variance + scale) / 2.0, c.NOISELESS)
+        weight = (c.NU + 1.0) / (c.NU + rest**2 / scale)
+    return term, inverse(N), N, scale
+
+
+def smooth_prior(o: Setup, look: Look) -> Any:
+    """Precision of datum and shares before the scan."""
+    shares = 0 if o.model == "off" else len(look.state.share)
+    precision = np.zeros((6 + shares, 6 + shares))
+    precision[:6, :6] = look.datum[2]
+    if shares:
+        step = c.SHARE_STEP[o.model] ** 2 * np.eye(shares)
+        precision[6:, 6:] = inverse(look.state.share_covariance + step)
+    return precision
+
+
+def smooth_sums(o: Setup, look: Look, cells: Any, is_robust: bool) -> tuple[Any, Any]:
+    """Normal equations (matrix, side) of datum and changes of the shares by cells in register."""
+    columns = o.terms if o.model == "off" else np.concatenate([o.terms, look.adds])
+    A, rest, native = columns[:, cells].T, (look.scan - look.predicted)[cells], look.native[cells]
+    weight = (c.NU + 1.0) / (c.NU * native + rest**2) if is_robust else 1.0 / native
+    return (A.T * weight) @ A, A.T @ (weight * rest)
+
+
+def fitted(o: Setup, look: Look, x: Any, covariance: Any) -> Fit:
+    """What was found of datum and shares (not their changes)."""
+    if o.model == "off":
+        return Fit(look.state.share, look.state.share_covariance, x[:6], covariance[:6, :6], np.ones(2))
+    return Fit(np.clip(x[6:], *c.SHARE_RANGE), covariance[6:, 6:], x[:6], covariance[:6, :6], np.ones(2))
+
+
+def fit_in_register(o: Setup, look: Look) -> Fit:
+    """Robust, or by least squares where droplets are foreign."""
+    for is_robust in (True, False):
+        matrix, side = smooth_sums(o, look, look.reached, is_robust)
+        matrix = matrix + smooth_prior(o, look)
+        x = solved(matrix, side)
+        x[6:] += look.state.share[: len(x) - 6]
+        fit = fitted(o, look, x, inverse(matrix))
+        squares, own = look.rest(fit, o.terms) ** 2 / look.native, look.reached & (look.pattern > 0)
+        fit.misfit = np.array([misfit(squares[own]), misfit(squares[look.reached & ~own])])
+        fit.droplets = int(own.sum())
+        if own.any():
+            fit.base, fit.squares = np.mean((look.noise + look.variance)[own]), np.mean(look.squares[own])
+        if fit.misfit.max() < c.FOREIGN:
+            break
+    return fit
+
+
+def marked_walls(o: Setup, s: State, look: Look, prior: Any) -> Any:
+    """Cells that the geometry may move."""
+    if s.is_displaced:
+        return np.ones(o.shape, np.bool_)
+    spread = max(prior[0, 0] + prior[2, 2] + prior[3, 3], prior[1, 1] + prior[4, 4] + prior[5, 5])
+    least = c.WALL * (look.noise + look.of_droplet * o.nominal[0, 0] ** 2) / spread
+    steep = np.sum(central(look.predicted) ** 2, axis=0) > least
+    return near(steep, 3 if spread > 0.25 else 2 if spread > 0.06 else 1)
+
+
+def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit, Any, Any]:
+    """(fit of the scan as displaced, walls, slope with the spot); `s` learns the geometry."""
+    step = np.concatenate([np.sqrt(s.steps), c.LINEAR_STEP * np.tile(o.half, 2), [c.SPREAD_STEP]])
+    prior = s.covariance + np.diag(step**2)
+    walls, fit = marked_walls(o, s, look, prior), deepcopy(in_register)
+    fit.droplets = 0
+    at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(o.places(s.g), o.shape, strict=True)]
+    cells = look.valid & walls[tuple(np.ceil(place - 0.5).astype(int) for place in at)]
+    view = View(o, look, cells, s.g[c.SPREAD])
+    if cells.sum() < c.LEAST_CELLS:
+        return fit, walls, view.with_spot
+    before = np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share])
+    precision = np.zeros((len(before), len(before)))
+    precision[:7, :7], precision[7:, 7:] = inverse(prior), smooth_prior(o, look)
+    others = smooth_sums(o, look, look.reached & ~walls, in_register.misfit.max() < c.FOREIGN)
+
+    def equations(x: Any, heat: float) -> tuple[Any, Any]:
+        weight = (c.NU + 1.0) / (c.NU * heat * view.variance + view.rest**2)
+        matrix = precision + (view.J.T * weight) @ view.J
+        matrix[7:, 7:] += others[0]
+        side = precision @ (before - x) + view.J.T @ (weight * view.rest)
+        side[7:] += others[1] - others[0] @ (x - before)[7:]
+        return matrix, side
+
+    def cost(x: Any) -> float:
+        view.look(x)
+        prior_cost = np.sum((x - before)[:2] ** 2 / np.diag(prior)[:2]) / 2.0
+        return float((c.NU + 1.0) / 2.0 * np.sum(np.log1p(view.rest**2 / (c.NU * view.variance))) + prior_cost)
+
+    x, shift_variance = before.copy(), max(prior[0, 0], prior[1, 1])
+    for times, distance in ((c.TRIED, 1.0), (1, 0.5)) if shift_variance >= c.UNKNOWN_SHIFT**2 else ():
+        tried = [x] + [
+            np.concatenate([x[:2] + distance * np.array(by), x[2:]])
+            for by in np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times
+        ]
+        x = tried[int(np.argmin([cost(each) for each in tried]))]
+    for number in range(c.ROUNDS):
+        if abs(x[c.SPREAD] - view.spread) > c.SAME_SPREAD:
+            view.average(x[c.SPREAD])
+        view.look(x)
+        hot = view.slopes * shift_variance > 4.0 * view.variance
+        is_hot = number + c.COLD < c.ROUNDS and hot.sum() > c.LEAST_CELLS // 2
+        heat = float(np.median((view.rest**2 / view.variance)[hot])) / c.MEDIAN_SQUARE if is_hot else 1.0
+        last, x = x, x + solved(*equations(x, max(heat, 1.0)))
+        x[:7] = np.clip(x[:7], last[:7] - c.LONGEST_MOVE, last[:7] + c.LONGEST_MOVE)
+        x[c.SPREAD], x[13:] = np.clip(x[c.SPREAD], 0.0, c.LARGEST_SPREAD), np.clip(x[13:], *c.SHARE_RANGE)
+    view.look(x)
+    covariance = inverse(equations(x, 1.0)[0])
+    fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
+    fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
+    steep = misfit(squares[view.slopes > (c.STEEP * o.layer) ** 2])
+    fit.droplets = int(np.sum(view.classes == 0))
+    if fit.droplets:
+        fit.squares = np.mean(view.squares[view.classes == 0])
+        fit.base = np.mean(view.variance[view.classes == 0]) - look.of_droplet * fit.squares
+    variance = c.NU * np.minimum(view.variance, look.native[cells])
+    plain = look.rest(in_register, o.terms)[cells]
+    gained = (c.NU + 1.0) / 2.0 * np.sum(np.log1p(plain**2 / variance) - np.log1p(view.rest**2 / variance))
+    learn_geometry(o, s, x, covariance, max(1.0, steep, *fit.misfit), gained)
+    return fit, walls, view.with_spot
+
+
+def may_be_displaced(s: State) -> bool:
+    return float(np.median(s.misfits)) < c.FOREIGN
+
+
+def learn_geometry(o: Setup, s: State, x: Any, covariance: Any, left: float, gained: float) -> None:
+    s.misfits = [*s.misfits, left][-3:]
+    s.odds = float(np.clip(s.odds + c.TEMPER * gained - c.PRICE, *c.ODDS_RANGE))
+    may_be = may_be_displaced(s)
+    if len(s.misfits) > 1 and may_be:
+        steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
+        s.steps = np.maximum(steps, c.LEAST_STEP**2)
+    s.is_displaced = s.odds > c.DECIDED and may_be
+    is_kept = left < c.FOREIGN or s.is_displaced
+    s.g, s.covariance = (x[:7].copy(), covariance[:7, :7].copy()) if is_kept else o.no_geometry()
