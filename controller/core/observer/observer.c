@@ -16,6 +16,7 @@ static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* 
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
 static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
+static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
 static const double USUAL_MISFIT = 2.0;     /* up to which droplets explain it */
 static const double KEPT = 0.8;             /* of what was learnt, from layer to layer */
 static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
@@ -219,11 +220,13 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
     }
 }
 
-/* Whether scans have left so much for some time: a few spikes on few cells are no droplets of another kind. */
-static bool has_been_misfit(const LoopTrust *trust, const InkFit *fit) {
+/* Whether droplets are of another kind: scans have left as much for some time, or do so again. A few spikes on few cells
+ * are none, and a layer of few droplets shows nothing. */
+static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
-    return fmax(own, spill) > USUAL_MISFIT;
+    const double lasting = fmax(own, spill);
+    return lasting >= FOREIGN_MISFIT || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
 /* A scan and all that is made of it on the way. */
@@ -250,7 +253,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
-    const bool is_foreign = !may_be && is_misfit(fit) && has_been_misfit(&known->trust, fit);
+    const bool is_foreign = !may_be && are_droplets_foreign(&known->trust, fit);
     double doubtful[GEOMETRY * GEOMETRY];
     memcpy(doubtful, registration->covariance, sizeof doubtful);
     for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)

@@ -52,6 +52,7 @@ VOLUME_MOST = Option(
 )
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/observer/surface_estimate.h
 DEAD_EVIDENCE = 15.0  # from here on a cell is dead
+UNSURE = 0.3  # layers: standard deviation of a height that is not known, as in scan_doubts.c
 PROBE_LAYERS = 5  # every so many layers the dead cells are tried again (assumed)
 
 
@@ -141,7 +142,7 @@ class Estimate:
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; dead,
     capped: (nx, ny) cells whose droplets do not come, and that are given no more ink; untrusted: (nx, ny) cells of the
-    part that have lived on prediction for too many layers; figures: what is reported; state: maps by name, and `known`,
+    part that have lived on prediction for too many layers, and are unsure; figures: what is reported; state: maps by name, and `known`,
     which only C reads.
     """
 
@@ -231,7 +232,7 @@ class HeightEstimator:
         if errors:
             raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
-        self._threads = threads
+        self._threads, self._layer = threads, drop_levels * max(ink.layer_height for ink in job.inks)
         self._part, self._target = np.ascontiguousarray(job.mask), np.ascontiguousarray(job.target_height)
         steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
         self._options = EstimatorOptionsStruct(
@@ -327,13 +328,14 @@ class HeightEstimator:
     def _estimate(self, state: Mapping[str, NDArray[Any]]) -> Estimate:
         struct, found = EstimateStruct(*(pointer(array) for array in state.values())), FiguresStruct()
         library().inkloop_estimate_figures(self._options, struct, found)
+        is_unsure = state["height_variance"] > (UNSURE * self._layer) ** 2
         return Estimate(
             height=state["height"],
             height_variance=state["height_variance"],
             inks=tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)]),
             dead=np.asarray(state["dead_evidence"] >= DEAD_EVIDENCE, np.bool_),
             capped=state["capped"],
-            untrusted=np.asarray(self._job.mask & (state["unseen"] > self._untrusted_layers), np.bool_),
+            untrusted=np.asarray(self._job.mask & (state["unseen"] > self._untrusted_layers) & is_unsure, np.bool_),
             figures=EstimateFigures.of_struct(found),
             state=state,
         )
