@@ -6,7 +6,7 @@ import io
 from dataclasses import dataclass, fields, replace
 from math import isfinite, nan
 from time import perf_counter
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from inkloop.contract import (
     LAYER_UNKNOWN,
     LAYERS_PRINTED,
     LAYERS_SCANNED,
+    LOOKED_AT,
     MEASURED_HEIGHT,
     PATTERN,
     STATUS,
+    STOP_REASON,
     VALID,
     contract_ports,
 )
@@ -29,10 +31,11 @@ from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.arrays import is_finite
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
-
 OnDoubt: TypeAlias = Literal["stop", "continue"]
 """What follows where the scans do not show what was printed."""
 
+HIGHEST = 1.0
+"""Heights of a scan lie within it [m]: no printed part is as high, and one in another unit is higher."""
 _DISPLACEMENTS = ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std")
 
 
@@ -65,7 +68,8 @@ class LayerController:
     """Commands layer k + 1 when layer k is printed and scanned, once per scan, until its planner is done.
 
     It goes by sequence numbers only, so any master may step it in any order and step size. From a layer that its
-    printer calls unknown it takes the scan and learns nothing.
+    printer calls unknown it takes the scan and learns nothing. A print that it has stopped goes on in the step in which
+    `looked_at` is true.
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
@@ -73,7 +77,8 @@ class LayerController:
             raise ValueError(f'on_doubt is {on_doubt!r}; needs "stop" or "continue"')
         shape, self._on_doubt = (job.nx, job.ny), on_doubt
         self._job, self._planner, self._estimator = job, planner, estimator
-        self.inputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, LAYERS_PRINTED, LAYER_UNKNOWN)
+        signals = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED, LAYERS_PRINTED, LAYER_UNKNOWN, LOOKED_AT)
+        self.inputs = contract_ports(shape, *signals)
         self.outputs = (
             *contract_ports(shape, PATTERN, DROP_LEVEL, LAYER_COMMAND, STATUS),
             Port("objective", "m"),
@@ -108,7 +113,7 @@ class LayerController:
             *(Port(f"scan_{name}", "m") for name in _DISPLACEMENTS),
             Port("scan_rotation", "rad"),
             Port("scan_magnification"),
-            Port("stop_reason", dtype="int32"),
+            *contract_ports(shape, STOP_REASON),
             Port("stop_layer", dtype="int32"),
             Port("stop_transform", dtype="int32"),
             Port("stop_figure"),
@@ -121,7 +126,13 @@ class LayerController:
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
-        """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
+        """Answer a new scan of the layer commanded last, or the scan that stopped the print, once a person has looked.
+
+        Raises ComponentError for a scan of another shape, and for heights that are not finite or beyond HIGHEST; the
+        state is then as before.
+        """
+        if bool(inputs.get(LOOKED_AT, False)) and self._is_stopped():
+            self._trust_again()
         scanned, printed = int(inputs[LAYERS_SCANNED]), int(inputs[LAYERS_PRINTED])
         if self._is_new(scanned, printed):
             is_unknown = bool(inputs.get(LAYER_UNKNOWN, False))
@@ -135,13 +146,13 @@ class LayerController:
         """The whole state, bit by bit, as NumPy's npz; without a pattern that is the plan's, and with one drop for all
         sites where all have the same.
         """
-        state = {name: value for name, value in vars(self._state).items() if name != "estimate"}
+        state: dict[str, Any] = {name: value for name, value in vars(self._state).items() if name != "estimate"}
         if self._state.pattern.ctypes.data == self._state.plan.ctypes.data:
             del state["pattern"]
         if not any(self._state.drop_level.strides):
             state[DROP_LEVEL] = self._state.drop_level[0, 0]
         buffer = io.BytesIO()
-        np.savez(buffer, **state, **self._state.estimate.state)
+        np.savez(buffer, **state | dict(self._state.estimate.state))
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
@@ -167,6 +178,12 @@ class LayerController:
             )
         self._state = state
 
+    def _trust_again(self) -> None:
+        """The last scan is to be answered again, by a plan from what was predicted where it was not believed."""
+        state = self._state
+        estimate = self._estimator.trust_again(state.estimate)
+        self._state = replace(state, estimate=estimate, answered=state.answered - 1, status=int(Status.IDLE))
+
     def _is_stopped(self) -> bool:
         """Whether the scans do not show what was printed, and that ends the print."""
         return self._on_doubt == "stop" and bool(self._state.estimate.figures.stop)
@@ -179,7 +196,7 @@ class LayerController:
 
     def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
         scanned = perf_counter()
-        _check_finite(scan, measured, valid)
+        _check_scan(scan, measured, valid, self._state.pattern.shape)
         if self._state.estimated < scan:  # where planning has failed it is begun again from the estimate
             self._state = replace(
                 self._state, estimate=self._estimate(scan, measured, valid, is_unknown), estimated=scan
@@ -187,7 +204,8 @@ class LayerController:
         before = self._state  # that before the estimate is no longer in memory
         estimate = before.estimate
         if self._is_stopped():
-            self._state = replace(before, pattern=np.zeros_like(before.pattern), answered=scan, status=int(Status.UNTRUSTED))
+            nothing = np.zeros_like(before.pattern)
+            self._state = replace(before, pattern=nothing, answered=scan, status=int(Status.UNTRUSTED))
             return
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE
@@ -282,13 +300,16 @@ def _lean(drop_level: IntMap) -> IntMap:
     return np.broadcast_to(np.int32(1), drop_level.shape) if (drop_level == 1).all() else drop_level
 
 
-def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:
-    if is_finite(measured):
+def _check_scan(scan: int, measured: FloatMap, valid: BoolMap, shape: tuple[int, ...]) -> None:
+    for name, map_ in ((MEASURED_HEIGHT, measured), (VALID, valid)):
+        if map_.shape != shape:
+            raise ComponentError(f"layer controller: {name} of scan {scan} has shape {map_.shape}; needs {shape}")
+    if is_finite(measured) and measured.min() >= -HIGHEST and measured.max() <= HIGHEST:
         return
-    wrong = valid & ~np.isfinite(measured)
+    wrong = valid & ~(np.abs(measured) <= HIGHEST)
     if wrong.any():
         i, j = (int(index) for index in np.argwhere(wrong)[0])
         raise ComponentError(
-            f"layer controller: measured_height is {measured[i, j]} at cell ({i}, {j}) of scan {scan}, which is marked "
-            "valid; needs a finite height there, or valid = false"
+            f"layer controller: measured_height is {measured[i, j]:g} at cell ({i}, {j}) of scan {scan}, which is "
+            f"marked valid; needs a height in metres, within {HIGHEST:g} m, or valid = false"
         )

@@ -70,7 +70,7 @@ COMMANDS = (
 """The modules of the commands, in the order of `inkloop --help`."""
 EXIT_CODES = (
     "exit codes: 0 done; 1 an error, or a check that failed; 2 wrong arguments; 3 prints of a sweep failed; "
-    "130 interrupted with Ctrl-C"
+    "4 the print was stopped, as the scans do not show what was printed; 130 interrupted with Ctrl-C"
 )
 
 

@@ -28,6 +28,8 @@ VALID = "valid"
 LAYERS_SCANNED = "layers_scanned"
 LAYER_UNKNOWN = "layer_unknown"
 STATUS = "status"
+STOP_REASON = "stop_reason"
+LOOKED_AT = "looked_at"
 
 LAYERS_FOLLOWED = "layers_followed"
 """Layers that a shadow has deposited: what counts for a profiler that scans the shadow, in place of LAYERS_PRINTED."""
@@ -39,8 +41,8 @@ LAYERS_COMPARED = "layers_compared"
 class Signal:
     """One signal: `unit` in FMI spelling, `is_map` for one value per cell, NumPy `dtype`, value before the first step.
 
-    giver: role that puts it out, None for every role; takers: roles that read it. An optional signal may stay
-    unconnected at its start value.
+    giver: role that puts it out, None for every role, or for the master; takers: roles that read it. An optional signal
+    may stay unconnected at its start value.
     """
 
     name: str
@@ -70,6 +72,8 @@ SIGNALS: Mapping[str, Signal] = {
         Signal(LAYERS_SCANNED, start=-1, giver=PROFILER, takers=(CONTROLLER,)),
         Signal(LAYER_UNKNOWN, dtype="bool", giver=PRINTER, takers=(CONTROLLER,), is_optional=True),
         Signal(STATUS),
+        Signal(STOP_REASON, giver=CONTROLLER, is_optional=True),
+        Signal(LOOKED_AT, dtype="bool", takers=(CONTROLLER,), is_optional=True),
     )
 }
 """The signals by name."""

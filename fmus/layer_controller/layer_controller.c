@@ -11,7 +11,7 @@
 
 enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 };
 enum { NO_SCAN = -1 };
-enum { STOP_ON_DOUBT = 1 }; /* of OnDoubt in variables.toml */
+enum { STOP_ON_DOUBT = 1 };              /* of OnDoubt in variables.toml */
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
 static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
 
@@ -44,7 +44,7 @@ static int32_t *kept_plan(const LayerControllerVariables *v, void *kept) {
 
 static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     const size_t cells = cell_count(v), size = estimate_size(cells);
-    char *memory = malloc(size + cells * sizeof(double) + plan_size(v));
+    char *memory = calloc(1, size + cells * sizeof(double) + plan_size(v)); /* a state repeats bit by bit */
     *answer = (Answer){.memory = memory};
     if (!memory)
         return false;
@@ -54,12 +54,22 @@ static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     return true;
 }
 
+/* Whether a person has looked at a print that was stopped: its last scan is answered again. */
+static bool is_looked_at(const LayerControllerVariables *v) {
+    return *v->looked_at && *v->stop_reason != 0;
+}
+
 /* What is known after the scan at the inputs; false if there is no memory. */
 static bool estimate(const LayerControllerVariables *v, void *kept, Answer *answer) {
     const EstimatorOptions options = estimator_options(v);
     const Passes passes = passes_of(v);
     const uint8_t *valid = (const uint8_t *)v->valid;
     int32_t order[COLOURS];
+    if (is_looked_at(v)) {
+        memcpy(answer->memory, kept, estimate_size(cell_count(v)));
+        trust_again(&answer->estimate, cell_count(v));
+        return true;
+    }
     if (*v->answered == NO_SCAN)
         return estimate_first(&options, *v->layers_scanned, v->measured_height, valid, &answer->estimate);
     for (int pass = 0; pass < COLOURS; pass++)
@@ -220,7 +230,7 @@ static Outcome initialize(Instance *instance) {
 static Outcome do_step(Instance *instance, double start, double end) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const bool is_new = *v.layers_scanned == *v.layers_printed && *v.layers_scanned == *v.layer_command &&
-                        *v.layers_scanned > *v.answered;
+                        (*v.layers_scanned > *v.answered || is_looked_at(&v));
     (void)start, (void)end;
     if (*v.status == DONE || !is_new)
         return ACCEPTED;

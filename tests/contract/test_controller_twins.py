@@ -84,7 +84,8 @@ def test_alpha_tuned_between_steps_is_a_schedule_of_the_python_controller(form: 
     alphas, job = {1: 0.9, 3: 0.3, 5: 1.0}, block(12, 11, height=40e-6)
     python = catalog.make("LayerMpc", job, {"alpha": list(alphas.items()), "horizon": 2, "annealing_sweeps": 1})
     fixed = catalog.make("LayerMpc", job, {"alpha": 0.9, "horizon": 2, "annealing_sweeps": 1})
-    parameters = {"target_height": job.target_height, "mask": job.mask, "horizon": 2, "annealing_sweeps": 1}
+    work = {"horizon": 2, "annealing_sweeps": 1}
+    parameters = {"target_height": job.target_height, "mask": job.mask, "flat_ground": True, **work}
     with Driver("LayerController", form, 12, 11).start(parameters) as fmu:
         assert layer_by_layer(python, fmu, alphas) > 5
     with Driver("LayerController", form, 12, 11).start(parameters) as fmu, pytest.raises(AssertionError):
@@ -96,7 +97,7 @@ def test_print_that_another_instance_continues_after_each_layer_is_the_same(form
     job, plant = block(12, 11, height=40e-6), LayerModel.of(block(12, 11, height=40e-6))
     work = {"horizon": 2, "annealing_sweeps": 1}
     python = catalog.make("LayerMpc", job, work)
-    parameters = {"target_height": job.target_height, "mask": job.mask, "is_timed": False, **work}
+    parameters = {"target_height": job.target_height, "mask": job.mask, "flat_ground": True, "is_timed": False, **work}
     height, saved = np.zeros((12, 11)), b""
     python.initialize(0, inputs_of(job, height, 0))
     for layer in range(30):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -152,6 +151,13 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
     assert dead > 0
 
 
+def planned_ahead(controller: Any) -> tuple[bool, int]:
+    """Whether the plant is a foreign one, and the layers of the last plan that jet."""
+    assert isinstance(controller, LayerController)
+    state = controller._state
+    return state.estimate.figures.is_foreign, int(state.plan.any(axis=(1, 2)).sum())
+
+
 def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
     job, options = block(13, 12, height=25e-6), {"annealing_sweeps": 1, "adapt_ink": "off"}
     plant = LayerModel((Ink(3.2e-6, 0.9e-6, 0.2e-6),))
@@ -163,9 +169,7 @@ def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
         one, other = (controller.do_step(layer * SECOND, SECOND, inputs) for controller in controllers)
         for name in one.keys() - OF_PYTHON_ALONE:
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
-        assert isinstance(controllers[0], LayerController)
-        with np.load(io.BytesIO(controllers[0].save())) as state:
-            ahead.add((bool(state["trust"][-1] > 6.0), int(state["plan"].any(axis=(1, 2)).sum())))
+        ahead.add(planned_ahead(controllers[0]))
         if other["status"] == Status.DONE:
             break
         height = plant.layer(height, np.asarray(other["pattern"]), layer + 1)
@@ -175,15 +179,17 @@ def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
 
 
 def low_wall(height: Any, layer: int) -> Any:
-    """A frame that is 5 um too high, and a wall of which the profiler reads the half."""
-    reading = height + 5e-6
-    reading[2] = 5e-6 + 0.5 * height[2]
+    """A frame that is 25 um too high, and a wall of which the profiler reads the half."""
+    reading = height + 25e-6
+    reading[5] = 25e-6 + 0.5 * height[5]
     return reading
 
 
 def test_ground_that_is_not_flat_and_cells_that_do_not_answer_are_reported_alike() -> None:
-    job, plant = block(14, 12), LayerModel.of(block(14, 12))
-    controllers, height = twins(job, {"horizon": 2, "annealing_sweeps": 1, "register_scans": False}), np.zeros((14, 12))
+    mask = np.pad(np.ones((10, 8), np.bool_), 5)
+    job = Job(20, 18, 263.256e-6, np.where(mask, 30e-6, 0.0), mask)
+    options = {"horizon": 2, "annealing_sweeps": 1, "register_scans": False, "volume_least": 0.95}
+    controllers, height, plant = twins(job, options), np.zeros((20, 18)), LayerModel.of(job)
     reasons = set()
     for controller in controllers:
         controller.initialize(0, inputs_of(job, low_wall(height, 0), 0))
@@ -195,8 +201,9 @@ def test_ground_that_is_not_flat_and_cells_that_do_not_answer_are_reported_alike
         assert other["status"] in (Status.DONE, Status.UNTRUSTED)
         reasons.add(int(other["untrusted_reasons"]))
         height = plant.layer(height, np.asarray(other["pattern"]), layer + 1)
-    assert {4, 4 + 32, 4 + 16 + 32} <= reasons
-    assert other["ground_offset"] == pytest.approx(5e-6, abs=1e-9)
+    assert 4 in reasons
+    assert any(each & 16 for each in reasons)
+    assert other["ground_offset"] == pytest.approx(25e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("unknown", [1, 3])
@@ -241,6 +248,7 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
         "controller": {
             "target_height": job.target_height,
             "mask": job.mask,
+            "flat_ground": True,
             "horizon": 3,
             "seed": job.seed,
             "annealing_sweeps": ANNEALING_SWEEPS,

@@ -240,7 +240,8 @@ def test_refused_step_changes_nothing(form) -> None:
 @EVERY_FORM
 def test_step_that_never_ends_is_refused(form) -> None:
     """Without volume no layer brings the print nearer to its end."""
-    with block(form, "cuboid", *CUBOID, ("run.layers_max", 1000000000)) as fmu:
+    going_on = ("components.controller.on_doubt", "continue")
+    with block(form, "cuboid", *CUBOID, ("run.layers_max", 1000000000), going_on) as fmu:
         fmu.start({"volume_factor": 0.0, "layer_period": 1e-6})
         before = fmu.save()
         assert fmu.step(0.0, 1.0) != OK

@@ -14,7 +14,7 @@ from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
 from inkloop.geometry import contained
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse
-from inkloop_controller.estimation.height_estimator import DEAD_EVIDENCE, Estimate
+from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import full_layers, no_droplets
@@ -119,7 +119,7 @@ def cases(draw: st.DrawFn) -> Case:
     estimate = replace(
         Estimate.exact(height, LayerModel(inks).scaled(scale).inks),
         height_variance=rng.uniform(0.0, 1e-12, (nx, ny)),
-        dead_evidence=DEAD_EVIDENCE * (rng.random((nx, ny)) < draw(st.sampled_from([0.0, 0.3, 1.0]))),  # type: ignore[arg-type]
+        dead=rng.random((nx, ny)) < draw(st.sampled_from([0.0, 0.3, 1.0])),
     )
     shape = draw(st.sampled_from([(nx, ny), (nx + 1, ny)]))
     last = rng.integers(0, 1 + len(inks) * options["drop_levels"], (draw(st.integers(1, 5)), *shape), dtype=np.int32)

@@ -74,6 +74,6 @@ def print_part(
             return Print(height, patterns, outputs)
         assert outputs["layer_command"] == layer + 1
         patterns.append(outputs["pattern"])
-        factor = 1.0 - variation * rng.random(height.shape)
+        factor = outputs.get("drop_level", 1) * (1.0 - variation * rng.random(height.shape))
         height = plant.layer(height, outputs["pattern"], layer + 1, factor)
     raise AssertionError(f"not done after {layers_max} layers: mean height {height[job.mask].mean() * 1e6:.1f} um")

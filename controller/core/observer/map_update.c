@@ -3,17 +3,16 @@
 #include <math.h>
 #include <string.h>
 
-
-static const double SURPRISE = 4.5;      /* standard deviations: as likely the sensor's as the cell's (assumed) */
-static const double CERTAIN = 0.9;       /* weight of a reading below which it surprises */
-static const double SAME = 0.4;          /* of a surprise: as much again is the cell's */
-static const double SPIKY = 0.008;       /* share of vanishing surprises from which on they must come three times */
+static const double SURPRISE = 4.5; /* standard deviations: as likely the sensor's as the cell's (assumed) */
+static const double CERTAIN = 0.9;  /* weight of a reading below which it surprises */
+static const double SAME = 0.4;     /* of a surprise: as much again is the cell's */
+static const double SPIKY = 0.008;  /* share of vanishing surprises from which on they must come three times */
 static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
-static const double DEAD_WEAK = 0.3;     /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
+static const double DEAD_WEAK = 0.3; /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
 static const double LAYER_EVIDENCE = 5.0; /* of one layer at most: a single droplet that failed is no dead nozzle */
-static const double WHOLE_HEAD = 0.5;    /* of the part: where more brings nothing, the ink has run out */
-static const double NOT_SEEN = 1e-6;     /* weights of readings are at least so much of a variance */
+static const double WHOLE_HEAD = 0.5;     /* of the part: where more brings nothing, the ink has run out */
+static const double NOT_SEEN = 1e-6;      /* weights of readings are at least so much of a variance */
 
 static size_t cells_of(const MapUpdate *update) {
     return update->evidence->options->nx * update->evidence->options->ny;
@@ -134,7 +133,8 @@ Surprises update_in_register(const MapUpdate *update) {
                 rest = evidence->scan[cell] - left_of(&row, place_on(j, ny)) - expected;
                 double error = evidence->noise_variance + variance_of(&row, place_on(j, ny));
                 if (update->geometry && update->walls[cell]) {
-                    const double up = predicted[i > 0 ? cell - ny : cell], down = predicted[i + 1 < nx ? cell + ny : cell];
+                    const double up = predicted[i > 0 ? cell - ny : cell],
+                                 down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
                     error += geometry_variance(update->geometry, 0.5 * (down - up), 0.5 * (right - left),
@@ -185,8 +185,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double rest =
                 evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place) - value_at(changed, &place);
             const double error = evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
-                                 variance_of(&row, w) +
-                                 geometry_variance(update->geometry, x, y, with_spread, u, w);
+                                 variance_of(&row, w) + geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
             const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;

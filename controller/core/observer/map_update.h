@@ -11,12 +11,12 @@
 typedef struct {
     const ScanEvidence *evidence;
     const SurfaceEstimate *before;
-    const InkFit *fit;         /* that the heights are predicted by */
-    const double *geometry;    /* covariance that readings at walls suffer from; NULL: none */
+    const InkFit *fit;      /* that the heights are predicted by */
+    const double *geometry; /* covariance that readings at walls suffer from; NULL: none */
     const uint8_t *walls;
     const double *spread_slope; /* of the prediction */
-    const double *full_own;    /* what the droplets of cells would leave on them, dead ones too [m] */
-    double extra[CLASSES];     /* process noise beyond that of droplets, in native variances */
+    const double *full_own;     /* what the droplets of cells would leave on them, dead ones too [m] */
+    double extra[CLASSES];      /* process noise beyond that of droplets, in native variances */
     bool is_robust;
     bool is_telling; /* of dead cells, surprises */
     double *scratch[3];

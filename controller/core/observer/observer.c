@@ -13,13 +13,14 @@ static const double SHARE_STD = 0.15, FULL_STD = 0.3; /* of a share of the ink b
 static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
 static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
-static const double GROUND_TOLERANCE = 3.0;   /* layers at a corner: more is no levelling (assumed) */
-static const double KNOWN_GROUND = 1e-18;     /* [m^2], variance of flat ground */
-static const double LEAST_SEEN = 0.02;        /* of the grid: fewer readings are no scan */
-static const double USUAL_MISFIT = 2.0;       /* up to which droplets explain it */
-static const double KEPT = 0.8;               /* of what was learnt, from layer to layer */
+static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
+static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
+static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
+static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
+static const double USUAL_MISFIT = 2.0;     /* up to which droplets explain it */
+static const double KEPT = 0.8;             /* of what was learnt, from layer to layer */
 static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
-static const double FIRST_EVIDENCE = 10.0, EVIDENCE_MAX = 500.0; /* degrees of freedom */
+static const double FIRST_EVIDENCE = 10.0, EVIDENCE_MAX = 500.0;                          /* degrees of freedom */
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 static const double UNSURE = 1e-6;      /* [m^2], variance of heights that a person has looked at */
 static const double NO_VOLUME = 1e-12;  /* of a droplet of a dead nozzle */
@@ -99,8 +100,8 @@ static void take_flat_ground(const EstimatorOptions *options, const double *meas
     const size_t cells = options->nx * options->ny;
     Knowledge *known = estimate->known;
     const double layer = layer_of(options), *spread = known->datum_spread;
-    const ScanDatum datum =
-        scan_datum(options->nx, options->ny, measured, valid, NULL, NULL, spread, fmax(known->noise_variance, NOISELESS));
+    const ScanDatum datum = scan_datum(options->nx, options->ny, measured, valid, NULL, NULL, spread,
+                                       fmax(known->noise_variance, NOISELESS));
     const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
     if (options->noise_variance < 0.0)
         known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
@@ -219,11 +220,13 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
     }
 }
 
-/* Whether scans have left so much for some time: a few spikes on few cells are no droplets of another kind. */
-static bool has_been_misfit(const LoopTrust *trust, const InkFit *fit) {
+/* Whether droplets are of another kind: scans have left as much for some time, or do so again. A few spikes on few cells
+ * are none, and a layer of few droplets shows nothing. */
+static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
-    return fmax(own, spill) > USUAL_MISFIT;
+    const double lasting = fmax(own, spill);
+    return lasting >= FOREIGN_MISFIT || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
 /* A scan and all that is made of it on the way. */
@@ -244,12 +247,13 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     const bool is_registered = options->register_scans && !look->is_unknown;
     if (!fit_in_register(evidence, &look->room, &look->in_register))
         return false;
-    if (is_registered && !fit_displaced(evidence, work->slopes, &look->in_register, &look->room, registration, &look->displaced))
+    if (is_registered &&
+        !fit_displaced(evidence, work->slopes, &look->in_register, &look->room, registration, &look->displaced))
         return false;
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
-    const bool is_foreign = !may_be && is_misfit(fit) && has_been_misfit(&known->trust, fit);
+    const bool is_foreign = !may_be && are_droplets_foreign(&known->trust, fit);
     double doubtful[GEOMETRY * GEOMETRY];
     memcpy(doubtful, registration->covariance, sizeof doubtful);
     for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)
@@ -323,16 +327,13 @@ static void take_as_read(const EstimatorOptions *options, const SurfaceEstimate 
 static void live_on(const Look *look, const SurfaceEstimate *before, const Workspace *work, SurfaceEstimate *after) {
     InkFit known = {.droplets = 0};
     memcpy(known.share, before->known->share, sizeof known.share);
-    live_on_prediction(&(MapUpdate){.evidence = &look->evidence,
-                                    .before = before,
-                                    .fit = &known,
-                                    .full_own = work->full_own,
-                                    .after = after});
+    live_on_prediction(&(MapUpdate){
+        .evidence = &look->evidence, .before = before, .fit = &known, .full_own = work->full_own, .after = after});
 }
 
 static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                         int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
-                         Workspace *work, double *variance, SurfaceEstimate *after) {
+                         int32_t number, bool is_unknown, const double *measured, const uint8_t *valid, Workspace *work,
+                         double *variance, SurfaceEstimate *after) {
     const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
     DropletIncrements increments;
     predict(options, before, layer, is_unknown, work, &increments, variance);
@@ -346,8 +347,11 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     mark_ground(nx, ny, options->part, work->ground, work->marks);
     look.datum = scan_datum(nx, ny, measured, valid, before->height, work->ground, spread,
                             fmax(known->noise_variance, NOISELESS));
+    if (look.datum.noise_variance < 0.0) /* no ground: a profiler that keeps its frame */
+        memcpy(look.datum.term, known->datum, sizeof known->datum);
     take_datum_off(options, &look.datum, measured, valid, work->scan);
-    const double noise = fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
+    const double noise =
+        fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
         if (before->unseen[cell] == 0 && !(variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
             variance[cell] += noise; /* what the first scan was worth */
@@ -424,7 +428,8 @@ void trust_again(SurfaceEstimate *estimate, size_t cells) {
     trust->stop = trust->stop_layer = trust->transform = 0;
     trust->stop_figure = trust->volume_doubt = 0.0;
     trust->is_looked_at = 1;
-    memset(trust->doubts, 0, sizeof trust->doubts);
+    for (int k = 0; k < DOUBTS; k++)
+        trust->doubts[k] = 1.0; /* one more scan that fits another explanation is enough */
     for (size_t cell = 0; cell < cells; cell++)
         estimate->variance[cell] = UNSURE;
 }

@@ -27,7 +27,8 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
                    int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
                    SurfaceEstimate *after);
 
-/* A person has looked: the print goes on, and the next scan is taken as it is. */
+/* A person has looked: the print goes on, and the next scan is taken as it is. If the one after it fits another
+ * explanation far better, the print is stopped again. */
 void trust_again(SurfaceEstimate *estimate, size_t cells);
 
 #endif

@@ -7,8 +7,8 @@
 #include "near_cells.h"
 #include "small_algebra.h"
 
-static const double NU = 4.0;        /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
-static const double MAD = 1.4826;    /* standard deviation / median absolute value of a normal variable */
+static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double MAD = 1.4826;      /* standard deviation / median absolute value of a normal variable */
 static const double NOISELESS = 1e-20; /* [m^2]: a tenth of a nanometre */
 static const double SURELY = 1e-30;    /* [m^2], variance of terms that are none */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */

@@ -3,12 +3,12 @@
 #include <math.h>
 #include <string.h>
 
-static const double STEEP = 0.8;        /* layers per cell: there a displacement moves readings */
-static const double SUSPICIOUS = 2.5;   /* mean square of what a scan leaves, in that of droplets and sensor */
-static const double OUTLIER = 100.0;    /* ... that a single cell counts at most */
-static const double FAR_BETTER = 0.4;   /* of what the scan leaves as read (assumed) */
+static const double STEEP = 0.8;      /* layers per cell: there a displacement moves readings */
+static const double SUSPICIOUS = 2.5; /* mean square of what a scan leaves, in that of droplets and sensor */
+static const double OUTLIER = 100.0;  /* ... that a single cell counts at most */
+static const double FAR_BETTER = 0.4; /* of what the scan leaves as read (assumed) */
 static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
-static const double KEPT = 0.5;         /* of the evidence, from scan to scan */
+static const double KEPT = 0.5;                      /* of the evidence, from scan to scan */
 static const double BELIEVED = 1.2;     /* two scans in a row have 1.5, of three the first and the last 1.25 */
 static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
 static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
@@ -57,9 +57,9 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
     const double layer = layer_of(evidence->options);
     for (size_t cell = 0; cell < nx * ny; cell++)
         on_ground += doubt->ground[cell] && valid[cell];
-    const ScanDatum datum = scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
-                                       doubt->before->known->datum_spread,
-                                       fmax(doubt->noise_variance, SMOOTH * layer * layer));
+    const ScanDatum datum =
+        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
+                   doubt->before->known->datum_spread, fmax(doubt->noise_variance, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
         datum_of_row(datum.term, place_on(i, nx), row);
@@ -148,7 +148,10 @@ static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double r
     if (trust->stop != 0 || (is_stuck ? stuck : trust->doubts[best]) < BELIEVED)
         return;
     const bool has_changed = cost[DOUBT_SAME_SCAN] >= FAR_BETTER * read;
-    trust->stop = !is_stuck ? STOP_TURNED : has_changed ? STOP_LATE : is_last_scan(doubt) ? STOP_SAME_SCAN : STOP_NO_GROWTH;
+    trust->stop = !is_stuck             ? STOP_TURNED
+                  : has_changed         ? STOP_LATE
+                  : is_last_scan(doubt) ? STOP_SAME_SCAN
+                                        : STOP_NO_GROWTH;
     trust->stop_layer = doubt->layer;
     trust->transform = is_stuck ? 0 : best;
     trust->stop_figure = sqrt(read / fmax(cost[best], doubt->noise_variance));

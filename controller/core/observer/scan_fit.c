@@ -8,25 +8,33 @@
 #include "near_cells.h"
 #include "small_algebra.h"
 
-static const double NU = 4.0;                /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
-static const double MEDIAN_SQUARE = 0.4549;  /* of a normal variable of variance 1 */
-static const double FOREIGN_MISFIT = 4.0;    /* two standard deviations: no droplet of the model's (assumed) */
+static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
+static const double FOREIGN_MISFIT = 4.0;   /* two standard deviations: no droplet of the model's (assumed) */
 static const double SHARE_STEP = 0.01, FULL_STEP = 0.02; /* of a share from layer to layer (assumed) */
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
-static const double WALL = 0.1;              /* of the variance of a droplet: the least that a displacement moves */
-static const double STEEP = 0.8;             /* layers per cell */
+static const double WALL = 0.1;  /* of the variance of a droplet: the least that a displacement moves */
+static const double STEEP = 0.8; /* layers per cell */
 static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01; /* per scan, at the edge [1], [cells^2] (assumed) */
 static const double LEAST_STEP = 0.01, STEP_GAIN = 0.3;     /* of the shift [cells]; of what is learnt of it */
-static const double LONGEST_MOVE = 0.7;      /* of a Gauss-Newton step [cells] */
-static const double LARGEST_SPREAD = 4.0;    /* [cells^2] */
-static const double SAME_SPREAD = 0.1;       /* [cells^2] within which readings are linear in the spot */
-static const double TEMPER = 0.5;            /* of a likelihood: errors of neighbours go together (assumed) */
-static const double PRICE = 0.7;             /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
+static const double LONGEST_MOVE = 0.7;                     /* of a Gauss-Newton step [cells] */
+static const double LARGEST_SPREAD = 4.0;                   /* [cells^2] */
+static const double SAME_SPREAD = 0.1;                      /* [cells^2] within which readings are linear in the spot */
+static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
+static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
-static const double CONVERGED = 1e-3;        /* [cells, cells^2] */
-static const double UNKNOWN_SHIFT = 0.3;     /* [cells], standard deviation from which on whole cells are tried */
+static const double CONVERGED = 1e-3;    /* [cells, cells^2] */
+static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
 enum { SHIFTS_TRIED = 3 };
-enum { LEAST_CELLS = 12, ROUNDS = 12, COLD_ROUNDS = 2, WALLS_MAX = 640, DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+enum {
+    LEAST_CELLS = 12,
+    ROUNDS = 12,
+    COLD_ROUNDS = 2,
+    WALLS_MAX = 640,
+    DATUM = GEOMETRY,
+    SHARE = DATUM + DATUM_TERMS,
+    FITTED = SHARE + SHARES_MAX
+};
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 
@@ -211,8 +219,8 @@ static INLINED void smooth_rows(void *context, const RowRange *range) {
 
 CLONED_ROW_WORK(smooth_range, smooth_rows)
 
-/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of droplets
- * and sensor; NULL: they are not. */
+/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of
+ * droplets and sensor; NULL: they are not. */
 static SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
                               const double *misfit) {
     const size_t n = DATUM_TERMS + shares;
@@ -385,9 +393,8 @@ static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fi
     fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
     fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
     for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] = counts[class] < LEAST_CELLS
-                                 ? 1.0
-                                 : median_of_lists(&lists[class], room->spread_slope) / MEDIAN_SQUARE;
+        fit->misfit[class] =
+            counts[class] < LEAST_CELLS ? 1.0 : median_of_lists(&lists[class], room->spread_slope) / MEDIAN_SQUARE;
 }
 
 bool is_misfit(const InkFit *fit) {
@@ -411,8 +418,7 @@ bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
 
 double geometry_variance(const double *covariance, double along_x, double along_y, double with_spread, double u,
                          double w) {
-    const double column[GEOMETRY] = {along_x,     along_y,     along_x * u, along_x * w,
-                                     along_y * u, along_y * w, with_spread};
+    const double column[GEOMETRY] = {along_x, along_y, along_x * u, along_x * w, along_y * u, along_y * w, with_spread};
     double sum = 0.0;
     for (size_t a = 0; a < GEOMETRY; a++) {
         double line = 0.5 * covariance[a * GEOMETRY + a] * column[a];
@@ -426,16 +432,19 @@ double geometry_variance(const double *covariance, double along_x, double along_
 bool may_be_displaced(const Registration *registration) {
     const double a = registration->misfits[0], b = registration->misfits[1], c = registration->misfits[2];
     const double middle = fmax(fmin(a, b), fmin(fmax(a, b), c));
-    return (registration->fits == 1   ? a
-            : registration->fits == 2 ? 0.5 * (a + b)
-                                      : middle) < FOREIGN_MISFIT;
+    return (registration->fits == 1 ? a : registration->fits == 2 ? 0.5 * (a + b) : middle) < FOREIGN_MISFIT;
 }
 
 /* Covariance of the geometry before the scan. */
 static void expected_covariance(const EstimatorOptions *options, const Registration *registration, double *covariance) {
-    const double rise = fmax(0.5 * ((double)options->nx - 1.0), 0.5), run = fmax(0.5 * ((double)options->ny - 1.0), 0.5);
-    const double steps[GEOMETRY] = {sqrt(registration->steps[0]), sqrt(registration->steps[1]), LINEAR_STEP * rise,
-                                    LINEAR_STEP * run,            LINEAR_STEP * rise,           LINEAR_STEP * run,
+    const double rise = fmax(0.5 * ((double)options->nx - 1.0), 0.5),
+                 run = fmax(0.5 * ((double)options->ny - 1.0), 0.5);
+    const double steps[GEOMETRY] = {sqrt(registration->steps[0]),
+                                    sqrt(registration->steps[1]),
+                                    LINEAR_STEP * rise,
+                                    LINEAR_STEP * run,
+                                    LINEAR_STEP * rise,
+                                    LINEAR_STEP * run,
                                     SPREAD_STEP};
     memcpy(covariance, registration->covariance, GEOMETRY * GEOMETRY * sizeof *covariance);
     for (size_t k = 0; k < GEOMETRY; k++)
@@ -446,8 +455,8 @@ static void expected_covariance(const EstimatorOptions *options, const Registrat
 static void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
     const double at_x = covariance[0] + covariance[ALONG_X_U * (GEOMETRY + 1)] + covariance[ALONG_X_W * (GEOMETRY + 1)];
-    const double at_y = covariance[GEOMETRY + 1] + covariance[ALONG_Y_U * (GEOMETRY + 1)] +
-                        covariance[ALONG_Y_W * (GEOMETRY + 1)];
+    const double at_y =
+        covariance[GEOMETRY + 1] + covariance[ALONG_Y_U * (GEOMETRY + 1)] + covariance[ALONG_Y_W * (GEOMETRY + 1)];
     const double spread = fmax(at_x, at_y), h1 = evidence->options->ink.nominal[0].h1;
     const double least = WALL * (evidence->noise_variance + evidence->droplet_variance * h1 * h1) / spread;
     const size_t reach = spread > 0.25 ? 3 : spread > 0.06 ? 2 : 1;
@@ -488,8 +497,8 @@ static void collect_walls(WallFit *fit) {
             if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
                 continue;
             if (is_counted && found % distance == 0)
-                fit->walls[fit->count++] = (Wall){
-                    .cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
+                fit->walls[fit->count++] =
+                    (Wall){.cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
             found++;
         }
         all = found;
@@ -505,7 +514,8 @@ static void look_at_walls(const double *x, WallFit *fit) {
         Wall *wall = &fit->walls[k];
         const Spot spot = spot_of(x, (double)(wall->cell / ny), (double)(wall->cell % ny), wall->u, wall->w);
         const Place place = place_of(nx, ny, spot.x, spot.y);
-        const Place up = place_of(nx, ny, spot.x - SLOPE_STEP, spot.y), left = place_of(nx, ny, spot.x, spot.y - SLOPE_STEP),
+        const Place up = place_of(nx, ny, spot.x - SLOPE_STEP, spot.y),
+                    left = place_of(nx, ny, spot.x, spot.y - SLOPE_STEP),
                     down = place_of(nx, ny, spot.x + SLOPE_STEP, spot.y),
                     right = place_of(nx, ny, spot.x, spot.y + SLOPE_STEP);
         const double along_x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * SLOPE_STEP);
@@ -555,7 +565,8 @@ typedef struct {
     SmoothSums elsewhere; /* by the cells that are no walls, as if in register: there it is flat */
 } WallPrior;
 
-static bool prior_of_walls(const WallFit *fit, const Registration *registration, const double *misfit, WallPrior *prior) {
+static bool prior_of_walls(const WallFit *fit, const Registration *registration, const double *misfit,
+                           WallPrior *prior) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t all = SHARE + fit->shares;
     double geometry[GEOMETRY * GEOMETRY];
@@ -737,8 +748,7 @@ static double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     double gained = 0.0;
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
-        const double plain = plain_rest(evidence, wall->cell) -
-                             share_change(evidence, in_register->share, wall->cell) -
+        const double plain = plain_rest(evidence, wall->cell) - share_change(evidence, in_register->share, wall->cell) -
                              datum_left(in_register, nx, ny, wall->cell);
         const double variance = NU * fmin(wall->variance, native_variance(evidence, wall->cell));
         gained += log1p(plain * plain / variance) - log1p(wall->rest * wall->rest / variance);
@@ -768,7 +778,8 @@ static void learn(const WallFit *fit, const double *x, const double *covariance,
 
 bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const InkFit *in_register, FitRoom *room,
                    Registration *registration, InkFit *displaced) {
-    const size_t n = learnt_shares(evidence->options), all = SHARE + n, cells = evidence->options->nx * evidence->options->ny;
+    const size_t n = learnt_shares(evidence->options), all = SHARE + n,
+                 cells = evidence->options->nx * evidence->options->ny;
     WallFit fit = {.evidence = evidence, .room = room, .shares = n, .spread = -1.0};
     WallPrior prior;
     double x[FITTED], covariance[ENTRIES_MAX];

@@ -17,12 +17,12 @@ typedef struct {
     const JettedLayer *layer;
     const double *scan; /* without its datum, 0 where it is not valid [m] */
     const uint8_t *valid;
-    const double *before, *predicted;   /* heights, by the ink known before [m] */
-    const double *variance;             /* of the heights before [m^2] */
+    const double *before, *predicted;    /* heights, by the ink known before [m] */
+    const double *variance;              /* of the heights before [m^2] */
     const DropletIncrements *increments; /* of the layer */
-    double noise_variance;              /* of a reading [m^2] */
-    double droplet_variance;            /* of a droplet's volume [1] */
-    const ScanDatum *datum;             /* that was taken off */
+    double noise_variance;               /* of a reading [m^2] */
+    double droplet_variance;             /* of a droplet's volume [1] */
+    const ScanDatum *datum;              /* that was taken off */
 } ScanEvidence;
 
 enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
@@ -30,9 +30,9 @@ enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reac
 /* What a model makes of a scan. */
 typedef struct {
     double share[SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX];
-    double datum[DATUM_TERMS];   /* what is left of that of the scan [m] */
+    double datum[DATUM_TERMS]; /* what is left of that of the scan [m] */
     double datum_covariance[DATUM_TERMS * DATUM_TERMS];
-    double misfit[CLASSES];      /* median square of what is left, in variances of droplets and sensor [1] */
+    double misfit[CLASSES];          /* median square of what is left, in variances of droplets and sensor [1] */
     double mean_base, mean_droplets; /* over cells with a droplet: variances without it, and of it [m^2] */
     size_t droplets;                 /* their number */
 } InkFit;

@@ -39,8 +39,8 @@ static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double 
                   j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
 }
 
-/* Variance of a displaced reading by what the view does not model [m^2]: a few thousandths of a cell of its place, and of
- * the shape of the spot a few hundredths (assumed). */
+/* Variance of a displaced reading by what the view does not model [m^2]: a few thousandths of a cell of its place, and
+ * of the shape of the spot a few hundredths (assumed). */
 static inline double view_variance(double along_x, double along_y, double with_spread, double spread) {
     const double place = 0.004 * 0.004 * (along_x * along_x + along_y * along_y), shape = 0.03 * spread * with_spread;
     return place + shape * shape;

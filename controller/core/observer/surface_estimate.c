@@ -5,8 +5,8 @@
 
 /* Before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the rest [1]. */
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
-static const double FIRST_STEP = 0.1; /* of the shift from scan to scan [cells]; learnt */
-static const double FIRST_ODDS = -3.0; /* one profiler in twenty is displaced (assumed) */
+static const double FIRST_STEP = 0.1;    /* of the shift from scan to scan [cells]; learnt */
+static const double FIRST_ODDS = -3.0;   /* one profiler in twenty is displaced (assumed) */
 static const double RESIDUALS_MAX = 9.0; /* of droplets and sensor: three standard deviations (assumed) */
 static const double SPILL_MAX = 6.0;     /* droplets that vary by 40 % show up to 2.4, other droplets 10 and more */
 static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3; /* of a volume: droplets that vary; those of another kind */

@@ -33,14 +33,14 @@ typedef struct {
     const uint8_t *part;  /* nx * ny cells in C order, as all maps */
     const double *target; /* of the print [m] */
     InkPrior ink;
-    int32_t drop_levels;             /* largest number of whole drops of a droplet */
-    int32_t flat_ground;             /* layer 0 is flat, of height 0 */
-    int32_t take_as_read;            /* nothing is estimated: heights are what was read */
-    int32_t register_scans;          /* the geometry of the scans is looked for */
-    int32_t unseen_layers;           /* that a cell may live on prediction alone and still be trusted */
-    double noise_variance;           /* of a reading [m^2]; below 0: not known */
-    double steps_variance;           /* of the rounding of a reading [m^2]: the least there is */
-    double first_variance;           /* of the height of a cell that the first scan did not measure [m^2] */
+    int32_t drop_levels;              /* largest number of whole drops of a droplet */
+    int32_t flat_ground;              /* layer 0 is flat, of height 0 */
+    int32_t take_as_read;             /* nothing is estimated: heights are what was read */
+    int32_t register_scans;           /* the geometry of the scans is looked for */
+    int32_t unseen_layers;            /* that a cell may live on prediction alone and still be trusted */
+    double noise_variance;            /* of a reading [m^2]; below 0: not known */
+    double steps_variance;            /* of the rounding of a reading [m^2]: the least there is */
+    double first_variance;            /* of the height of a cell that the first scan did not measure [m^2] */
     double volume_least, volume_most; /* that is believed of the droplets, as a share of the nominal one [1] */
 } EstimatorOptions;
 
@@ -95,27 +95,27 @@ enum {
 };
 
 typedef struct {
-    double ground[3];    /* of the first scan on ground called flat: height of its middle, and its rise over the grid
-                            along x and y [m] */
-    double early;        /* mean square of the residuals of the first layers, in variances of droplets [1] */
-    double residual;     /* of all layers, recent ones more [1] */
-    double surprise;     /* the same in variances of droplets as learnt and of the sensor [1] */
-    double spill;        /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
-    double blind_share;  /* of the part that the last scan did not measure */
-    double excess;       /* of ink: the most that a cell is above its scan by its droplets [m] */
-    double rise;         /* the most that a cell stands above its target and what its droplets explain [m] */
+    double ground[3];      /* of the first scan on ground called flat: height of its middle, and its rise over the grid
+                              along x and y [m] */
+    double early;          /* mean square of the residuals of the first layers, in variances of droplets [1] */
+    double residual;       /* of all layers, recent ones more [1] */
+    double surprise;       /* the same in variances of droplets as learnt and of the sensor [1] */
+    double spill;          /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
+    double blind_share;    /* of the part that the last scan did not measure */
+    double excess;         /* of ink: the most that a cell is above its scan by its droplets [m] */
+    double rise;           /* the most that a cell stands above its target and what its droplets explain [m] */
     double doubts[DOUBTS]; /* evidence for each; halved from scan to scan */
     double volume_doubt;
     int64_t excess_cell, rise_cell; /* where these are */
     int64_t layers;                 /* that count in the residuals */
     int64_t capped_cells, unseen_cells, high_cells, blind_layers;
-    int64_t ground_wrong; /* the ground is not the flat one */
-    int64_t stop;         /* STOP_... of the first scan that stopped the print; 0: none did */
-    int64_t stop_layer;   /* ... its layer */
+    int64_t ground_wrong;       /* the ground is not the flat one */
+    int64_t stop;               /* STOP_... of the first scan that stopped the print; 0: none did */
+    int64_t stop_layer;         /* ... its layer */
     int64_t is_looked_at;       /* by a person: the next scan is taken as it is */
     int64_t is_volume_believed; /* whatever it is: a person has looked */
-    int64_t transform;    /* ... the DOUBT_... that fits mirrored or turned scans */
-    double stop_figure;   /* ... how many times better the scan fits than as read; a volume [1] */
+    int64_t transform;          /* ... the DOUBT_... that fits mirrored or turned scans */
+    double stop_figure;         /* ... how many times better the scan fits than as read; a volume [1] */
 } LoopTrust;
 
 /* All that is known besides the maps; numbers without padding. */

@@ -8,7 +8,8 @@
 #include "stopwatch.h"
 
 int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4], const SurfaceEstimate *estimate,
-                    const EstimateFigures *figures, int32_t layer, const int32_t *last, int32_t *plan, PlanReport *report) {
+                    const EstimateFigures *figures, int32_t layer, const int32_t *last, int32_t *plan,
+                    PlanReport *report) {
     const size_t cells = options->nx * options->ny;
     const double began = stopwatch_seconds();
     double *memory = malloc(cells * (2 * sizeof(double) + options->horizon * sizeof(uint16_t)));

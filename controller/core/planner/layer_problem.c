@@ -51,8 +51,7 @@ HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORI
     const size_t layers = figures->is_foreign ? options->foreign_horizon : options->horizon;
     allow_droplets(options, estimate, layer, layers, maps->choices);
     weigh_cells(options, estimate, figures, maps);
-    const double droplet_std =
-        options->droplet_std < 0.0 ? figures->droplet_std : options->droplet_std;
+    const double droplet_std = options->droplet_std < 0.0 ? figures->droplet_std : options->droplet_std;
     HorizonProblem problem = {.nx = options->nx,
                               .ny = options->ny,
                               .layers = layers,

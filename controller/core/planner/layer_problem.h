@@ -38,9 +38,9 @@ typedef struct {
     uint16_t *choices;
 } ProblemMaps;
 
-/* The problem of the layers that follow layer number `layer`, whose surface is `estimate`, with its `figures`; it points into that, into
- * the options and into the maps, which it fills. colours: for 4 passes, of each layer of the horizon in the order
- * jetted. */
+/* The problem of the layers that follow layer number `layer`, whose surface is `estimate`, with its `figures`; it
+ * points into that, into the options and into the maps, which it fills. colours: for 4 passes, of each layer of the
+ * horizon in the order jetted. */
 HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4],
                              const SurfaceEstimate *estimate, const EstimateFigures *figures, int32_t layer,
                              const ProblemMaps *maps);

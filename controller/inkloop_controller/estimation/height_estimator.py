@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.core.bindings import answered, checked, ink_pair, laid_out, layer_struct, pointer
@@ -18,7 +19,7 @@ from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStru
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.options import Length, Option, Positive
+from inkloop_controller.problem.options import Length, Option
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
@@ -42,11 +43,16 @@ FLAT_GROUND = Option(
     form=bool | None,
 )
 VOLUME_LEAST = Option(
-    meaning="least volume of the droplets, as a share of the nominal one, that is believed; less stops the print", form=Positive
+    meaning="least volume of the droplets, as a share of the nominal one, that is believed; less stops the print",
+    form=Annotated[float, Field(ge=0.01, le=1.0)],
 )
-VOLUME_MOST = Option(meaning="largest volume of the droplets that is believed; more stops the print", form=Positive)
+VOLUME_MOST = Option(
+    meaning="largest volume of the droplets that is believed; more stops the print",
+    form=Annotated[float, Field(ge=1.0, le=100.0)],
+)
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/observer/surface_estimate.h
 DEAD_EVIDENCE = 15.0  # from here on a cell is dead
+UNSURE = 0.3  # layers: standard deviation of a height that is not known, as in scan_doubts.c
 PROBE_LAYERS = 5  # every so many layers the dead cells are tried again (assumed)
 
 
@@ -66,6 +72,7 @@ class UntrustedReason(IntFlag):
     VOLUME = 1024  # droplets bring more or less than is believed of any ink
 
 
+NO_REASON = UntrustedReason(0)
 TRANSFORMS = (
     "", "", "mirrored in x", "mirrored in y", "turned by 180 degrees", "transposed", "turned by 90 degrees",
     "turned by 270 degrees", "transposed and turned by 180 degrees",
@@ -78,17 +85,17 @@ class EstimateFigures:
     """What is reported of an estimate (controller/core/observer/surface_estimate.h).
 
     volume: of the inks as a share of the nominal ones, mean over the inks; droplet_std: of a droplet's volume, as a
-    share of it, 0 before any layer; noise_std: of a reading [m]; ground: of the first scan on ground called flat: height
-    of its middle, its rise over the grid along x and y [m]; surprise: what scans differ from predictions by, in standard
-    deviations; blind_share: of the part that the last scan did not measure; excess: the most that a cell is higher by
-    its droplets than by its scan [m], at number excess_cell; rise: the most that a cell stands above its target and
-    what its droplets explain [m], at rise_cell; shift_x, shift_y: of the last scan in the middle of the grid [cells]:
-    its reading of a cell is of the plant so far beyond it; shift_std: of their errors, the larger one; spot_radius:
-    standard deviation of the Gaussian spot [cells], 0 while it cannot be distinguished from a point; spot_std: of its
-    error; rotation [rad] and magnification [1] of the scans; stop: the reason that stopped the print, in layer
-    stop_layer; transform: number in TRANSFORMS; stop_figure: how many times better a scan fits than as read, or a
-    volume; is_displaced: scans are read as displaced ones; is_foreign: droplets spill onto their neighbours in another
-    way than the model's; scans: so far.
+    share of it, 0 before any layer; noise_std: of a reading [m]; ground: of the first scan on ground called flat:
+    height of its middle, its rise over the grid along x and y [m]; surprise: what scans differ from predictions by, in
+    standard deviations; blind_share: of the part that the last scan did not measure; excess: the most that a cell is
+    higher by its droplets than by its scan [m], at number excess_cell; rise: the most that a cell stands above its
+    target and what its droplets explain [m], at rise_cell; shift_x, shift_y: of the last scan in the middle of the
+    grid [cells]: its reading of a cell is of the plant so far beyond it; shift_std: of their errors, the larger one;
+    spot_radius: standard deviation of the Gaussian spot [cells], 0 while it cannot be distinguished from a point;
+    spot_std: of its error; rotation [rad] and magnification [1] of the scans; stop: the reason that stopped the print,
+    in layer stop_layer; transform: number in TRANSFORMS; stop_figure: how many times better a scan fits than as read,
+    or a volume; is_displaced: scans are read as displaced ones; is_foreign: droplets spill onto their neighbours in
+    another way than the model's; scans: so far.
     """
 
     volume: float = 1.0
@@ -107,8 +114,8 @@ class EstimateFigures:
     rotation: float = 0.0
     magnification: float = 0.0
     stop_figure: float = 0.0
-    reasons: UntrustedReason = UntrustedReason(0)
-    stop: UntrustedReason = UntrustedReason(0)
+    reasons: UntrustedReason = NO_REASON
+    stop: UntrustedReason = NO_REASON
     stop_layer: int = 0
     transform: int = 0
     unseen_cells: int = 0
@@ -135,7 +142,7 @@ class Estimate:
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; dead,
     capped: (nx, ny) cells whose droplets do not come, and that are given no more ink; untrusted: (nx, ny) cells of the
-    part that have lived on prediction for too many layers; figures: what is reported; state: maps by name, and `known`,
+    part that have lived on prediction for too many layers, and are unsure; figures: what is reported; state: maps by name, and `known`,
     which only C reads.
     """
 
@@ -184,10 +191,10 @@ class HeightEstimator:
     The method is described in controller/core/observer/observer.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
     show. untrusted_layers: as many a cell may live on prediction alone; register_scans: the geometry of the scans is
-    looked for; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other start surface); volume_least,
-    volume_most: of the droplets, as a share of the nominal ones, that are believed; drop_levels: largest number of drops
-    of a droplet; take_as_read: nothing is estimated; threads: the estimate is the same for any number. Raises ValueError
-    for invalid options.
+    looked for; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other start surface);
+    volume_least, volume_most: of the droplets, as a share of the nominal ones, that are believed; drop_levels: largest
+    number of drops of a droplet; take_as_read: nothing is estimated; threads: the estimate is the same for any number.
+    Raises ValueError for invalid options.
     """
 
     def __init__(
@@ -217,15 +224,15 @@ class HeightEstimator:
             errors.append(f"threads is {threads}; needs at least 1")
         if untrusted_layers < 0:
             errors.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
-        if not 0.0 < volume_least < 1.0 < volume_most < np.inf:
+        if not 0.01 <= volume_least <= 1.0 <= volume_most <= 100.0:
             errors.append(
-                f"volume_least is {volume_least} and volume_most {volume_most}; needs shares of the nominal volume below "
-                "and above 1"
+                f"volume_least is {volume_least} and volume_most {volume_most}; needs shares of the nominal volume of "
+                "0.01 to 1 and of 1 to 100"
             )
         if errors:
             raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
-        self._threads = threads
+        self._threads, self._layer = threads, drop_levels * max(ink.layer_height for ink in job.inks)
         self._part, self._target = np.ascontiguousarray(job.mask), np.ascontiguousarray(job.target_height)
         steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
         self._options = EstimatorOptionsStruct(
@@ -321,13 +328,14 @@ class HeightEstimator:
     def _estimate(self, state: Mapping[str, NDArray[Any]]) -> Estimate:
         struct, found = EstimateStruct(*(pointer(array) for array in state.values())), FiguresStruct()
         library().inkloop_estimate_figures(self._options, struct, found)
+        is_unsure = state["height_variance"] > (UNSURE * self._layer) ** 2
         return Estimate(
             height=state["height"],
             height_variance=state["height_variance"],
             inks=tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)]),
             dead=np.asarray(state["dead_evidence"] >= DEAD_EVIDENCE, np.bool_),
             capped=state["capped"],
-            untrusted=np.asarray(self._job.mask & (state["unseen"] > self._untrusted_layers), np.bool_),
+            untrusted=np.asarray(self._job.mask & (state["unseen"] > self._untrusted_layers) & is_unsure, np.bool_),
             figures=EstimateFigures.of_struct(found),
             state=state,
         )

@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Status, Values
-from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, STATUS, has_port
+from inkloop.contract import (
+    LAYER_COMMAND,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    LOOKED_AT,
+    STATUS,
+    STOP_REASON,
+    has_port,
+)
 from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.interrupt import deferred
@@ -27,7 +35,7 @@ from inkloop.results.checkpoint import Checkpoint
 from inkloop.units import S_PER_NS
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
-StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
+StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted", "stopped"]
 Turns: TypeAlias = Generator[tuple[str, Values], None, StopReason]
 """Pauses before each step of a component: its name and its inputs; ends with the stop reason."""
 
@@ -51,7 +59,8 @@ class Master:
     those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
     every: component -> whole number of master steps per own step, 1 if not named; its outputs hold in between.
     events: changes to values between components, see `inkloop.master.events`. pacing: waits for the clock after each
-    step. on_interrupt: called with time and outputs when Ctrl-C ends the run, before the components are terminated.
+    step. on_interrupt, on_stop: called with time and outputs when Ctrl-C, or the controller, ends a run that can be
+    resumed, before the components are terminated.
     """
 
     def __init__(
@@ -66,6 +75,7 @@ class Master:
         events: Sequence[Event] = (),
         pacing: Pacing | None = None,
         on_interrupt: Callable[[int, Mapping[str, Values]], None] | None = None,
+        on_stop: Callable[[int, Mapping[str, Values]], None] | None = None,
     ) -> None:
         errors = check(components, connections)
         errors += [
@@ -84,7 +94,7 @@ class Master:
         self._observers = tuple(observers)
         self._feeds = feeds(components, connections)
         self._manipulator, self._has_events = Manipulator(events, components), bool(events)
-        self._pacing, self._on_interrupt = pacing, on_interrupt
+        self._pacing, self._on_interrupt, self._on_stop = pacing, on_interrupt, on_stop
         read = {connection.source for connection in connections}
         self._checked_ports = {
             name: [
@@ -100,6 +110,10 @@ class Master:
         }
         commander = (name for name, part in components.items() if has_port(part.outputs, LAYER_COMMAND))
         self._commander = next(commander, None)
+        can_be_told = self._commander and has_port(components[self._commander].inputs, LOOKED_AT)
+        is_fed = any(connection.target == f"{self._commander}.{LOOKED_AT}" for connection in connections)
+        self._told = self._commander if can_be_told and not is_fed else None  # whether a person has looked
+        self._is_looked_at = False
         parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
         self._wall_ns = dict.fromkeys(parts, 0)
 
@@ -110,9 +124,10 @@ class Master:
 
         resume: the point to resume from, the start if None.
 
-        "done": the component that commands layers reports it. "layers_max": that many layers are printed, and scanned
-        if a component scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
-        communication point.
+        "done": the component that commands layers reports it. "stopped": its `stop_reason` is above 0: the scans do not
+        show what was printed; to resume such a run says that a person has looked (`looked_at`). "layers_max": that many
+        layers are printed, and scanned if a component scans. "fault": a component's status is fault. "interrupted":
+        Ctrl-C; all observers saw the last communication point.
         """
         begin = perf_counter_ns()
         try:
@@ -137,6 +152,7 @@ class Master:
                 stack.callback(component.terminate)
             self._initialize()
             time_ns = self._restore(resume) if resume else 0
+            self._is_looked_at = self._told is not None and self._is_stopped()
             step = time_ns // self._step_ns
             self._observe("initialized", time_ns)
             if self._pacing:
@@ -150,6 +166,8 @@ class Master:
                 step += 1
                 yield from self._step(time_ns, step)
                 self._wait(time_ns, interrupted)
+            if reason == "stopped" and self._on_stop:
+                self._on_stop(time_ns, self._outputs)
             return reason
 
     def inputs(self, name: str, time_ns: int) -> Values:
@@ -206,6 +224,7 @@ class Master:
             except Exception as error:
                 place = f"at t = {begin_ns * S_PER_NS:.9g} s{self._layer()}"
                 raise ComponentError(f"{name} failed {place}: {message_of(error)}") from error
+            self._is_looked_at = self._is_looked_at and name != self._told
             self._wall_ns[name] += perf_counter_ns() - begin
         self._observe("stepped", time_ns)
 
@@ -224,6 +243,8 @@ class Master:
     def _gather(self, name: str, outputs: Mapping[str, Values], time_ns: int) -> Values:
         """The inputs of a step that begins at `time_ns`."""
         inputs = {port: transfer(outputs[source][output]) for port, source, output, transfer in self._feeds[name]}
+        if name == self._told:
+            inputs[LOOKED_AT] = np.asarray(self._is_looked_at)
         if not self._has_events:
             return inputs
         return self._manipulator.inputs(name, inputs, time_ns, self._commanded(outputs))
@@ -273,10 +294,16 @@ class Master:
         controller = self._find(LAYER_COMMAND)
         if controller and STATUS in controller and int(controller[STATUS]) == _DONE:
             return "done"
+        if self._is_stopped() and not self._is_looked_at:
+            return "stopped"
         counters = [part[count] for count in (LAYERS_PRINTED, LAYERS_SCANNED) if (part := self._find(count))]
         if layers_max is not None and counters and min(counters) >= layers_max:
             return "layers_max"
         return "time_max" if time_max_ns is not None and time_ns >= time_max_ns else None
+
+    def _is_stopped(self) -> bool:
+        """Whether the component that commands layers has ended the print."""
+        return self._commander is not None and int(self._outputs[self._commander].get(STOP_REASON, 0)) > 0
 
     def _find(self, output: str) -> Values | None:
         """Outputs of the first component that has `output`."""

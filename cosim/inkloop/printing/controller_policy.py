@@ -15,6 +15,7 @@ from inkloop.contract import (
     MEASURED_HEIGHT,
     PATTERN,
     STATUS,
+    STOP_REASON,
     VALID,
 )
 from inkloop.errors import ComponentError
@@ -33,13 +34,13 @@ class ControllerPolicy:
         self._component.initialize(0, self._inputs(-1))
 
     def act(self, observation: Observation) -> NDArray[np.int32]:
-        """The action for the scan of the next layer; no droplet where the controller is done.
+        """The action for the scan of the next layer; no droplet where the controller is done, or has stopped.
 
         Raises ComponentError, also where the controller does not answer within its step.
         """
         scan = {MEASURED_HEIGHT: observation[MEASURED_HEIGHT], VALID: observation[VALID].astype(np.bool_)}
         outputs = self._component.do_step(self._layer * STEP_NS, STEP_NS, {**self._inputs(self._layer), **scan})
-        if int(outputs[STATUS]) == Status.DONE:
+        if int(outputs[STATUS]) == Status.DONE or int(outputs.get(STOP_REASON, 0)) > 0:
             return np.zeros(self._code.shape, np.int32)
         self._layer += 1
         if int(outputs[LAYER_COMMAND]) != self._layer:

@@ -16,7 +16,7 @@ from inkloop.results import checkpoint
 from inkloop.results.result import RUN_FILE, read_record
 
 _COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
-_EXIT_CODES = (0, 1, 2, 130)  # of the inkloop command; 2 is argparse's
+_EXIT_CODES = (0, 1, 2, 4, 130)  # of the inkloop command; 2 is argparse's
 
 
 def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] = ()) -> int:

@@ -56,6 +56,7 @@ class Print:
             events=self._events,
             pacing=self._pacing,
             on_interrupt=self._checkpoints.interrupted if self._checkpoints else None,
+            on_stop=self._checkpoints.stopped if self._checkpoints else None,
         )
 
     def run(self) -> Result:

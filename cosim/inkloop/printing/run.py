@@ -30,6 +30,7 @@ from inkloop.results.result import (
     COMPARE_FOLDER,
     RUN_FILE,
     SCENARIO_FILE,
+    STOPPED,
     UNFINISHED,
     Result,
     is_unchanged,
@@ -39,6 +40,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.units import MS_PER_S, UM_PER_M
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
+STOPPED_PRINT = 4  # ... of one whose print was stopped, as the scans do not show what was printed
 
 
 def run(
@@ -129,12 +131,12 @@ def print_part(
 
 def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: Sequence[str]) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
-    from inkloop.report import run_report
-    from inkloop.report.remarks import remarks
+    from inkloop.report import run_report, trust
+    from inkloop.report.remarks import ending, remarks
 
     gc.freeze()  # what was imported stays: no collection has to go through it
     notes = origin_of(scenario, compare=compare)
-    stopped, printed = False, dict[Path, Result]()
+    is_interrupted, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
@@ -146,20 +148,30 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
                 console.sentence(f"{result.run['label']}: {sentence(result.run['real_time'])}")
             for remark in remarks(result):
                 console.sentence(f"{result.run['label']}: {remark}")
-            stopped = interrupted() or result.stop_reason == "interrupted"
-            if stopped:
+            is_interrupted = interrupted() or result.stop_reason == "interrupted"
+            if is_interrupted:
                 break
     console.print(run_report.write(folder, pictures, printed))
-    reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
+    reason = "interrupted" if is_interrupted else read_record(folder)["stop_reason"]
     written = "table, pictures and result.nc" if pictures else "table and result.nc"
     console.sentence(f"{reason}: {written} are in {folder}/")
-    if stopped:
-        refusal = result.run.get("not_resumable")
-        advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
-        console.sentence(advice)
+    if is_interrupted:
+        console.sentence(_advice(result, f"continue with `inkloop resume {folder}`"))
+    is_stopped = reason == STOPPED
+    if is_stopped:
+        main = printed.get(folder) or Result.load(folder)
+        console.sentence(f"{trust.STOPPED}:")
+        console.sentence(ending(main))
+        console.sentence(_advice(main, f"when you have looked at it, continue with `inkloop resume {folder}`"))
     if console.as_json:
         console.result(**run_report.record(folder, printed))
-    return INTERRUPTED if stopped else 0
+    return INTERRUPTED if is_interrupted else STOPPED_PRINT if is_stopped else 0
+
+
+def _advice(result: Result, advice: str) -> str:
+    """How a run goes on, or why it cannot be resumed."""
+    refusal = result.run.get("not_resumable")
+    return f"cannot be resumed: {refusal}" if refusal else advice
 
 
 def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:

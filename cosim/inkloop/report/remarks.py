@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from inkloop.contract import LAYER_UNKNOWN
-from inkloop.report.trust import untrusted_remarks
+from inkloop.report.trust import STOPPED, stop_remarks, untrusted_remarks
+from inkloop.results import result as results
 from inkloop.results.attributes import LEFT_OUT
 from inkloop.results.result import Result
 from inkloop.units import UM_PER_M
@@ -28,8 +29,28 @@ def remarks(result: Result) -> list[str]:
     run = result.dataset
     found += untrusted_remarks(run)
     return (
-        found + _left_out(run) + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
+        _stops(result)
+        + found
+        + _left_out(run)
+        + _corrected_scans(run)
+        + _nothing_printed(result)
+        + _unknown_layers(run)
+        + _alarms(run)
     )
+
+
+def ending(result: Result) -> str:
+    """Why a print was stopped, in one sentence; empty where it was not."""
+    if result.stop_reason != results.STOPPED:
+        return ""
+    return next(reversed(stop_remarks(result.dataset)), "the controller gives no reason")
+
+
+def _stops(result: Result) -> list[str]:
+    """One sentence on the end of a stopped print, and one for each time that a person has let it go on."""
+    found, end = stop_remarks(result.dataset), ending(result)
+    earlier = found[:-1] if end else found
+    return [f"{STOPPED}: {end}"] * bool(end) + [f"was stopped and resumed: {each}" for each in earlier]
 
 
 def _left_out(run: xr.Dataset) -> list[str]:

@@ -25,7 +25,14 @@ _INKS = ("none", "ink_a", "ink_b")
 _STATUS = tuple(status.name.lower() for status in Status)
 _PLANS = ("optimal", "repaired", "budget", "time_limit", "interrupted", "fallback", "fixed", "done")
 LEFT_OUT = ("relaxation", "starts", "repair", "fewer_layers", "certificate")
-_REASONS = ("unseen_cells", "blind_scan", "ground_not_flat", "residuals", "capped_cells", "cells_too_high")
+_REASONS = (
+    *("unseen_cells", "blind_scans", "ground_not_flat", "residuals", "capped_cells", "cells_too_high"),
+    *("no_growth", "same_scan", "late_scans", "turned_scans", "volume"),
+)
+_TRANSFORMS = (
+    *("none", "unused", "mirrored_in_x", "mirrored_in_y", "turned_by_180_degrees", "transposed"),
+    *("turned_by_90_degrees", "turned_by_270_degrees", "transposed_and_turned_by_180_degrees"),
+)
 _PART = "(comment: over the cells of the part)"
 _SHARE = (0.0, 1.0)
 _COUNT = (0.0, None)
@@ -115,7 +122,7 @@ MEANINGS: Mapping[str, Meaning] = {
     "volume_scale": Meaning("droplet volume that the controller learnt, as a share of the nominal one", limits=_COUNT),
     "untrusted_cells": Meaning("cells of the part that no scan has shown for too many layers", limits=_COUNT),
     "dead_cells": Meaning("cells whose droplets bring nothing, found from the scans", limits=_COUNT),
-    "capped_cells": Meaning("cells that get no more ink than an open loop would jet there", limits=_COUNT),
+    "capped_cells": Meaning("cells that get no more ink: by their droplets they are high enough", limits=_COUNT),
     "untrusted_reasons": Meaning("reasons why the controller does not trust its loop", masks=_REASONS),
     "blind_share": Meaning("share of the part's cells that the last scan did not measure", limits=_SHARE),
     "ground_offset": Meaning("height of the middle of ground that is called flat, in the first scan"),
@@ -131,12 +138,22 @@ MEANINGS: Mapping[str, Meaning] = {
     "height_excess": Meaning("most that a cell of the part stands above its target and what its droplets explain"),
     "height_excess_i": Meaning("cell along x of the largest excess of height"),
     "height_excess_j": Meaning("cell along y of the largest excess of height"),
-    "scan_corrected": _yes("scans were corrected for a shift or a wide spot"),
+    "scan_corrected": _yes("scans were read as displaced ones: shift, rotation, magnification and spot explain them"),
     "scan_shift_x": Meaning("shift of the last scan against the printer along x, as found"),
     "scan_shift_y": Meaning("shift of the last scan against the printer along y, as found"),
     "scan_shift_std": Meaning("standard deviation of the error of the shift found", limits=_COUNT),
     "scan_spot_radius": Meaning("standard deviation of the Gaussian spot of the sensor, as found", limits=_COUNT),
     "scan_spot_std": Meaning("standard deviation of the error of the spot radius found", limits=_COUNT),
+    "scan_rotation": Meaning("rotation of the scans against the printer, as found, from x to y"),
+    "scan_magnification": Meaning("magnification of the scans against the printer, as found"),
+    "stop_reason": Meaning("reason for which the scan of the layer stopped the print", masks=_REASONS),
+    "stop_layer": Meaning("layer whose scan was the last straw, where scans do not show what was printed"),
+    "stop_transform": Meaning("what brings mirrored or turned scans to the printer", flags=_TRANSFORMS),
+    "stop_figure": Meaning(
+        "how many times better the scan fits another explanation than as it was read; for volume that of the droplets, "
+        "as a share of the nominal one",
+        limits=_COUNT,
+    ),
 }
 """What inkloop's own variables hold, by name."""
 

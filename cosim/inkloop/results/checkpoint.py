@@ -109,6 +109,12 @@ class Checkpoints:
             self._state_at = -inf
             self._write(time_ns, outputs)
 
+    def stopped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Write the state of this point, from which a print goes on that its controller has stopped."""
+        if self._state_ns != time_ns:
+            self._state_at = -inf
+            self._write(time_ns, outputs)
+
     def load(self) -> Checkpoint | None:
         """The last checkpoint, None if there is none; the recorder gets the rows of its layers. Raises ResultError."""
         advice = _NEW_PART if self._durable else f"remove {self._folder}, and the run begins at its first layer"

@@ -33,6 +33,7 @@ from inkloop.contract import (
     SHADOW,
     SIGNALS,
     STATUS,
+    STOP_REASON,
     VALID,
 )
 from inkloop.results.attributes import variable
@@ -56,6 +57,8 @@ _RUN = "run"
 """Role of recorded values of no component."""
 _SCALARS = "scalars"
 """Role of tables of recorded scalars: a file takes much less time for a few of them than for each scalar."""
+STOP = (STOP_REASON, "stop_layer", "stop_transform", "stop_figure")
+"""What a controller says that has ended the print; it stands in the row of the layer whose scan it was."""
 DROPLETS = ("droplets_a", "droplets_b")
 """Droplets of each ink so far, by a printer that counts them."""
 COUNTER_END = 2**31 - 1
@@ -143,6 +146,9 @@ class Recorder:
             if number == self._seen[counter]:
                 if role == CONTROLLER and values.get(STATUS) == Status.DONE:
                     self._keep(role, "estimated_height", number, values)
+                if role == CONTROLLER and values.get(STOP_REASON, 0) > 0:
+                    for name in ("estimated_height", *STOP):
+                        self._keep(role, name, number, values)
                 continue
             self._seen[counter] = number
             if role == CONTROLLER:

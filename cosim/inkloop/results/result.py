@@ -39,7 +39,9 @@ READ_AT_ONCE = 1 << 26
 """Bytes of the arrays of a result up to which all of them are read into memory."""
 COMPARE_FOLDER = "compare"
 """Folder of a run folder that holds its comparison runs."""
-UNFINISHED = ("running", "interrupted", "failed")
+STOPPED = "stopped"
+"""Stop reason of a run whose controller has ended it: the scans do not show what was printed."""
+UNFINISHED = ("running", "interrupted", "failed", STOPPED)
 """Stop reasons of runs that `inkloop resume` can continue."""
 _LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 

@@ -53,7 +53,7 @@ class Observer:
             fit = displaced if s.is_displaced else in_register
         may_be = is_registered and bool(s.misfits) and may_be_displaced(s)
         lasting = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
-        is_robust = may_be or not fit.is_misfit or lasting.max() <= c.USUAL
+        is_robust = may_be or lasting.max() < (c.USUAL if fit.is_misfit else c.FOREIGN)
         extra = np.append(np.maximum(fit.misfit - c.USUAL, 0.0) * (not may_be and not s.is_displaced), 0.0)
         known = np.maximum(
             look.variance + look.of_droplet * look.squares + extra[look.classes] * look.native, c.LEAST_VARIANCE
@@ -145,7 +145,8 @@ class Observer:
             if s.layers <= c.EARLY:
                 s.early += (found - s.early) / s.layers
         if look.datum[3] is not None:
-            square = np.maximum((look.datum[0] + believed.datum) ** 2, c.LEAST_SPREAD)
+            s.datum = look.datum[0] + believed.datum
+            square = np.maximum(s.datum**2, c.LEAST_SPREAD)
             s.datum_spread = c.DATUM_KEPT * s.datum_spread + (1.0 - c.DATUM_KEPT) * square
         s.share, s.share_covariance = believed.share, believed.share_covariance
 
@@ -179,7 +180,7 @@ class Observer:
         if o.flat:
             term, _, _, shown = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
             s.noise = max(shown or 0.0, o.steps, c.NOISELESS) if o.noise is None else noise
-            s.ground = term[:3] * [1.0, 2.0, 2.0]
+            s.datum, s.ground = term, term[:3] * [1.0, 2.0, 2.0]
             s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
             s.height, s.variance = zero, np.full(o.shape, c.KNOWN_GROUND)
         s.ledger = s.height
@@ -207,7 +208,8 @@ class Observer:
         noise = max(self.reading_noise(s, datum[3]), rounding_variance(scan[valid], o.layer))
         if s.scans == 1 and o.noise is None:  # what the first scan was worth
             variance += noise * ((before.unseen == 0) & (variance <= noise) & (before.variance != c.KNOWN_GROUND))
-        flat = np.where(valid, scan - np.tensordot(datum[0], o.terms, 1), 0.0)
+        taken_off = s.datum if datum[3] is None else datum[0]
+        flat = np.where(valid, scan - np.tensordot(taken_off, o.terms, 1), 0.0)
         look = Look(
             before, pattern, flat, valid, predicted, variance, adds, squares, own, full_own, noise, datum, is_unknown
         )
@@ -227,7 +229,7 @@ class Observer:
         """After a person has looked: the next scan is taken as it is."""
         s = deepcopy(before)
         s.is_volume_believed = s.is_volume_believed or s.stop[0] == c.VOLUME
-        s.stop, s.volume_doubt, s.doubts, s.is_looked_at = (0, 0, 0, 0.0), 0.0, 0.0 * s.doubts, True
+        s.stop, s.volume_doubt, s.doubts, s.is_looked_at = (0, 0, 0, 0.0), 0.0, np.ones(9), True
         s.variance = np.full(self.setup.shape, c.UNSURE)
         return s
 

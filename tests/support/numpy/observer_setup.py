@@ -52,6 +52,7 @@ class State:
     stop: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # reason, layer, transform, figure
     is_looked_at: bool = False
     is_volume_believed: bool = False
+    datum: Any = field(default_factory=lambda: np.zeros(6))
     blind: int = 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import weakref
 from typing import Any
 
@@ -13,7 +14,7 @@ from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_plan import LayerPlan
@@ -77,12 +78,12 @@ def test_commands_count_from_the_layers_there_are(make: Any) -> None:
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_done_is_for_good(make: Any) -> None:
-    controller = started(make(JOB, **({"layers": 0} if make is OpenLoopController else {})))
-    done = answer(controller, JOB.target_height, 0, 0)
+    controller = started(make(JOB, **({"layers": 4} if make is OpenLoopController else {})), layer=4)
+    done = answer(controller, JOB.target_height, 4, 4)
     assert done["status"] == Status.DONE
-    assert done["layer_command"] == 0
+    assert done["layer_command"] == 4
     assert not done["pattern"].any()
-    assert answer(controller, FLAT, 1, 1)["status"] == Status.DONE
+    assert answer(controller, FLAT, 5, 5)["status"] == Status.DONE
 
 
 @pytest.mark.system
@@ -211,7 +212,11 @@ def test_bound_counts_only_with_a_relaxation() -> None:
 
 
 def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_continues() -> None:
-    controller, plant, height = started(LayerMpcController(JOB, untrusted_layers=1)), LayerModel.of(JOB), FLAT
+    controller, plant, height = (
+        started(LayerMpcController(JOB, untrusted_layers=1, flat_ground=False)),
+        LayerModel.of(JOB),
+        FLAT,
+    )
     hidden = np.ones(FLAT.shape, np.bool_)
     hidden[4, 4] = False
     statuses = []
@@ -297,17 +302,65 @@ def test_before_the_first_scan_nothing_is_known_and_nothing_is_jetted(make: Any)
 
 
 def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
-    """A cell 60 um higher than the target of its part, and one that was never seen."""
-    controller = started(LayerMpcController(JOB, register_scans=False, untrusted_layers=0))
-    height, valid = FLAT.copy(), np.ones(FLAT.shape, np.bool_)
+    """A cell 60 um higher than the target of its part in three scans, and one that is never seen."""
+    options = {"register_scans": False, "untrusted_layers": 0, "flat_ground": False}
+    controller, plant = started(LayerMpcController(JOB, **options)), LayerModel.of(JOB)
     i, j = (int(each[4]) for each in np.nonzero(JOB.mask))
-    height[i, j] = JOB.target_height[i, j] + 60e-6
+    valid = np.ones(FLAT.shape, np.bool_)
     valid[tuple(each[9] for each in np.nonzero(JOB.mask))] = False
-    found = answer(controller, height, 0, 0, valid)
+    height, found = FLAT, answer(controller, FLAT, 0, 0, valid)
+    for layer in (1, 2, 3):
+        height = plant.layer(height, found["pattern"], layer)
+        height[i, j] = JOB.target_height[i, j] + 60e-6
+        found = answer(controller, height, layer, layer, valid)
     assert (found["height_excess_i"], found["height_excess_j"]) == (i, j)
-    assert found["height_excess"] == pytest.approx(60e-6, rel=1e-9, abs=0.0)
+    assert found["height_excess"] == pytest.approx(60e-6, rel=0.05, abs=0.0)
     assert found["untrusted_cells"] == 1
     assert found["dead_cells"] == 0
     assert found["status"] == Status.UNTRUSTED
+    assert int(found["untrusted_reasons"]) == UntrustedReason.UNSEEN | UntrustedReason.HIGH
     assert not found["scan_corrected"]
-    np.testing.assert_array_equal(found["estimated_height"], np.where(valid, height, 0.0))
+    assert not found["stop_reason"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"measured_height": np.zeros((3, 4))}, "measured_height of scan 0 has shape (3, 4); needs (10, 9)"),
+        ({"valid": np.ones((3, 4), np.bool_)}, "valid of scan 0 has shape (3, 4); needs (10, 9)"),
+        ({"measured_height": np.where(np.arange(9) == 7, np.nan, FLAT)}, "is nan at cell (0, 7) of scan 0"),
+        ({"measured_height": np.where(np.arange(9) == 7, 12.0, FLAT)}, "is 12 at cell (0, 7) of scan 0"),
+        ({"measured_height": np.where(np.arange(9) == 7, -1.1, FLAT)}, "needs a height in metres, within 1 m"),
+    ],
+)
+def test_scan_that_is_none_is_refused_and_nothing_is_lost(change: dict[str, Any], message: str) -> None:
+    controller, other = (started(LayerMpcController(JOB)) for _ in range(2))
+    with pytest.raises(ComponentError, match=re.escape(message)):
+        controller.do_step(0, SECOND, inputs_of(JOB, FLAT, 0) | change)
+    found, expected = (answer(each, FLAT, 0, 0) for each in (controller, other))
+    np.testing.assert_array_equal(found["pattern"], expected["pattern"])
+    assert found["layer_command"] == 1
+
+
+@pytest.mark.parametrize("reading", [np.nan, 12.0])
+def test_cell_that_is_not_valid_may_hold_any_reading(reading: float) -> None:
+    controller, valid = started(LayerMpcController(JOB)), np.ones(FLAT.shape, np.bool_)
+    valid[4, 4] = False
+    assert answer(controller, np.where(valid, FLAT, reading), 0, 0, valid)["layer_command"] == 1
+
+
+def test_print_without_any_reading_lives_on_predictions_and_is_untrusted_after_five_layers() -> None:
+    job = block(14, 14, 60e-6)
+    controller = LayerMpcController(job, horizon=1)
+    blank, nothing = np.zeros((14, 14)), np.zeros((14, 14), np.bool_)
+    controller.initialize(0, inputs_of(job, blank, 0))
+    statuses = []
+    for layer in range(40):
+        outputs = controller.do_step(0, SECOND, inputs_of(job, blank, layer, None if layer == 0 else nothing))
+        if outputs["status"] == Status.DONE:
+            break
+        statuses.append(int(outputs["status"]))
+        assert outputs["stop_reason"] == 0
+    assert statuses[:6] == [Status.IDLE] * 6
+    assert set(statuses[6:]) == {Status.UNTRUSTED}
+    assert layer < 20

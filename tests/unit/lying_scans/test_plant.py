@@ -28,7 +28,7 @@ def rough(shape: tuple[int, int] = OBLONG) -> Any:
 def test_droplet_adds_its_volume(droplet: Any, volume: float, is_flat: bool) -> None:
     surface, drops = np.zeros(OBLONG) if is_flat else rough(), np.zeros(OBLONG)
     drops[4, 5] = 0.9
-    assert (deposit(surface, drops, droplet) - surface).sum() == pytest.approx(0.9 * volume)
+    assert (deposit(surface, drops, droplet) - surface).sum() == pytest.approx(0.9 * volume, rel=1e-9, abs=0.0)
 
 
 def test_first_layer_of_a_line_is_lower_at_its_ends() -> None:
@@ -46,10 +46,10 @@ def test_neighbour_that_is_higher_takes_less_of_a_droplet() -> None:
     surface, drops = np.zeros((5, 5)), np.zeros((5, 5))
     surface[1, 2], surface[2, 3], drops[2, 2] = 2.0, 5.0, 1.0
     after = deposit(surface, drops, {(0, 0): 4.0, (1, 0): 1.0, (1, 1): 0.0})
-    assert after[1, 2] == pytest.approx(2.6)
+    assert after[1, 2] == pytest.approx(2.6, rel=1e-9, abs=0.0)
     assert after[2, 3] == 5.0
     assert after[3, 2] == after[2, 1] == 1.0
-    assert after[2, 2] == pytest.approx(4.0 + 0.4 + 1.0)
+    assert after[2, 2] == pytest.approx(4.0 + 0.4 + 1.0, abs=1e-9)
     stays = deposit(surface, drops, {(0, 0): 4.0, (1, 0): 1.0, (1, 1): 0.0}, flows=False)
     assert (stays - surface)[2].tolist() == [0.0, 1.0, 4.0, 1.0, 0.0]
 
@@ -57,7 +57,7 @@ def test_neighbour_that_is_higher_takes_less_of_a_droplet() -> None:
 def test_share_beyond_the_grid_is_lost() -> None:
     drops = np.zeros((3, 3))
     drops[0, 0] = 1.0
-    assert deposit(np.full((3, 3), 9.0), drops).sum() == pytest.approx(81.0 + 4.4 + 2 * 0.6 + 0.2)
+    assert deposit(np.full((3, 3), 9.0), drops).sum() == pytest.approx(81.0 + 4.4 + 2 * 0.6 + 0.2, abs=1e-9)
 
 
 @pytest.mark.parametrize("foreign", [{"satellites": 1.0}, {"placement": (0.3, -0.6)}, {"bleeding": 0.15}], ids=str)
@@ -66,8 +66,8 @@ def test_foreign_droplets_keep_their_volume(foreign: dict[str, Any]) -> None:
     drops[6:14, 6:12] = 1.0
     surface = 30.0 * drops
     after = printed(replace(EXACT, **foreign), surface, drops, 1, 0.0, rng())
-    assert (after - surface).sum() == pytest.approx(48 * 7.6)
-    assert not np.allclose(after, deposit(surface, drops))
+    assert (after - surface).sum() == pytest.approx(48 * 7.6, rel=1e-9, abs=0.0)
+    assert not np.allclose(after, deposit(surface, drops), rtol=0.0, atol=1e-9)
 
 
 def test_droplets_land_where_placement_says() -> None:
@@ -81,9 +81,9 @@ def test_volume_falls_and_differs_as_told() -> None:
     everywhere = np.ones((7, 5))
     bare = np.zeros((7, 5))
     half = printed(replace(EXACT, volume_loss=0.3), bare, everywhere, 9, 0.5, rng())
-    assert half == pytest.approx(0.85 * deposit(bare, everywhere))
+    assert half == pytest.approx(0.85 * deposit(bare, everywhere), rel=1e-9, abs=0.0)
     sides = printed(replace(EXACT, volume_right=0.2, flows=False), bare, everywhere, 1, 0.0, rng())
-    assert sides[1, 2] / sides[5, 2] == pytest.approx(0.9 / 1.1)
+    assert sides[1, 2] / sides[5, 2] == pytest.approx(0.9 / 1.1, abs=1e-9)
 
 
 def test_dry_rows_print_nothing_from_their_layer_on() -> None:

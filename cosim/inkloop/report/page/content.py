@@ -20,6 +20,7 @@ ENDS = {
     "layers_max": "The print ended at `layers_max` of the scenario",
     "time_max": "The print ended at `time_max_s` of the scenario",
     "interrupted": "The print was interrupted",
+    "stopped": "The controller stopped the print, as the scans do not show what was printed",
     "failed": "A component failed",
     "fault": "The print ended with a fault",
     "running": "The print has not ended",

@@ -20,7 +20,7 @@ SURFACES = "start surfaces are uniform over 0 to 8 µm, a layer height; the pape
 PAPERS_OWN = "paper's search"
 CONTROLLERS: Mapping[str, tuple[str, dict[str, object]]] = {
     PAPERS_OWN: ("StochasticGreedy", {"alpha": 1.0}),
-    "LayerMpc, one layer ahead": ("LayerMpc", {"alpha": 1.0, "horizon": 1, "adapt_ink": "off"}),
+    "LayerMpc, one layer ahead": ("LayerMpc", {"alpha": 1.0, "horizon": 1, "adapt_ink": "off", "flat_ground": False}),
 }
 
 

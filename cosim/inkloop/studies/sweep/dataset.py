@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 SWEEP_FILE = "sweep.nc"
 SCHEMA_VERSION = 1
-STATUSES = ("not_printed", "done", "layers_max", "time_max", "fault", "failed")
-"""Meanings of the codes of `status`; but for the first and the last, stop reasons of a run."""
-FAILING = ("fault", "failed")
+STATUSES = ("not_printed", "done", "layers_max", "time_max", "fault", "failed", "stopped")
+"""Meanings of the codes of `status`; but for "not_printed" and "failed", stop reasons of a run."""
+FAILING = ("fault", "failed", "stopped")
 SEED, SAMPLE, TRIAL = "seed", "sample", "trial"
 MAPS_MAX = 4 * int(GIGA)
 """Bytes of all last surfaces; more belong into run folders."""

@@ -21,7 +21,7 @@ from inkloop.files import reason_of
 from inkloop.printing.run import origin_of, print_part
 from inkloop.results import checkpoint
 from inkloop.results.lock import sole_writer, writer_of
-from inkloop.results.result import RUN_FILE, UNFINISHED, Result, read_record
+from inkloop.results.result import RUN_FILE, STOPPED, UNFINISHED, Result, read_record
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
@@ -116,7 +116,7 @@ def _printed(scenario: Scenario, folder: Path) -> Result:
         time.sleep(0.05)
     with sole_writer(folder):
         if (folder / RUN_FILE).is_file():
-            if read_record(folder).get("stop_reason") not in UNFINISHED:
+            if read_record(folder).get("stop_reason") not in set(UNFINISHED) - {STOPPED}:  # nobody has looked
                 return Result.load(folder)
             last = checkpoint.last(folder)
             if last is not None and last.refusal:  # a component that cannot save its state: from the start again

@@ -1,4 +1,4 @@
-"""The median of the estimator is the middle of the sorted values, however many there are and however they lie."""
+"""The median is the middle of the sorted values, however many there are and however they lie."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from support.compiled import library
 from support.places import ROOT
 
-SOURCE = ROOT / "controller" / "core" / "estimator" / "median.c"
+SOURCE = ROOT / "controller" / "core" / "problem" / "median.c"
 FLAGS = ("-std=c11", "-O2", f"-I{ROOT / 'controller' / 'core' / 'problem'}", f"-I{ROOT / 'fmus' / 'deposition'}")
 SAMPLED = 1024  # values; from here on limits are drawn from a sample (median.c)
 CHUNKS = 32  # of the rows of a grid (row_ranges.h)

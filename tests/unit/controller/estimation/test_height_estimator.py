@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.estimation.ink_identification import InkModel, ink_table
+from inkloop_controller.estimation.height_estimator import Estimate, EstimateFigures, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
-from support.numpy import estimator_numpy, lu_numpy
+from support.numpy import lu_numpy
 
 
 def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
@@ -53,34 +52,13 @@ def test_variance_measures_how_far_off_the_estimate_is() -> None:
     assert 0.6 < rms((estimate.height - height)[job.mask]) / claimed < 1.3
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.4])
-def test_response_in_place_of_the_one_before_is_the_same(shift: float) -> None:
-    """With scans in register, and with displaced ones, which take other memory."""
-    job = cylinder()
-    estimator, rng, plant = HeightEstimator(job), np.random.default_rng(3), LayerModel.of(job)
-    seen, pattern, height = np.ones(job.mask.shape, np.bool_), job.mask.astype(np.int32), np.zeros(job.mask.shape)
-    estimate = kept = estimator.first(height + 3e-7 * rng.standard_normal(height.shape), seen)
-    kept = Estimate.of_arrays({name: np.copy(value) for name, value in kept.arrays().items()})
-    for layer in range(1, 13):
-        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
-        moved = (1.0 - shift) * height + shift * np.roll(height, -1, axis=0)
-        scan = moved + 3e-7 * rng.standard_normal(height.shape)
-        before = kept
-        kept = estimator.next(before, pattern, layer, scan, seen, in_place=True)
-        estimate = estimator.next(estimate, pattern, layer, scan, seen)
-        assert kept.response is before.response
-        for name, value in estimate.arrays().items():
-            np.testing.assert_array_equal(kept.arrays()[name], value, err_msg=f"{name} of layer {layer}")
-    assert kept.registration.is_applied == (shift > 0.0)
-
-
 def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_taken_as_they_are() -> None:
     job = cylinder()
     estimate, *_ = printed(job, HeightEstimator(job), 8, 1e-6)
-    assert np.sqrt(estimate.noise_variance) == pytest.approx(1e-6, rel=0.05, abs=0.0)
+    assert estimate.figures.noise_std == pytest.approx(1e-6, rel=0.1, abs=0.0)
     exact, _, scan = printed(job, HeightEstimator(job), 8, 0.0)
-    assert exact.noise_variance == 0.0
-    np.testing.assert_array_equal(exact.height, scan)
+    assert exact.figures.noise_std < 1e-9
+    np.testing.assert_allclose(exact.height, scan, rtol=0.0, atol=1e-7)
 
 
 def test_noise_learnt_so_far_is_kept_where_a_scan_shows_no_unprinted_cells() -> None:
@@ -88,27 +66,38 @@ def test_noise_learnt_so_far_is_kept_where_a_scan_shows_no_unprinted_cells() -> 
     estimator = HeightEstimator(job)
     estimate, _, scan = printed(job, estimator, 4, 1e-6)
     blind = estimator.next(estimate, job.mask.astype(np.int32), 5, scan, job.mask)
-    assert blind.noise_variance == estimate.noise_variance > 0.0
+    assert blind.figures.noise_std == estimate.figures.noise_std > 0.0
 
 
-def test_noise_that_is_common_to_a_scan_is_not_taken_for_ink() -> None:
+def test_steps_of_readings_are_noise_at_least() -> None:
     job = cylinder()
-    for common in (0.5, 1.0):
-        estimate, *_ = printed(job, HeightEstimator(job), 10, 3e-6, common)
-        assert estimate.ink_scale == pytest.approx(0.9, abs=0.02)
+    exact, *_ = printed(job, HeightEstimator(job, sensor_resolution=1e-6), 3, 0.0)
+    assert exact.figures.noise_std == pytest.approx(1e-6 / np.sqrt(12.0), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("common", [0.5, 1.0])
+def test_noise_that_is_common_to_a_scan_is_not_taken_for_ink(common: float) -> None:
+    job = cylinder()
+    estimate, *_ = printed(job, HeightEstimator(job), 10, 3e-6, common)
+    assert estimate.ink_scale == pytest.approx(0.9, abs=0.08)
 
 
 def test_repeated_scans_of_a_finished_surface_average_out() -> None:
+    """But for their datum, which ground alone shows."""
     job = cylinder()
     rng, seen, nothing = np.random.default_rng(2), np.ones(job.mask.shape, np.bool_), np.zeros((35, 35), np.int32)
     surface = rng.uniform(0.0, 20e-6, job.mask.shape)
-    estimator = HeightEstimator(job, sensor_noise_std=1e-6)
+    estimator = HeightEstimator(job, sensor_noise_std=1e-6, flat_ground=False, register_scans=False)
     estimate = estimator.first(surface + rng.normal(0.0, 1e-6, surface.shape), seen)
     for layer in range(1, 25):
         scan = surface + rng.normal(0.0, 1e-6, surface.shape)
         estimate = estimator.next(estimate, nothing, layer, scan, seen)
-    assert rms(estimate.height - surface) == pytest.approx(1e-6 / 5.0, rel=0.3, abs=0.0)
-    assert estimate.ink_scale == 1.0
+    error, (u, w) = estimate.height - surface, np.indices(surface.shape) / 17.0 - 1.0
+    terms = np.stack([np.ones_like(u), u, w, u * u, u * w, w * w], axis=-1).reshape(-1, 6)
+    datum = (terms @ np.linalg.lstsq(terms, error.ravel(), rcond=None)[0]).reshape(error.shape)
+    assert rms(error - datum) == pytest.approx(1e-6 / 5.0, rel=0.1, abs=0.0)
+    assert rms(datum) < 0.5e-6
+    assert estimate.ink_scale == pytest.approx(1.0, abs=1e-9)
 
 
 def test_scan_taken_as_read_is_the_estimate() -> None:
@@ -131,11 +120,11 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_ar
         estimate = estimator.next(before, pattern, layer, np.where(hidden, surface, np.nan), hidden)
         assert estimate.height[5, 6] == pytest.approx(surface[5, 6], abs=1e-9)
         assert estimate.height_variance[5, 6] > before.height_variance[5, 6]
-        assert estimate.unseen[5, 6] == layer
+        assert estimate.state["unseen"][5, 6] == layer
         np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 3 else np.empty((0, 2)))
     surface = LayerModel.of(job).layer(surface, pattern, 6)
     again = estimator.next(estimate, pattern, 6, surface, seen)
-    assert not again.unseen.any()
+    assert not again.state["unseen"].any()
     assert not again.untrusted.any()
 
 
@@ -153,8 +142,10 @@ def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any)
         single[cell] = pattern[cell]
         alone += (lu_numpy.one_pass(surface, single, table, factor)[0] - surface) ** 2
     volumes = np.broadcast_to(factor, seen.shape).astype(np.float64)
-    after = estimator.next(estimator.first(surface, seen), pattern, 1, surface, ~seen, volumes)
-    np.testing.assert_allclose(after.height_variance, 0.1**2 * alone, rtol=1e-9, atol=1e-30)
+    before = estimator.first(surface, seen, 1)
+    after = estimator.next(before, pattern, 1, surface, ~seen, volumes)
+    grown = after.height_variance - before.height_variance
+    np.testing.assert_allclose(grown[alone > 0.0], 0.1**2 * alone[alone > 0.0], rtol=1e-9, atol=1e-20)
 
 
 def test_variance_before_the_next_scan_is_that_of_a_full_flat_layer_more() -> None:
@@ -170,80 +161,99 @@ def test_unmeasured_start_surface_is_bare_substrate() -> None:
     np.testing.assert_array_equal(HeightEstimator(job).first(np.full(valid.shape, 7.0), valid).height, 0.0)
 
 
-def test_cell_whose_droplets_never_come_follows_the_scan() -> None:
-    job = block(20, 20)
-    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
-    factor = np.ones(seen.shape)
-    factor[10, 10] = 1e-9
-    estimator, rng = HeightEstimator(job, sensor_noise_std=0.3e-6), np.random.default_rng(3)
-    surface = np.zeros(seen.shape)
-    estimate = estimator.first(surface, seen)
-    for layer in range(1, 11):
-        surface = LayerModel.of(job).layer(surface, pattern, layer, factor)
-        scan = surface + rng.normal(0.0, 0.3e-6, surface.shape)
-        estimate = estimator.next(estimate, pattern, layer, scan, seen)
-    assert estimate.height[10, 10] == pytest.approx(surface[10, 10], abs=1e-6)
+SPIKE = (10, 10)
 
 
-SECOND_INK = Ink(3.4e-6, 0.8e-6, 0.35e-6)
+def spiked(layer_of_spike: int, spike: float, layers: int, is_real: bool) -> list[tuple[Estimate, Any]]:
+    """Estimates and surfaces after full layers; in one of them a cell is read so much higher [m], or it is."""
+    noise = 0.2e-6
+    job, rng = block(20, 20, height=100e-6), np.random.default_rng(4)
+    estimator, plant = HeightEstimator(job, sensor_noise_std=noise, register_scans=False), LayerModel.of(job)
+    pattern, seen, surface = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+    found = [(estimator.first(surface, seen), surface)]
+    for layer in range(1, layers + 1):
+        surface = plant.layer(surface, pattern, layer, 1.0 - 0.2 * rng.random(surface.shape))
+        surface[SPIKE] += spike if is_real and layer == layer_of_spike else 0.0
+        scan = surface + noise * rng.standard_normal(surface.shape)
+        scan[SPIKE] += spike if not is_real and layer == layer_of_spike else 0.0
+        found.append((estimator.next(found[-1][0], pattern, layer, scan, seen), surface))
+    return found
 
 
-@pytest.mark.parametrize(
-    ("model", "noise_std", "passes", "inks"),
-    [
-        ("scale", 0.5e-6, 1, (Ink(),)),
-        ("scale", 0.0, 4, (Ink(),)),
-        ("scale", None, 4, (Ink(),)),
-        ("scale", None, 1, (Ink(), SECOND_INK)),
-        ("full", 0.5e-6, 1, (Ink(),)),
-        ("full", None, 4, (Ink(),)),
-        ("full", 0.0, 1, (Ink(), SECOND_INK)),
-        ("full", 0.5e-6, 4, (Ink(), SECOND_INK)),
-        ("off", 0.5e-6, 1, (Ink(), SECOND_INK)),
-    ],
-)
-def test_estimate_is_that_of_its_numpy_statement(
-    model: InkModel, noise_std: float | None, passes: int, inks: tuple[Ink, ...]
-) -> None:
-    """Tilted scans of other inks on a rough substrate, cells that were not seen, and one whose droplets never come."""
-    job, rng = block(15, 14, passes=passes, inks=inks), np.random.default_rng(6)
-    job.mask[:, :6] = False
-    ours = HeightEstimator(job, adapt_ink=model, sensor_noise_std=noise_std, register_scans=False)
-    stated = estimator_numpy.Estimator(job, None if noise_std is None else noise_std**2, model)
-    plant = LayerModel((Ink(3.9e-6, 0.5e-6, 0.15e-6), Ink(3.7e-6, 0.7e-6, 0.3e-6))[: len(inks)], passes)
-    surface, factor = rng.uniform(0.0, 6e-6, job.mask.shape), 1.0 - 0.3 * rng.random(job.mask.shape)
-    factor[7, 9] = 1e-9
-    i, j = np.indices(surface.shape)
-    seen = rng.random(surface.shape) < 0.93
-    estimate, state = ours.first(surface, seen), stated.first(surface, seen)
-    for layer in range(1, 5):
-        drawn = rng.integers(1, len(inks) + 1, surface.shape)
-        pattern = np.where(job.mask & (rng.random(surface.shape) < 0.7), drawn, 0).astype(np.int32)
-        surface, seen = plant.layer(surface, pattern, layer, factor), rng.random(surface.shape) < 0.93
-        scan = surface + rng.normal(0.0, 0.4e-6, surface.shape) + layer * (1e-6 + 0.1e-6 * i - 0.2e-6 * j)
-        scan[1, 1] += 20e-6  # soiled
-        estimate = ours.next(estimate, pattern, layer, scan, seen)
-        state = stated.next(state, pattern, scan, seen)
-        np.testing.assert_allclose(estimate.height, state.height, rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(estimate.height_variance, state.variance, rtol=1e-9, atol=0.0)
-        np.testing.assert_array_equal(estimate.unseen, state.unseen)
-        np.testing.assert_allclose(ink_table(estimate.inks), state.inks, rtol=1e-9, atol=0.0)
-        assert estimate.noise_variance == pytest.approx(state.noise, rel=1e-9, abs=0.0)
-        assert estimate.ink_scale == pytest.approx(
-            stated.layer_height(state.inks) / stated.layer_height(stated.nominal), rel=1e-9, abs=0.0
-        )
-        if model == "full":
-            errors = [state.learnt[each].error for each in ("full", "scale")]
-            np.testing.assert_allclose(estimate.learnt.errors, errors, rtol=1e-9, atol=0.0)
-    assert (0.6 < estimate.ink_scale < 0.95) == (model != "off")
+@pytest.mark.parametrize("spike", [20e-6, -20e-6])
+def test_spike_that_comes_once_hardly_counts(spike: float) -> None:
+    for estimate, surface in spiked(4, spike, 7, is_real=False):
+        assert abs(estimate.height - surface)[SPIKE] < 2e-6
+        assert not estimate.figures.reasons
 
 
-def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:
-    estimate, *_ = printed(block(20, 20), HeightEstimator(block(20, 20)), 3, 1e-6)
-    back = Estimate.of_arrays(estimate.arrays())
-    for name, value in back.arrays().items():
-        np.testing.assert_array_equal(value, estimate.arrays()[name], err_msg=name)
+@pytest.mark.parametrize("step", [20e-6, -15e-6])
+def test_reading_that_is_off_by_the_same_again_is_the_cells(step: float) -> None:
+    """Something has fallen on the part, or out of it."""
+    found = spiked(4, step, 9, is_real=True)
+    assert abs(found[4][0].height - found[4][1])[SPIKE] > 0.5 * abs(step)
+    for estimate, surface in found[6:]:
+        assert abs(estimate.height - surface)[SPIKE] < 1e-6
+
+
+def test_spikes_on_many_scans_leave_the_estimate_as_good_as_droplets_allow() -> None:
+    job, rng = cylinder(), np.random.default_rng(6)
+    estimator, plant, seen = HeightEstimator(job), LayerModel.of(job), np.ones(job.mask.shape, np.bool_)
+    pattern, surface = job.mask.astype(np.int32), np.zeros(job.mask.shape)
+
+    def scan() -> Any:
+        spikes = 20e-6 * rng.choice([-1.0, 1.0], surface.shape) * (rng.random(surface.shape) < 0.02)
+        return surface + 0.3e-6 * rng.standard_normal(surface.shape) + spikes
+
+    estimate = estimator.first(scan(), seen)
+    for layer in range(1, 16):
+        surface = plant.layer(surface, pattern, layer, 1.0 - 0.2 * rng.random(surface.shape))
+        estimate = estimator.next(estimate, pattern, layer, scan(), seen)
+    assert rms((estimate.height - surface)[job.mask]) < 1e-6
+    assert estimate.ink_scale == pytest.approx(0.9, abs=0.02)
+    assert not estimate.figures.stop
+
+
+def test_estimate_comes_back_from_its_state_bit_by_bit() -> None:
+    estimator = HeightEstimator(block(20, 20))
+    estimate, *_ = printed(block(20, 20), estimator, 3, 1e-6)
+    back = estimator.restored(estimate.state)
+    assert back.figures == estimate.figures
     assert back.inks == estimate.inks
+    for name in ("height", "height_variance", "dead", "capped", "untrusted"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(estimate, name), err_msg=name)
+
+
+def test_state_that_is_none_is_refused() -> None:
+    estimator = HeightEstimator(block(20, 20))
+    estimate, *_ = printed(block(20, 20), estimator, 1, 0.0)
+    for name, wrong in (("height", np.zeros((3, 3))), ("known", np.zeros(5, np.uint8))):
+        with pytest.raises(ValueError, match=name):
+            estimator.restored({**estimate.state, name: wrong})
+    seen, none = np.ones((20, 20), np.bool_), np.zeros((20, 20), np.int32)
+    exact = Estimate.exact(np.zeros((20, 20)), (Ink(),))
+    with pytest.raises(ValueError, match="has no state; needs one"):
+        estimator.next(exact, none, 1, exact.height, seen)
+
+
+def test_nothing_is_learnt_and_all_is_trusted_of_an_exact_surface() -> None:
+    inks = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+    exact = Estimate.exact(np.ones((4, 3)), inks)
+    assert exact.figures == EstimateFigures()
+    assert not exact.figures.reasons
+    assert exact.inks == inks
+    for nothing in (exact.dead, exact.capped, exact.untrusted, exact.height_variance):
+        assert not nothing.any()
+
+
+def test_estimate_before_is_left_as_it_was() -> None:
+    job = block(20, 20)
+    estimator = HeightEstimator(job)
+    estimate, surface, _ = printed(job, estimator, 3, 1e-6)
+    before = {name: value.copy() for name, value in estimate.state.items()}
+    estimator.next(estimate, job.mask.astype(np.int32), 4, surface, np.ones(job.mask.shape, np.bool_))
+    for name, value in estimate.state.items():
+        np.testing.assert_array_equal(value, before[name], err_msg=name)
 
 
 def test_all_errors_of_the_options_are_reported_at_once() -> None:

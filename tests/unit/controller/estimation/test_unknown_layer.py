@@ -23,42 +23,57 @@ def half_jetted(job: Job) -> Any:
     return np.where(np.indices(job.mask.shape)[0] < job.nx // 2, job.mask, 0).astype(np.int32)
 
 
-def printed(unknown_layer: int, learn: bool) -> tuple[Job, Estimate, Estimate, Any]:
+def printed(unknown_layer: int, noise: float = NOISE) -> tuple[Job, Estimate, Estimate, Any]:
     """The estimates before and after the layer that half of was jetted, and the surface; droplets bring 80 %."""
     job, rng = cylinder(), np.random.default_rng(2)
     estimator, plant, whole = HeightEstimator(job), LayerModel.of(job).scaled(0.8), job.mask.astype(np.int32)
     seen, height = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
 
     def scan() -> Any:
-        return height + NOISE * rng.standard_normal(height.shape)
+        return height + noise * rng.standard_normal(height.shape)
 
     estimate = before = estimator.first(scan(), seen)
     for layer in range(1, unknown_layer + 1):
         before, is_unknown = estimate, layer == unknown_layer
         height = plant.layer(height, half_jetted(job) if is_unknown else whole, layer)
-        if is_unknown and not learn:
-            estimate = estimator.after_unknown(before, whole, layer, scan(), seen)
-        else:
-            estimate = estimator.next(before, whole, layer, scan(), seen)
+        estimate = estimator.next(before, whole, layer, scan(), seen, is_unknown=is_unknown)
     return job, before, estimate, height
 
 
 @pytest.mark.parametrize("layer", [1, UNKNOWN])
 def test_surface_of_an_unknown_layer_is_that_of_its_scan(layer: int) -> None:
-    job, _, estimate, height = printed(layer, learn=False)
+    """As far as noisy ground shows the datum of the scan."""
+    job, _, estimate, height = printed(layer)
     error = (estimate.height - height)[job.mask]
-    assert np.sqrt(np.mean(error**2)) < 1.1 * NOISE
-    assert abs(error.mean()) < 0.15 * NOISE
+    assert np.std(error) < 1.2 * NOISE
+    assert abs(error.mean()) < 0.8 * NOISE
+    exact, _, estimate, height = printed(layer, noise=0.0)
+    np.testing.assert_allclose(estimate.height[exact.mask], height[exact.mask], rtol=0.0, atol=1e-8)
 
 
-def test_nothing_is_learnt_of_ink_and_nozzles_from_an_unknown_layer() -> None:
-    _, before, estimate, _ = printed(UNKNOWN, learn=False)
-    assert before.ink_scale == pytest.approx(0.8, rel=0.02, abs=0.0)
+@pytest.mark.parametrize("layer", [1, UNKNOWN])
+def test_nothing_is_learnt_of_ink_nozzles_noise_and_geometry_from_an_unknown_layer(layer: int) -> None:
+    _, before, estimate, _ = printed(layer)
+    assert before.ink_scale == pytest.approx(0.8 if layer > 1 else 1.0, abs=0.04)
     assert (estimate.inks, estimate.ink_scale) == (before.inks, before.ink_scale)
-    np.testing.assert_array_equal(estimate.learnt.evidence.sums(), before.learnt.evidence.sums())
-    np.testing.assert_array_equal(estimate.dead_evidence, before.dead_evidence)
-    _, _, learnt, _ = printed(UNKNOWN, learn=True)
-    assert not np.array_equal(learnt.learnt.evidence.sums(), before.learnt.evidence.sums())
+    np.testing.assert_array_equal(estimate.state["dead_evidence"], before.state["dead_evidence"])
+    one, other = before.figures, estimate.figures
+    for name in ("noise_std", "droplet_std", "surprise", "shift_x", "shift_y", "rotation", "magnification"):
+        assert getattr(one, name) == getattr(other, name), name
+    assert not other.reasons
+
+
+def test_layers_after_an_unknown_one_are_trusted_and_the_ink_is_learnt_on() -> None:
+    job, _, estimate, height = printed(2)
+    estimator, plant, whole = HeightEstimator(job), LayerModel.of(job).scaled(0.8), job.mask.astype(np.int32)
+    rng, seen = np.random.default_rng(3), np.ones(job.mask.shape, np.bool_)
+    for layer in range(3, 7):
+        height = plant.layer(height, whole, layer)
+        scan = height + NOISE * rng.standard_normal(height.shape)
+        estimate = estimator.next(estimate, whole, layer, scan, seen)
+        assert not estimate.figures.reasons
+    assert estimate.ink_scale == pytest.approx(0.8, abs=0.04)
+    assert np.sqrt(np.mean((estimate.height - height)[job.mask] ** 2)) < NOISE
 
 
 def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_nothing_and_all() -> None:
@@ -67,10 +82,9 @@ def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_noth
     flat, seen = np.zeros(job.mask.shape), np.ones(job.mask.shape, np.bool_)
     start = estimator.first(flat, seen)
     full = LayerModel.of(job).layer(flat, whole, 1)
-    unseen = ~seen
-    estimate = estimator.after_unknown(start, whole, 1, flat, unseen)
+    estimate = estimator.next(start, whole, 1, flat, ~seen, is_unknown=True)
     np.testing.assert_allclose(estimate.height[job.mask], 0.5 * full[job.mask])
-    np.testing.assert_allclose(np.sqrt(12.0 * estimate.height_variance[job.mask]), full[job.mask])
+    np.testing.assert_allclose(np.sqrt(12.0 * estimate.height_variance[job.mask]), full[job.mask], rtol=1e-6)
 
 
 def test_controller_plans_on_from_the_scan_of_an_unknown_layer() -> None:
@@ -88,5 +102,5 @@ def test_controller_plans_on_from_the_scan_of_an_unknown_layer() -> None:
 
     unknown, known = answered(is_unknown=True), answered(is_unknown=False)
     assert unknown["layer_command"] == known["layer_command"] == 2
-    np.testing.assert_allclose(unknown["estimated_height"], known["estimated_height"], atol=1e-12)
+    np.testing.assert_allclose(unknown["estimated_height"], known["estimated_height"], atol=1e-8)
     assert (float(unknown["volume_scale"]), float(known["volume_scale"])) == (1.0, pytest.approx(0.67, abs=0.1))

@@ -15,8 +15,7 @@ from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse
-from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.estimation.loop_trust import LoopTrust
+from inkloop_controller.estimation.height_estimator import Estimate, EstimateFigures
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import InkRegions
@@ -334,12 +333,12 @@ def test_problem_has_what_the_job_the_criterion_and_the_estimate_say(layer: int)
     criterion = Criterion(
         alpha=[(1, 0.5), (5, 0.7)], overshoot_limit=6e-6, chance_margin=2.0, fringe_weight=0.25, droplet_std=0.3
     )
-    dead, capped = np.zeros(shape), np.zeros(shape, np.bool_)
-    dead[2, 3], dead[4, 1], capped[3, 2] = 15.0, 14.9, True
+    dead, capped = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+    dead[2, 3], capped[3, 2] = True, True
     learnt = (Ink(4.1e-6, 0.5e-6, 0.1e-6), Ink(3.7e-6, 0.4e-6, 0.2e-6))
     exact = Estimate.exact(rng.uniform(0.0, 30e-6, shape), learnt)
     variance = rng.uniform(1e-13, 2e-13, shape)
-    estimate = replace(exact, height_variance=variance, dead_evidence=dead, capped=capped)
+    estimate = replace(exact, height_variance=variance, dead=dead, capped=capped)
     mpc = LayerMpc(job, criterion=criterion, horizon=3, choices=DropletChoices(job, drop_levels=2))
     problem = mpc.problem(estimate, layer)
     assert problem.layers == 3
@@ -373,10 +372,8 @@ def test_problem_has_what_the_job_the_criterion_and_the_estimate_say(layer: int)
 
 def test_droplets_vary_as_learnt_unless_they_are_told_to_or_a_bound_is_asked_for() -> None:
     job, height = rough_job()
-    trust = replace(LoopTrust.full(), residual=9.0, layers=12)
-    estimate = replace(known(height), trust=trust)
-    assert trust.droplet_std > 0.0
-    assert LayerMpc(job, horizon=1).problem(estimate, 0).droplet_std == trust.droplet_std
+    estimate = replace(known(height), figures=EstimateFigures(droplet_std=0.12))
+    assert LayerMpc(job, horizon=1).problem(estimate, 0).droplet_std == 0.12
     assert LayerMpc(job, horizon=1, criterion=Criterion(droplet_std=0.25)).problem(estimate, 0).droplet_std == 0.25
     exact = {"horizon": 1, "criterion": Criterion(alpha=1.0, droplet_std=0.25)}
     for bounded in ({"certified": True}, {"relaxation": "highs"}):
@@ -392,7 +389,7 @@ def test_plans_for_a_foreign_plant_look_less_far_ahead_unless_the_horizon_is_giv
 ) -> None:
     job, height = rough_job(layers=2.5)
     planner, usual = LayerMpc(job, **options), known(height)
-    foreign = replace(usual, trust=replace(LoopTrust.full(), spill=6.1))
+    foreign = replace(usual, figures=EstimateFigures(is_foreign=True))
     assert len(planner.problem(usual, 0).choices) == far
     assert len(planner.problem(foreign, 0).choices) == near
     plan = planner.plan(foreign, 0, none(job)).plan

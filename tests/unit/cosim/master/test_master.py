@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -390,6 +390,57 @@ def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
     assert recorder.layers == 3
     assert np.isfinite(recorder.dataset().measured_height).all()
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+class StoppingController(Resumable):
+    """Stops from the second of its steps on, until it is told that a person has looked."""
+
+    def __init__(self, inputs: Sequence[Port] = (Port("looked_at", dtype="bool"),), with_reason: bool = True) -> None:
+        reason = [Port("stop_reason", dtype="int32")] if with_reason else []
+        super().__init__(inputs, [Port("layer_command", dtype="int32"), *reason], self._step_once)
+        self.told: list[bool] = []
+
+    def _step_once(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        self.told.append(bool(inputs.get("looked_at", False)))
+        reason = 64 if time_ns == 10 and not self.told[-1] else 0
+        return {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(reason, np.int32)}
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_run_ends_where_its_controller_has_stopped(algorithm: Algorithm) -> None:
+    controller, kept = StoppingController(), list[int]()
+    master = Master(
+        {"other": counter(), "controller": controller},
+        [],
+        step_ns=10,
+        algorithm=algorithm,
+        on_stop=lambda time_ns, outputs: kept.append(time_ns),
+    )
+    assert master.run(time_max_ns=100) == "stopped"
+    assert (controller.told, kept, controller.log[-1]) == ([False, False], [20], "terminate")
+
+
+def test_controller_without_a_reason_to_stop_is_not_stopped() -> None:
+    assert Master({"a": StoppingController(with_reason=False)}, [], step_ns=10).run(time_max_ns=100) == "time_max"
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_controller_of_a_resumed_run_is_told_once_that_a_person_has_looked(every: int) -> None:
+    controller = StoppingController()
+    outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(64, np.int32)}
+    point = Checkpoint(0, 1, {"controller": outputs}, {"controller": b""})
+    master = Master({"controller": controller}, [], step_ns=10 // every, every={"controller": every})
+    assert master.run(time_max_ns=10 * every, resume=point) == "time_max"
+    assert controller.told[0]
+    assert not any(controller.told[1:])
+
+
+def test_controller_of_a_run_that_was_not_stopped_is_not_told() -> None:
+    controller = StoppingController()
+    outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(0, np.int32)}
+    point = Checkpoint(20, 1, {"controller": outputs}, {"controller": b""})
+    Master({"controller": controller}, [], step_ns=10).run(time_max_ns=50, resume=point)
+    assert controller.told == [False] * 3
 
 
 def test_wall_time_is_split_without_remainder() -> None:

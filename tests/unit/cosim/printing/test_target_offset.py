@@ -112,14 +112,15 @@ def test_offsets_beyond_a_layer_are_refused(offsets: Any) -> None:
     offset.step([1.0, -1.0])
 
 
-def commanding(*commands: int, status: int = Status.IDLE) -> tuple[FunctionComponent, list[Any]]:
+def commanding(*commands: int, status: int = Status.IDLE, stop_reason: int = 0) -> tuple[FunctionComponent, list[Any]]:
     """A controller that commands these layers; and what it is asked."""
     answers, asked = iter(commands), list[Any]()
 
     def step(time_ns: int, step_ns: int, inputs: Any) -> Any:
         asked.append((int(inputs["layers_scanned"]), int(inputs["layers_printed"]), inputs["valid"].dtype))
         pattern = np.where(MASK, 1, 0).astype(np.int32)
-        return {"status": np.asarray(status), "layer_command": np.asarray(next(answers)), "pattern": pattern}
+        state = {"status": np.asarray(status), "stop_reason": np.asarray(stop_reason)}
+        return {**state, "layer_command": np.asarray(next(answers)), "pattern": pattern}
 
     def start(inputs: Any) -> Any:
         asked.append((int(inputs["layers_scanned"]), int(inputs["layers_printed"])))
@@ -148,6 +149,8 @@ def test_controller_is_given_each_scan_with_its_number() -> None:
 def test_controller_that_is_done_or_does_not_answer() -> None:
     done, _ = commanding(0, status=Status.DONE)
     assert not ControllerPolicy(done, ActionCode((7, 6))).act(SCAN).any()
+    stopped, _ = commanding(0, status=Status.UNTRUSTED, stop_reason=64)
+    assert not ControllerPolicy(stopped, ActionCode((7, 6))).act(SCAN).any()
     silent, _ = commanding(0)
     with pytest.raises(ComponentError, match="the controller commands layer 0; needs 1"):
         ControllerPolicy(silent, ActionCode((7, 6))).act(SCAN)

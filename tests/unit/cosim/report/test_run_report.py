@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,18 @@ import xarray as xr
 from inkloop.cli import main
 from inkloop.printing.run import print_part
 from inkloop.report.remarks import remarks
-from inkloop.report.trust import untrusted_remarks
+from inkloop.report.trust import stop_remarks, untrusted_remarks
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from support.long_proofs import rest_is_long
+from inkloop_controller.estimation.height_estimator import TRANSFORMS
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
 
 CUBOID = quick_cuboid()
+
+UNSEEN = pytest.mark.xfail(
+    strict=True, reason="a cell that was not seen counts once it is unsure by 0.3 layers, not after untrusted_layers"
+)
 
 
 def run_folder(folder: Path, **overrides: Any) -> str:
@@ -92,14 +97,21 @@ def test_scans_that_were_corrected_are_reported_with_what_to_do(
         assert main(["run", str(scenario), "--out", str(tmp_path / name), "--no-compare", *arguments]) == 0
         shown = " ".join(capsys.readouterr().out.split())
         assert ("register the profiler with the printer" in shown) is expected
-        assert ("shifted by 87." in shown and "the spot is 13" in shown) is expected
+        found = re.search(r"shifted by ([\d.]+) µm along x .* the spot is (\d+) µm wide", shown)
+        assert bool(found) is expected
+        if found:
+            assert float(found[1]) == pytest.approx(87.8, abs=4.0)
+            assert float(found[2]) == pytest.approx(131.6, abs=15.0)
 
 
 @pytest.mark.system
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("port", "value", "message"),
-    rest_is_long([("profiler.valid", "false", "untrusted cells: 2, "), ("printer.pattern", "0", "dead cells: 2, ")], 1),
+    [
+        pytest.param("profiler.valid", "false", "untrusted cells: 2, ", marks=UNSEEN),
+        pytest.param("printer.pattern", "0", "dead cells: 2, ", marks=pytest.mark.long),
+    ],
 )
 def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and_by_info(
     port: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -120,18 +132,17 @@ def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and
 def test_reasons_for_no_trust_are_reported_with_figure_place_and_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, wrong = str(tmp_path / "wrong"), ("profiler.bias_um=5", "profiler.shift_x_um=260")
-    settings = [word for each in wrong for word in ("--set", f"components.{each}")]
-    off = ["--set", "components.controller.register_scans=false"]
-    assert main(["run", str(CUBOID), "--out", folder, "--no-compare", *settings, *off]) == 0
+    folder, wrong = str(tmp_path / "wrong"), ["--set", "components.profiler.bias_um=30"]
+    wrong += ["--set", "components.controller.on_doubt=continue"]
+    assert main(["run", str(CUBOID), "--out", folder, "--no-compare", *wrong]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for message in (
-        "ground that the scenario calls flat at 5.0 µm in the middle",
+        "ground that the scenario calls flat at 30.0 µm in the middle",
         "check the datum and the level of the profiler",
     ):
         assert message in shown
     assert main(["info", folder]) == 0
-    assert "calls flat at 5.0 µm" in capsys.readouterr().out
+    assert "calls flat at 30.0 µm" in capsys.readouterr().out
 
 
 def test_every_reason_has_a_sentence_of_its_own() -> None:
@@ -153,7 +164,7 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
     }
     run = xr.Dataset({name: ("layer", value) for name, value in values.items()})
     blind, ground, residuals, ink, high = untrusted_remarks(run)
-    assert blind.startswith("75% of the part's cells were not measured in the scan of layer 0;")
+    assert blind.startswith("75% of the part's cells were not measured in the scan of layer 0, after more than")
     assert "at 5.0 µm in the middle, rising by 1.0 µm along x and -2.0 µm along y" in ground
     assert "by 4.2 times what droplets and sensor explain, most in the scan of layer 0;" in residuals
     assert ink.startswith("capped cells: 7, ")
@@ -166,6 +177,62 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
     (residuals,) = untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 0, 8, 8])))
     assert "by 2.0 times" in residuals
     assert "most in the scan of layer 1 (2 layers in all, from layer 1 on);" in residuals
+
+
+def stopped_run(reason: int, figure: float = 2.5, transform: int = 0, **more: Any) -> xr.Dataset:
+    """A print of four layers that the scan of the last one stopped."""
+    values = {"stop_reason": reason, "stop_layer": 4, "stop_figure": figure, "stop_transform": transform}
+    return xr.Dataset({name: ("layer", [0, 0, 0, 0, value]) for name, value in values.items()}, attrs=more)
+
+
+@pytest.mark.parametrize(
+    ("reason", "transform", "messages"),
+    [
+        (
+            64,
+            0,
+            ("nothing grew", "scan of layer 4", "2.5 times better", "the head jets nothing", "the profiler does not"),
+        ),
+        (128, 0, ("the scan of an earlier layer again, the same to the last bit", "layer 4", "restart the profiler")),
+        (256, 0, ("scans lag by a layer", "layer 4", "2.5 times better", "when the layer is complete")),
+        (512, 2, ("mirrored in x", "layer 4", "2.5 times better", 'mirror = "x"', "offset_x_um")),
+        (512, 3, ("mirrored in y", 'mirror = "y"', "offset_y_um")),
+        (512, 4, ("turned by 180 degrees", "Add 180 to rotation_deg")),
+        (512, 5, ("transposed against", "rows_along", "exchange {i} and {j} in `ports`", "fastest")),
+        (512, 6, ("turned by 90 degrees", "Add 90 to rotation_deg")),
+        (512, 7, ("turned by 270 degrees", "Add 270 to rotation_deg")),
+        (512, 8, ("transposed and turned by 180 degrees", "rows_along", "add 180 to rotation_deg")),
+        (1024, 0, ("2.50 of the nominal volume", "layer 4", "0.5 to 1.25 (volume_least", "`inkloop identify`", "gain")),
+    ],
+)
+def test_every_reason_for_a_stop_says_what_was_seen_where_and_what_to_do(
+    reason: int, transform: int, messages: tuple[str, ...]
+) -> None:
+    (found,) = stop_remarks(stopped_run(reason, transform=transform))
+    for message in messages:
+        assert message in found
+    continued = stopped_run(reason, transform=transform).rename(stop_reason="untrusted_reasons")
+    (remark,) = untrusted_remarks(continued)
+    assert remark == f"continued all the same: {found}"
+
+
+def test_transform_of_a_sentence_is_that_of_the_controller() -> None:
+    for number, name in enumerate(TRANSFORMS):
+        if name:
+            assert f"scans are {name} against" in stop_remarks(stopped_run(512, transform=number))[0]
+
+
+def test_volumes_that_are_believed_are_those_of_the_scenario() -> None:
+    scenario = "[components.controller]\nkind = 'LayerMpc'\nvolume_most = 2.0\n"
+    assert "0.5 to 2 (volume_least, volume_most)" in stop_remarks(stopped_run(1024, scenario=scenario))[0]
+
+
+def test_stop_of_a_print_that_went_on_is_reported_as_history() -> None:
+    stopped = stopped_run(64).assign_attrs(stop_reason="stopped")
+    (found,) = remarks(Result(stopped, {}))
+    assert found.startswith("stopped: the scans do not show what was printed: nothing grew")
+    (found,) = remarks(Result(stopped.assign_attrs(stop_reason="done"), {}))
+    assert found.startswith("was stopped and resumed: nothing grew")
 
 
 def test_what_a_time_limit_left_out_is_counted_by_stage() -> None:

@@ -17,7 +17,7 @@ from inkloop.results.recorder import COUNTER_ROLES
 from inkloop.testing import job
 from inkloop_controller import PlanStatus
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.estimation.loop_trust import UntrustedReason
+from inkloop_controller.estimation.height_estimator import TRANSFORMS, UntrustedReason
 from inkloop_controller.planning.layer_plan import LeftOut
 from support.places import ROOT
 from support.toys import toy_result
@@ -56,6 +56,8 @@ def test_codes_are_those_of_the_parts_that_put_them_out() -> None:
     assert spelled(MEANINGS["plan_status"].flags) == spelled(status.value for status in PlanStatus)
     bits = [1 << bit for bit in range(len(MEANINGS["untrusted_reasons"].masks))]
     assert bits == [reason.value for reason in UntrustedReason]
+    assert MEANINGS["stop_reason"].masks == MEANINGS["untrusted_reasons"].masks
+    assert spelled(MEANINGS["stop_transform"].flags[2:]) == spelled(TRANSFORMS[2:])
     assert spelled(MEANINGS["left_out"].masks) == spelled(str(stage.name).lower() for stage in LeftOut)
     assert [stage.value for stage in LeftOut] == [1 << bit for bit in range(len(LeftOut))]
 
@@ -85,13 +87,15 @@ WORDS = {
     "droplets_b": "ink B", "volume_lost": "left the grid", "volume_removed": "roller",
     "bound": "no plan can fall below", "gap": "from its bound", "solve_time": "from the scan",
     "volume_scale": "learnt", "untrusted_cells": "too many layers", "dead_cells": "bring nothing",
-    "capped_cells": "open loop", "blind_share": "did not measure", "ground_offset": "middle of ground",
+    "capped_cells": "high enough", "blind_share": "did not measure", "ground_offset": "middle of ground",
     "ground_rise_x": "along x", "ground_rise_y": "along y", "ink_excess": "by its droplets than by its scans",
     "ink_excess_i": "along x of the largest excess of ink", "ink_excess_j": "along y of the largest excess of ink",
     "height_excess": "above its target", "height_excess_i": "along x of the largest excess of height",
     "height_excess_j": "along y of the largest excess of height", "scan_shift_x": "along x",
     "scan_shift_y": "along y", "scan_shift_std": "error of the shift", "scan_spot_radius": "Gaussian spot",
-    "scan_spot_std": "error of the spot",
+    "scan_spot_std": "error of the spot", "scan_rotation": "rotation", "scan_magnification": "magnification",
+    "stop_reason": "stopped the print", "stop_layer": "last straw", "stop_transform": "mirrored or turned",
+    "stop_figure": "another explanation",
 }  # fmt: skip
 
 
@@ -110,8 +114,11 @@ def test_attributes_are_those_of_the_conventions() -> None:
     assert mask["flag_values"].tolist() == [0, 1]
     assert (mask["flag_values"].dtype, mask["flag_meanings"], mask["units"]) == (np.int8, "outside part", "1")
     reasons = found("untrusted_reasons", np.int32(3))
-    assert reasons["flag_masks"].tolist() == [1, 2, 4, 8, 16, 32]
-    assert reasons["flag_meanings"].split()[:2] == ["unseen_cells", "blind_scan"]
+    assert reasons["flag_masks"].tolist() == [1 << bit for bit in range(11)]
+    assert reasons["flag_meanings"].split()[:2] == ["unseen_cells", "blind_scans"]
+    assert dict(found("stop_reason", np.int32(64)), long_name="", flag_masks=[]) == dict(
+        reasons, long_name="", flag_masks=[]
+    )
     assert found("area", np.float32(0.5))["valid_range"].tolist() == [0.0, 1.0]
     droplets = found("droplets_a", np.int32(5))
     assert (droplets["valid_min"], droplets["valid_min"].dtype) == (0, np.int32)

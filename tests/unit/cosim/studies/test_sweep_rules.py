@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from inkloop.errors import ComponentError, ResultError, ScenarioError
 from inkloop.studies.sweep import bundle as bundles
 from inkloop.studies.sweep.bundle import Bundle
-from inkloop.studies.sweep.dataset import coordinate, dataset, unit_of
+from inkloop.studies.sweep.dataset import FAILING, STATUSES, coordinate, dataset, unit_of
 from inkloop.studies.sweep.distributions import Distribution, distribution
 from inkloop.studies.sweep.figures import METRICS, Expression
 from inkloop.studies.sweep.journal import Journal
@@ -328,6 +328,17 @@ def test_print_that_is_finished_is_read_and_not_printed_again(tmp_path: Path, mo
     monkeypatch.setattr("inkloop.studies.sweep.task.print_part", None)
     again = perform(order, task)
     assert (again.status, again.metrics) == (first.status, first.metrics)
+
+
+def test_print_that_was_stopped_is_read_as_nobody_has_looked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    work = {"components.controller.horizon": 1, "components.controller.annealing_sweeps": 1}
+    order = Order(SCENARIO.read_text(), str(SCENARIO), str(tmp_path), False)
+    task = Task(2, 1, 5, {"components.controller.volume_least": 0.98, **work})
+    assert perform(order, task).status == "stopped"
+    monkeypatch.setattr("inkloop.studies.sweep.task.print_part", None)
+    assert perform(order, task).status == "stopped"
+    assert "stopped" in STATUSES
+    assert "stopped" in FAILING
 
 
 def test_bundle_of_other_files_has_another_fingerprint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,6 +124,7 @@ def test_run_that_is_far_off_is_named_and_does_not_widen_the_distribution() -> N
         ("layers_max", 1, "The print ended at `layers_max` of the scenario: 1 layer."),
         ("time_max", 2, "The print ended at `time_max_s` of the scenario: 2 layers."),
         ("interrupted", 2, "The print was interrupted: 2 layers."),
+        ("stopped", 2, "The controller stopped the print, as the scans do not show what was printed: 2 layers."),
         ("failed", 2, "A component failed: 2 layers."),
         ("fault", 2, "The print ended with a fault: 2 layers."),
         ("running", 2, "The print has not ended: 2 layers."),

@@ -1,0 +1,280 @@
+"""Scans that do not show what was printed stop the print, with the right reason; others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink, Job, Status
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.estimation.height_estimator import (
+    TRANSFORMS,
+    Estimate,
+    HeightEstimator,
+    UntrustedReason,
+)
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND, block, inputs_of
+from support.long_proofs import rest_is_long
+
+JOB = block(20, 18, height=60e-6)
+SHAPE = (JOB.nx, JOB.ny)
+SEEN = np.ones(SHAPE, np.bool_)
+NONE = UntrustedReason(0)
+WITHIN = 3  # layers
+
+
+def hook(nx: int = 22, ny: int = 22) -> Job:
+    """A part that is none of its own mirrored or turned images."""
+    mask = np.zeros((nx, ny), np.bool_)
+    mask[3:-3, 4:8] = True
+    mask[3:7, 4:-6] = True
+    mask[10:13, 8:12] = True
+    return Job(nx, ny, 263.256e-6, np.where(mask, 80e-6, 0.0), mask)
+
+
+Show = Callable[[list[Any]], Any]
+"""What is shown of all scans so far."""
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What is shown, and how it is told; begins: the first layer whose scan is wrong."""
+
+    show: Show
+    reason: UntrustedReason
+    begins: int = 1
+    transform: str = ""
+
+
+STUCK = UntrustedReason.NO_GROWTH | UntrustedReason.SAME_SCAN  # exact scans do not say which
+LIES = {
+    "frozen": Lie(lambda scans: scans[min(len(scans) - 1, 4)], STUCK, 5),
+    "zero": Lie(lambda scans: 0.0 * scans[-1], STUCK),
+    "one layer late": Lie(lambda scans: scans[max(len(scans) - 2, 0)], UntrustedReason.LATE),
+    "mirrored in x": Lie(lambda scans: scans[-1][::-1], UntrustedReason.TURNED, transform="mirrored in x"),
+    "mirrored in y": Lie(lambda scans: scans[-1][:, ::-1], UntrustedReason.TURNED, transform="mirrored in y"),
+    "turned by 180": Lie(
+        lambda scans: np.rot90(scans[-1], 2), UntrustedReason.TURNED, transform="turned by 180 degrees"
+    ),
+    "transposed": Lie(lambda scans: scans[-1].T, UntrustedReason.TURNED, transform="transposed"),
+    "turned by 90": Lie(lambda scans: np.rot90(scans[-1], 1), UntrustedReason.TURNED),
+    "turned by 270": Lie(lambda scans: np.rot90(scans[-1], 3), UntrustedReason.TURNED),
+}
+
+
+def shown(job: Job, show: Show, layers: int, noise: float = 0.0, seed: int = 0, **options: Any) -> list[Estimate]:
+    """The estimates after scans 0, 1, ... of layers of random patterns, whose droplets vary by 20 %."""
+    rng, plant, estimator = np.random.default_rng(seed), LayerModel.of(job), HeightEstimator(job, **options)
+    seen, height = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+    scans = [height + noise * rng.standard_normal(height.shape)]
+    found = [estimator.first(np.ascontiguousarray(show(scans)), seen)]
+    for layer in range(1, layers + 1):
+        pattern = (job.mask & (rng.random(job.mask.shape) < 0.8)).astype(np.int32)
+        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(job.mask.shape))
+        scans.append(height + noise * rng.standard_normal(height.shape))
+        found.append(estimator.next(found[-1], pattern, layer, np.ascontiguousarray(show(scans)), seen))
+    return found
+
+
+def as_it_is(scans: list[Any]) -> Any:
+    return scans[-1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3e-6])
+@pytest.mark.parametrize("name", LIES)
+def test_scans_that_lie_stop_the_print_within_three_layers_with_their_reason(name: str, noise: float) -> None:
+    lie = LIES[name]
+    estimates = shown(hook(), lie.show, lie.begins + 5, noise)
+    layer = next(k for k, each in enumerate(estimates) if each.figures.stop)
+    figures = estimates[layer].figures
+    assert lie.begins < layer <= lie.begins + WITHIN
+    assert figures.stop in (UntrustedReason.SAME_SCAN if name == "frozen" and noise else lie.reason)
+    assert figures.reasons & figures.stop
+    assert figures.stop_layer == layer
+    assert figures.stop_figure > 1.5
+    if lie.transform:
+        assert TRANSFORMS[figures.transform] == lie.transform
+    assert bool(figures.transform) == (figures.stop == UntrustedReason.TURNED)
+    assert estimates[-1].figures.stop == figures.stop
+
+
+@pytest.mark.parametrize("name", ["frozen", "zero", "mirrored in x", "turned by 180"])
+def test_scan_that_lies_changes_no_map(name: str) -> None:
+    """Cells live on the prediction of full layers instead."""
+    lie, job = LIES[name], hook()
+    estimates, honest = (shown(job, show, lie.begins + 2) for show in (lie.show, as_it_is))
+    for one, other in zip(estimates[lie.begins :], honest[lie.begins :], strict=True):
+        grown = (one.height - estimates[0].height)[job.mask].mean()
+        assert grown == pytest.approx(other.height[job.mask].mean(), rel=0.15, abs=0.0)
+
+
+def test_single_scan_that_lies_stops_nothing() -> None:
+    def once(scans: list[Any]) -> Any:
+        return scans[-2] if len(scans) == 6 else scans[-1]
+
+    estimates = shown(hook(), once, 9)
+    assert not any(each.figures.stop for each in estimates)
+    assert not estimates[-1].figures.reasons
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+@pytest.mark.parametrize("seed", range(3))
+def test_scans_that_are_true_are_not_doubted(seed: int, noise: float) -> None:
+    for job in (JOB, hook()):
+        assert not any(each.figures.reasons for each in shown(job, as_it_is, 8, noise, seed))
+
+
+def test_head_that_runs_dry_shows_no_growth() -> None:
+    job, rng = JOB, np.random.default_rng(3)
+    estimator, plant, height = HeightEstimator(job), LayerModel.of(job), np.zeros(SHAPE)
+    estimate = estimator.first(height + rng.normal(0.0, 0.3e-6, SHAPE), SEEN)
+    for layer in range(1, 12):
+        pattern = job.mask.astype(np.int32)
+        height = plant.layer(height, pattern, layer) if layer < 6 else height
+        estimate = estimator.next(estimate, pattern, layer, height + rng.normal(0.0, 0.3e-6, SHAPE), SEEN)
+    assert estimate.figures.stop == UntrustedReason.NO_GROWTH
+    assert 7 <= estimate.figures.stop_layer <= 6 + WITHIN
+    assert not estimate.dead.any()
+
+
+def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
+    job = JOB
+    estimator, plant, pattern = HeightEstimator(job), LayerModel.of(job), job.mask.astype(np.int32)
+    height = np.zeros(SHAPE)
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, 8):
+        height = plant.layer(height, pattern, layer) if layer < 4 else height
+        estimate = estimator.next(estimate, pattern, layer, height, SEEN)
+    assert estimate.figures.stop
+    before = {name: value.copy() for name, value in estimate.state.items()}
+    again = estimator.trust_again(estimate)
+    assert not again.figures.stop
+    for name, value in estimate.state.items():
+        np.testing.assert_array_equal(value, before[name])
+    for layer in range(8, 11):
+        height = plant.layer(height, pattern, layer)
+        again = estimator.next(again, pattern, layer, height, SEEN)
+        assert not again.figures.stop
+        np.testing.assert_allclose(again.height[job.mask], height[job.mask], rtol=0.0, atol=0.2e-6)
+
+
+def test_state_that_is_restored_goes_on_with_the_same_bits() -> None:
+    job, estimator = hook(), HeightEstimator(hook())
+    estimate = shown(job, lambda scans: scans[-1][::-1], 2)[-1]
+    back = estimator.restored({name: value.copy() for name, value in estimate.state.items()})
+    assert back.figures == estimate.figures
+    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    one, other = (estimator.next(each, pattern, 3, each.height, seen) for each in (estimate, back))
+    for name, value in one.state.items():
+        assert value.tobytes() == other.state[name].tobytes(), name
+
+
+def controlled(on_doubt: Any, layers: int) -> list[dict[str, Any]]:
+    """Outputs on scans that show nothing."""
+    controller = LayerMpcController(JOB, horizon=1, annealing_sweeps=0, on_doubt=on_doubt)
+    controller.initialize(0, inputs_of(JOB, np.zeros(SHAPE), 0))
+    return [
+        dict(controller.do_step(layer * SECOND, SECOND, inputs_of(JOB, np.zeros(SHAPE), layer)))
+        for layer in range(layers)
+    ]
+
+
+def test_controller_that_stops_jets_nothing_and_says_why() -> None:
+    found = controlled("stop", 6)
+    stopped = next(k for k, each in enumerate(found) if each["stop_reason"])
+    assert 2 <= stopped <= 1 + WITHIN
+    assert all(each["pattern"].any() for each in found[:stopped])
+    for each in found[stopped:]:
+        assert not each["pattern"].any()
+        assert each["status"] == Status.UNTRUSTED
+        assert each["layer_command"] == found[stopped - 1]["layer_command"]
+        assert int(each["untrusted_reasons"]) & int(each["stop_reason"])
+        assert each["stop_layer"] == stopped
+
+
+def test_controller_that_is_to_continue_prints_on_untrusted() -> None:
+    found = controlled("continue", 6)
+    assert not any(each["stop_reason"] for each in found)
+    assert found[-1]["pattern"].any()
+    assert found[-1]["status"] == Status.UNTRUSTED
+
+
+@pytest.mark.parametrize(("blind", "reason"), [(5, NONE), (7, UntrustedReason.BLIND)])
+def test_many_scans_in_a_row_that_miss_most_of_the_part_are_a_reason(blind: int, reason: UntrustedReason) -> None:
+    estimator, plant, height = HeightEstimator(JOB, untrusted_layers=99), LayerModel.of(JOB), np.zeros(SHAPE)
+    valid, pattern = SEEN.copy(), JOB.mask.astype(np.int32)
+    cells = np.argwhere(JOB.mask)
+    valid[tuple(cells[: round(0.6 * len(cells))].T)] = False
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, blind + 1):
+        height = plant.layer(height, pattern, layer)
+        estimate = estimator.next(estimate, pattern, layer, height, valid)
+    assert estimate.figures.blind_share == pytest.approx(0.6, abs=0.01)
+    assert estimate.figures.reasons & ~UntrustedReason.INK == reason
+    height = plant.layer(height, pattern, blind + 1)
+    again = estimator.next(estimate, pattern, blind + 1, height, SEEN)
+    assert not again.figures.reasons & UntrustedReason.BLIND
+
+
+def test_scans_without_any_reading_leave_the_prediction() -> None:
+    estimator, plant, height = HeightEstimator(JOB), LayerModel.of(JOB), np.zeros(SHAPE)
+    pattern = JOB.mask.astype(np.int32)
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, 7):
+        height = plant.layer(height, pattern, layer)
+        missing = layer % 3 == 0
+        scan = np.full(SHAPE, np.nan) if missing else height
+        estimate = estimator.next(estimate, pattern, layer, scan, SEEN & ~np.bool_(missing))
+        assert not estimate.figures.reasons
+        np.testing.assert_allclose(estimate.height, height, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("real", "variation", "is_foreign"),
+    [
+        (Ink(), 0.2, False),
+        (Ink(), 0.4, False),
+        (Ink(5.5e-6, 0.75e-6, 0.25e-6), 0.2, False),
+        (Ink(3.2e-6, 0.9e-6, 0.2e-6), 0.2, True),
+        (Ink(6.0e-6, 0.4e-6, 0.0), 0.2, True),
+    ],
+)
+def test_droplets_of_another_shape_make_a_foreign_plant_and_varying_volumes_do_not(
+    real: Ink, variation: float, is_foreign: bool
+) -> None:
+    rng, estimator, plant = np.random.default_rng(3), HeightEstimator(JOB), LayerModel((real,))
+    surface, estimate = np.zeros(SHAPE), estimator.first(np.zeros(SHAPE), SEEN)
+    assert not estimate.figures.is_foreign
+    for layer in range(1, 6):
+        pattern = (JOB.mask & (rng.random(SHAPE) < 0.7)).astype(np.int32)
+        surface = plant.layer(surface, pattern, layer, rng.uniform(1.0 - variation, 1.0, SHAPE))
+        estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
+    assert estimate.figures.is_foreign is is_foreign
+
+
+def prints(seed: int, variation: float, noise: float, surprise: float = 0.0) -> set[UntrustedReason]:
+    """The reasons of all layers of a print; surprise: what a layer adds at random that no droplet explains [m]."""
+    controller, plant = LayerMpcController(JOB, horizon=2, annealing_sweeps=0), LayerModel.of(JOB)
+    rng, height, reasons = np.random.default_rng(seed), np.zeros(SHAPE), set()
+    controller.initialize(0, inputs_of(JOB, height, 0))
+    for layer in range(25):
+        scan = height + noise * rng.standard_normal(SHAPE)
+        outputs = controller.do_step(layer * SECOND, SECOND, inputs_of(JOB, scan, layer))
+        reasons.add(UntrustedReason(int(outputs["untrusted_reasons"])))
+        height = plant.layer(height, outputs["pattern"], layer + 1, 1.0 - variation * rng.random(SHAPE))
+        height += surprise * JOB.mask * rng.standard_normal(SHAPE)
+    return reasons
+
+
+@pytest.mark.parametrize("seed", rest_is_long(range(50), 4))
+def test_prints_without_errors_are_trusted(seed: int) -> None:
+    assert prints(seed, (0.2, 0.4)[seed % 2], (0.0, 1e-6)[seed // 2 % 2]) == {NONE}
+
+
+def test_printer_that_no_droplet_model_explains_is_not_trusted() -> None:
+    assert any(reason & UntrustedReason.RESIDUALS for reason in prints(1, 0.2, 0.0, surprise=2.5e-6))
