@@ -1,7 +1,7 @@
 """The observer of controller/core/observer, stated in NumPy with dense matrices, for small grids.
 
 Heights in metres, geometry in cells. S_g is a matrix (readings, cells); an unknown vector is (geometry, datum, shares).
-Grids of at most 1024 cells: the core looks at even distances of larger grounds. Nothing is singular here.
+Grids of at most 640 cells: the core looks at even distances of larger grounds and walls. Nothing is singular here.
 """
 
 from __future__ import annotations
@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, central, sampling
+from support.numpy.observer_setup import Setup, State, sampling
 from support.numpy.scan_doubts_numpy import is_doubted
 from support.numpy.scan_fit_numpy import Fit, Look, View, fit_datum, fit_displaced, fit_in_register, may_be_displaced
+
+
+def rounding_variance(readings: Any, layer: float) -> float:
+    """Of readings that are all multiples of a step: of their rounding [m^2]."""
+    levels = np.unique(readings)
+    if len(readings) < c.LEAST_READINGS or not c.LEAST_LEVELS <= len(levels) <= len(readings) / 2:
+        return 0.0
+    step = float(np.diff(levels).min())
+    off = np.abs(np.remainder((levels - levels[0]) / step + 0.5, 1.0) - 0.5).max()
+    return step**2 / 12.0 if step > c.LEAST_STEP_READ * layer and off <= c.SAME_STEP else 0.0
 
 
 class Observer:
@@ -33,7 +43,7 @@ class Observer:
             return max(shown if o.flat else shown / 2.0, least)
         return max(c.NOISE_KEPT * s.noise + (1.0 - c.NOISE_KEPT) * shown, least)
 
-    def take_scan(self, s: State, before: State, look: Look) -> None:
+    def take_scan(self, s: State, before: State, look: Look, layer: int) -> None:
         """Steps 4 and 5: the fits, which one is believed, and the maps."""
         o = self.setup
         is_registered, walls, with_spot = o.registered and not look.is_unknown, look.valid, look.predicted
@@ -42,7 +52,8 @@ class Observer:
             displaced, walls, with_spot = fit_displaced(o, s, look, in_register)
             fit = displaced if s.is_displaced else in_register
         may_be = is_registered and bool(s.misfits) and may_be_displaced(s)
-        is_robust = may_be or fit.misfit.max() < c.FOREIGN
+        lasting = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
+        is_robust = may_be or not fit.is_misfit or lasting.max() <= c.USUAL
         extra = np.append(np.maximum(fit.misfit - c.USUAL, 0.0) * (not may_be and not s.is_displaced), 0.0)
         known = np.maximum(
             look.variance + look.of_droplet * look.squares + extra[look.classes] * look.native, c.LEAST_VARIANCE
@@ -50,47 +61,40 @@ class Observer:
         left = np.tensordot(fit.datum, o.terms, 1)
         of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
         change = look.change(fit.share)
-        if s.is_displaced:
-            view = View(o, look, np.ones(o.shape, np.bool_), s.g[c.SPREAD])
-            view.look(np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share]))
-            S = view.S
-            rest = look.scan - left - (view.averaged.ravel() @ S.T + change.ravel() @ S.T).reshape(o.shape)
-            of_geometry = (
-                np.einsum("ra,ab,rb->r", view.J[:, :7], s.covariance, view.J[:, :7]) + c.READING**2 * view.slopes
-            )
-            spread = (S @ known.ravel()).reshape(o.shape)
-            error = look.noise + of_datum + of_geometry.reshape(o.shape)
-        else:
-            rest, spread, error = look.scan - left - look.predicted - change, known, look.noise + of_datum
-            if may_be:
-                x, y = central(look.predicted)
-                J = np.stack([x, y, x * o.u, x * o.w, y * o.u, y * o.w, with_spot])
-                doubtful = s.covariance + np.outer(s.g, s.g)
-                error = error + np.where(walls, np.einsum("aij,ab,bij->ij", J, doubtful, J), 0.0)
+        g = s.g if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
+        view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD])
+        view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else s.share]))
+        S, J, doubtful, more = view.S, view.J[:, :7], s.covariance, view.own_variance
+        if not s.is_displaced:
+            J[:, c.SPREAD] = with_spot.ravel()
+            J, doubtful, more = J * walls.reshape(-1, 1), may_be * (doubtful + np.outer(s.g, s.g)), 0.0
+        rest = look.scan - left - (S @ (view.averaged + change).ravel()).reshape(o.shape)
+        spread = (S @ known.ravel()).reshape(o.shape)
+        of_geometry = np.einsum("ra,ab,rb->r", J, doubtful, J) + more
+        error = look.noise + of_datum + of_geometry.reshape(o.shape)
         weight, jump, vanished = self.believed(s, before, look, rest, spread + error, is_robust)
-        weak = np.maximum((spread + error) / np.maximum(weight, 1e-9) - spread, c.LEAST_ERROR)
-        weight = np.where(look.valid, 1.0 / weak, 0.0)
+        counted = np.maximum(weight, c.LEAST_WEIGHT)
+        weak = np.maximum(error / counted + spread * (1.0 / counted - 1.0), c.LEAST_ERROR)
+        weight, rest = np.where(look.valid, 1.0 / weak, 0.0), np.where(look.valid, rest, 0.0)
+        there = self.back(g)
+        at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(there, o.shape, strict=True)]
+        near = tuple(np.ceil(place - 0.5).astype(int) for place in at)
+        is_seen, nearest, jump = look.valid[near], rest[near], jump[near]
+        variance, back = known + (look.noise if s.is_displaced else error), sampling(o.shape, *there)
+        off, weight = ((back @ value.ravel()).reshape(o.shape) for value in (weight * rest, weight))
+        off = off / np.where(weight * (known + jump) > c.NOT_SEEN * s.is_displaced, weight, np.inf)
         known = known + jump
-        if s.is_displaced:
-            back = sampling(o.shape, *self.back(s.g))
-            seen = (back @ weight.ravel()).reshape(o.shape)
-            is_seen = seen * known > c.NOT_SEEN
-            rest = np.where(
-                is_seen, (back @ (weight * rest).ravel()).reshape(o.shape) / np.where(is_seen, seen, 1.0), 0.0
-            )
-            weight = np.where(is_seen, seen, 0.0)
-            variance = known + 1.0 / np.where(is_seen, seen, np.inf)
-        else:
-            is_seen, rest, variance = look.valid, np.where(look.valid, rest, 0.0), spread + error
         s.unseen = np.where(is_seen, 0, before.unseen + 1)
-        s.height = look.predicted + change + known * weight / (1.0 + known * weight) * rest
+        s.height = look.predicted + change + known * weight / (1.0 + known * weight) * off
         s.variance = known / (1.0 + known * weight)
         if look.is_unknown:
             return
-        s.dead = self.dead(before, look, is_seen, rest, variance)
+        s.dead = self.dead(before, look, is_seen, nearest, variance)
         s.vanishing = 0.9 * s.vanishing + 0.1 * vanished / max(look.valid.sum(), 1)
-        is_better = may_be and displaced.droplets >= c.LEAST_DROPLETS and displaced.misfit[0] < in_register.misfit[0]
+        is_better = may_be and displaced.droplets >= c.LEAST_DROPLETS and in_register.is_misfit
         self.learn(s, look, displaced if s.is_displaced or is_better else in_register, fit)
+        if not fit.is_misfit and not s.is_volume_believed:
+            self.doubt_volume(s, layer)
 
     def back(self, g: Any) -> tuple[Any, Any]:
         """Where on the scan the reading of each cell lies."""
@@ -131,7 +135,7 @@ class Observer:
         own = c.DROPLET_STD**2 * fit.squares
         if fit.droplets >= c.LEAST_DROPLETS and own > 0.0:
             found = max(c.LEAST_VARIATION, s.variation + (fit.misfit[0] - 1.0) * (fit.base + s.variation * own) / own)
-            share = max(found, s.variation) * own / (fit.base + max(found, s.variation) * own)
+            share = s.variation * own / (fit.base + s.variation * own)
             kept, freedom = c.KEPT * s.evidence, c.OF_A_MEDIAN * fit.droplets * share**2
             mean = (kept * s.variation + freedom * min(found, c.LARGEST_FOUND)) / (kept + freedom)
             s.variation, s.evidence = min(mean, c.LARGEST_VARIATION), min(kept + freedom, c.EVIDENCE_MAX)
@@ -145,16 +149,17 @@ class Observer:
             s.datum_spread = c.DATUM_KEPT * s.datum_spread + (1.0 - c.DATUM_KEPT) * square
         s.share, s.share_covariance = believed.share, believed.share_covariance
 
-    def look_at_part(self, s: State, layer: int | None) -> None:
-        """Volume beyond belief, where a layer was scanned; cells that are capped, and that stand too high."""
-        o = self.setup
-        volume = o.volume(s.share)
-        if layer is not None:
-            s.volume_doubt *= c.DOUBT_KEPT
-            is_known = o.model == "scale" and np.mean(np.diag(s.share_covariance)) < c.VOLUME_STD**2
-            s.volume_doubt += is_known and not o.least <= volume <= o.most
-            if is_known and not o.least <= volume <= o.most and s.stop[0] == 0 and s.volume_doubt >= c.BELIEVED:
-                s.stop = (c.VOLUME, layer, 0, volume)
+    def doubt_volume(self, s: State, layer: int) -> None:
+        o, volume = self.setup, self.setup.volume(s.share)
+        is_known = o.model == "scale" and np.mean(np.diag(s.share_covariance)) < c.VOLUME_STD**2
+        is_wrong = is_known and not o.least <= volume <= o.most
+        s.volume_doubt = c.DOUBT_KEPT * s.volume_doubt + is_wrong
+        if is_wrong and s.stop[0] == 0 and s.volume_doubt >= c.BELIEVED:
+            s.stop = (c.VOLUME, layer, 0, volume)
+
+    def look_at_part(self, s: State) -> None:
+        """Cells that are capped, and that stand too high."""
+        o, volume = self.setup, self.setup.volume(s.share)
         target, layer_height = o.job.target_height, o.layer * o.drop_levels
         s.blind = s.blind + 1 if np.mean(~s.last_valid[o.part]) > c.BLIND else 0
         s.capped = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
@@ -178,19 +183,13 @@ class Observer:
             s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
             s.height, s.variance = zero, np.full(o.shape, c.KNOWN_GROUND)
         s.ledger = s.height
-        self.look_at_part(s, None)
+        self.look_at_part(s)
         return s
 
     def next(
-        self,
-        before: State,
-        pattern: Any,
-        layer: int,
-        scan: Any,
-        valid: Any,
-        is_unknown: bool = False,
+        self, before: State, pattern: Any, layer: int, scan: Any, valid: Any, is_unknown: bool = False,
         factor: Any = 1.0,
-    ) -> State:
+    ) -> State:  # fmt: skip
         """After layer number `layer`, factor: volume of each droplet [1]: steps 1 and 2, and what follows."""
         o = self.setup
         s, scan = deepcopy(before), np.where(valid, scan, 0.0)
@@ -205,7 +204,7 @@ class Observer:
             predicted, ledger = (before.height + predicted) / 2.0, (before.ledger + ledger) / 2.0
             adds, squares, own = 0.0 * adds, 0.0 * squares, 0.0 * own
         datum = fit_datum(o, scan, before.height, o.free & valid, s.datum_spread, max(s.noise, c.NOISELESS))
-        noise = self.reading_noise(s, datum[3])
+        noise = max(self.reading_noise(s, datum[3]), rounding_variance(scan[valid], o.layer))
         if s.scans == 1 and o.noise is None:  # what the first scan was worth
             variance += noise * ((before.unseen == 0) & (variance <= noise) & (before.variance != c.KNOWN_GROUND))
         flat = np.where(valid, scan - np.tensordot(datum[0], o.terms, 1), 0.0)
@@ -219,14 +218,15 @@ class Observer:
             s.surprise, s.surprised = np.zeros(o.shape), np.zeros(o.shape, int)
         else:
             s.is_looked_at, s.noise = False, s.noise if is_unknown else noise
-            self.take_scan(s, before, look)
+            self.take_scan(s, before, look, layer)
         s.scans, s.ledger = before.scans + 1, ledger
-        self.look_at_part(s, None if is_unknown else layer)
+        self.look_at_part(s)
         return s
 
     def trust_again(self, before: State) -> State:
         """After a person has looked: the next scan is taken as it is."""
         s = deepcopy(before)
+        s.is_volume_believed = s.is_volume_believed or s.stop[0] == c.VOLUME
         s.stop, s.volume_doubt, s.doubts, s.is_looked_at = (0, 0, 0, 0.0), 0.0, 0.0 * s.doubts, True
         s.variance = np.full(self.setup.shape, c.UNSURE)
         return s
@@ -234,13 +234,13 @@ class Observer:
     def figures(self, s: State) -> dict[str, Any]:
         """What is reported, by the names of `EstimateFigures`."""
         o = self.setup
-        found = c.DROPLET_STD * float(np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE))
-        model = c.DROPLET_STD * float(np.sqrt(s.early))
-        std = (
-            min(model, c.MODEL_MAX) if s.early > c.OTHER_DROPLETS else min(found, c.DEVIATION_MAX) if s.layers else 0.0
-        )
+        std = min(c.DROPLET_STD * np.sqrt(s.early), c.MODEL_MAX)
+        if s.early <= c.OTHER_DROPLETS:
+            found = c.DROPLET_STD * np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE)
+            std = min(found, c.DEVIATION_MAX) if s.layers else 0.0
         reason, layer, transform, figure = s.stop
-        unseen = int(np.sum(s.unseen[o.part] > o.unseen_layers))
+        is_unknown = s.variance > (c.UNKNOWN_HEIGHT * o.layer * o.drop_levels) ** 2
+        unseen = int(np.sum(o.part & (s.unseen > o.unseen_layers) & is_unknown))
         marks = [unseen > 0, s.blind > c.BLIND_LAYERS, s.ground_wrong, s.mean_misfit[0] > c.RESIDUALS_MAX]
         marks += [s.capped.any(), s.high.any()]
         shown = {

@@ -51,6 +51,7 @@ class State:
     volume_doubt: float = 0.0
     stop: tuple[int, int, int, float] = (0, 0, 0, 0.0)  # reason, layer, transform, figure
     is_looked_at: bool = False
+    is_volume_believed: bool = False
     blind: int = 0
 
 
@@ -131,10 +132,7 @@ class Setup:
 
     def no_geometry(self) -> tuple[Any, Any]:
         """(g, covariance) before any scan: shifts, rotation, magnification, shear, spot."""
-        turned, grown = (
-            c.ROTATION_STD * np.array([0.0, 1.0, -1.0, 0.0]),
-            c.MAGNIFICATION_STD * np.array([1.0, 0.0, 0.0, 1.0]),
-        )
+        turned, grown = c.ROTATION_STD * np.array([0, 1, -1, 0]), c.MAGNIFICATION_STD * np.array([1, 0, 0, 1])
         linear = np.outer(turned, turned) + np.outer(grown, grown) + c.SHEAR_STD**2 * np.eye(4)
         covariance = np.diag([c.SHIFT_STD**2] * 2 + [0.0] * 4 + [c.SPREAD_STD**2])
         covariance[2:6, 2:6] = linear * np.outer(np.tile(self.half, 2), np.tile(self.half, 2))

@@ -37,7 +37,7 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, layer: 
     growth = np.mean((look.predicted - before.height)[jetted] ** 2)
     native = noise + look.of_droplet * np.mean(look.own[jetted] ** 2) * max(share, c.LEAST_SHARE)
     native += np.mean(np.diag(s.share_covariance)) * growth * share
-    even = np.sum(central(look.predicted) ** 2, axis=0) < (c.STEEP * o.layer) ** 2
+    even = np.sum(central(look.predicted) ** 2, axis=0) < min((c.STEEP * o.layer) ** 2, native / before.steps.max())
 
     def cost(scan: Any, valid: Any, expected: Any) -> float:
         return cost_of(o, before, scan, valid, expected, even, noise, c.OUTLIER * native)
@@ -50,10 +50,11 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, layer: 
     costs = [cost(scan, valid, past), cost(scan, valid & before.last_valid, before.last)]
     costs += [cost(turn(scan), turn(valid), expected) for turn in turns]
     best = int(np.argmin(costs))
-    if costs[best] >= c.FAR_BETTER * read:
+    is_stuck = best < 2
+    most = c.STUCK * read + c.STUCK_NOISE * noise if is_stuck else np.inf
+    if costs[best] >= min(c.FAR_BETTER * read, most):
         return False
     s.doubts[best] += 1.0
-    is_stuck = best < 2
     if s.stop[0] == 0 and (s.doubts[:2].sum() if is_stuck else s.doubts[best]) >= c.BELIEVED:
         both = valid & before.last_valid
         is_last = noise > c.NOISY and np.array_equal(scan[both], before.last[both])

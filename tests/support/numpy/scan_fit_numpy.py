@@ -25,6 +25,10 @@ class Fit:
     base: float = 0.0
     squares: float = 0.0
 
+    @property
+    def is_misfit(self) -> bool:
+        return bool(self.misfit.max() >= c.FOREIGN)
+
 
 @dataclass
 class Look:
@@ -76,30 +80,21 @@ class View:
         o, data, cells = self.setup, self.data, self.cells
         at = np.stack(o.places(x[:7]))[:, cells]
         self.S = S = sampling(o.shape, *at)
-        slope = [
-            (sampling(o.shape, *(at + step)) - sampling(o.shape, *(at - step)))
-            @ self.averaged.ravel()
-            / (2.0 * c.SLOPE_STEP)
-            for step in c.SLOPE_STEP * np.eye(2)[:, :, None]
-        ]
+
+        def averaged(at: Any) -> Any:
+            return sampling(o.shape, *at) @ self.averaged.ravel()
+
+        steps = c.SLOPE_STEP * np.eye(2)[:, :, None]
+        slope = [(averaged(at + step) - averaged(at - step)) / (2.0 * c.SLOPE_STEP) for step in steps]
         u, w, terms = o.u[cells], o.w[cells], o.terms[:, cells]
-        geometry = [
-            slope[0],
-            slope[1],
-            slope[0] * u,
-            slope[0] * w,
-            slope[1] * u,
-            slope[1] * w,
-            S @ self.with_spot.ravel(),
-        ]
+        geometry = [*slope, *(each * place for each in slope for place in (u, w)), S @ self.with_spot.ravel()]
         shares = [S @ add.ravel() for add in data.adds[: len(x) - 13]]
         self.J = np.stack([*geometry, *terms, *shares], axis=1)
         change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - data.state.share[: len(x) - 13]])
         self.rest = data.scan[cells] - S @ self.averaged.ravel() - self.J[:, c.SPREAD :] @ change
         self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S @ data.squares.ravel()
-        self.variance = (
-            data.noise + S @ data.variance.ravel() + data.of_droplet * self.squares + c.READING**2 * self.slopes
-        )
+        self.own_variance = c.OF_SLOPE**2 * self.slopes + (c.OF_SPOT * x[c.SPREAD] * self.J[:, c.SPREAD]) ** 2
+        self.variance = data.noise + S @ data.variance.ravel() + data.of_droplet * self.squares + self.own_variance
         is_own = np.any((S > 0.0) & (data.pattern.ravel() > 0), axis=1)
         self.classes = np.where(is_own, 0, np.where(self.squares > 0.0, 1, 2))
 
@@ -125,19 +120,19 @@ def fit_datum(
 def smooth_prior(o: Setup, look: Look) -> Any:
     """Precision of datum and shares before the scan."""
     shares = 0 if o.model == "off" else len(look.state.share)
-    precision = np.zeros((6 + shares, 6 + shares))
-    precision[:6, :6] = look.datum[2]
+    precision = np.pad(look.datum[2], (0, shares))
     if shares:
         step = c.SHARE_STEP[o.model] ** 2 * np.eye(shares)
         precision[6:, 6:] = inverse(look.state.share_covariance + step)
     return precision
 
 
-def smooth_sums(o: Setup, look: Look, cells: Any, is_robust: bool) -> tuple[Any, Any]:
+def smooth_sums(o: Setup, look: Look, cells: Any, misfit: Any) -> tuple[Any, Any]:
     """Normal equations (matrix, side) of datum and changes of the shares by cells in register."""
     columns = o.terms if o.model == "off" else np.concatenate([o.terms, look.adds])
-    A, rest, native = columns[:, cells].T, (look.scan - look.predicted)[cells], look.native[cells]
-    weight = (c.NU + 1.0) / (c.NU * native + rest**2) if is_robust else 1.0 / native
+    A, rest = columns[:, cells].T, (look.scan - look.predicted)[cells]
+    wide = (np.append(np.maximum(misfit, 1.0), 1.0)[look.classes] * look.native)[cells]
+    weight = (c.NU + 1.0) / (c.NU * wide + rest**2)
     return (A.T * weight) @ A, A.T @ (weight * rest)
 
 
@@ -149,9 +144,10 @@ def fitted(o: Setup, look: Look, x: Any, covariance: Any) -> Fit:
 
 
 def fit_in_register(o: Setup, look: Look) -> Fit:
-    """Robust, or by least squares where droplets are foreign."""
-    for is_robust in (True, False):
-        matrix, side = smooth_sums(o, look, look.reached, is_robust)
+    """Where droplets are foreign a second time, with variances as large as what they leave."""
+    wider = np.ones(2)
+    for _ in range(2):
+        matrix, side = smooth_sums(o, look, look.reached, wider)
         matrix = matrix + smooth_prior(o, look)
         x = solved(matrix, side)
         x[6:] += look.state.share[: len(x) - 6]
@@ -161,8 +157,9 @@ def fit_in_register(o: Setup, look: Look) -> Fit:
         fit.droplets = int(own.sum())
         if own.any():
             fit.base, fit.squares = np.mean((look.noise + look.variance)[own]), np.mean(look.squares[own])
-        if fit.misfit.max() < c.FOREIGN:
+        if not fit.is_misfit:
             break
+        wider = fit.misfit
     return fit
 
 
@@ -182,15 +179,15 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     prior = s.covariance + np.diag(step**2)
     walls, fit = marked_walls(o, s, look, prior), deepcopy(in_register)
     fit.droplets = 0
-    at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(o.places(s.g), o.shape, strict=True)]
-    cells = look.valid & walls[tuple(np.ceil(place - 0.5).astype(int) for place in at)]
+    cells = look.valid & walls
     view = View(o, look, cells, s.g[c.SPREAD])
     if cells.sum() < c.LEAST_CELLS:
         return fit, walls, view.with_spot
     before = np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share])
     precision = np.zeros((len(before), len(before)))
     precision[:7, :7], precision[7:, 7:] = inverse(prior), smooth_prior(o, look)
-    others = smooth_sums(o, look, look.reached & ~walls, in_register.misfit.max() < c.FOREIGN)
+    wider = in_register.misfit if in_register.is_misfit else np.ones(2)
+    others = smooth_sums(o, look, look.reached & ~walls, wider)
 
     def equations(x: Any, heat: float) -> tuple[Any, Any]:
         weight = (c.NU + 1.0) / (c.NU * heat * view.variance + view.rest**2)
@@ -207,10 +204,10 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
 
     x, shift_variance = before.copy(), max(prior[0, 0], prior[1, 1])
     for times, distance in ((c.TRIED, 1.0), (1, 0.5)) if shift_variance >= c.UNKNOWN_SHIFT**2 else ():
-        tried = [x] + [
-            np.concatenate([x[:2] + distance * np.array(by), x[2:]])
-            for by in np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times
-        ]
+        if distance == 0.5 and not s.is_displaced and np.array_equal(x, before):
+            break
+        moves = distance * (np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times)
+        tried = [x, *(x + np.pad(move, (0, len(x) - 2)) for move in moves)]
         x = tried[int(np.argmin([cost(each) for each in tried]))]
     for number in range(c.ROUNDS):
         if abs(x[c.SPREAD] - view.spread) > c.SAME_SPREAD:
@@ -222,6 +219,8 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         last, x = x, x + solved(*equations(x, max(heat, 1.0)))
         x[:7] = np.clip(x[:7], last[:7] - c.LONGEST_MOVE, last[:7] + c.LONGEST_MOVE)
         x[c.SPREAD], x[13:] = np.clip(x[c.SPREAD], 0.0, c.LARGEST_SPREAD), np.clip(x[13:], *c.SHARE_RANGE)
+        if heat <= 1.0 and np.abs(x - last)[:7].max() < c.CONVERGED:
+            break
     view.look(x)
     covariance = inverse(equations(x, 1.0)[0])
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
@@ -232,9 +231,9 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         fit.squares = np.mean(view.squares[view.classes == 0])
         fit.base = np.mean(view.variance[view.classes == 0]) - look.of_droplet * fit.squares
     variance = c.NU * np.minimum(view.variance, look.native[cells])
-    plain = look.rest(in_register, o.terms)[cells]
-    gained = (c.NU + 1.0) / 2.0 * np.sum(np.log1p(plain**2 / variance) - np.log1p(view.rest**2 / variance))
-    learn_geometry(o, s, x, covariance, max(1.0, steep, *fit.misfit), gained)
+    plain = min(np.sum(np.log1p(look.rest(one, o.terms)[cells] ** 2 / variance)) for one in (in_register, fit))
+    gained = (c.NU + 1.0) / 2.0 * (plain - np.sum(np.log1p(view.rest**2 / variance)))
+    learn_geometry(s, x, covariance, max(1.0, steep, *fit.misfit), gained)
     return fit, walls, view.with_spot
 
 
@@ -242,7 +241,7 @@ def may_be_displaced(s: State) -> bool:
     return float(np.median(s.misfits)) < c.FOREIGN
 
 
-def learn_geometry(o: Setup, s: State, x: Any, covariance: Any, left: float, gained: float) -> None:
+def learn_geometry(s: State, x: Any, covariance: Any, left: float, gained: float) -> None:
     s.misfits = [*s.misfits, left][-3:]
     s.odds = float(np.clip(s.odds + c.TEMPER * gained - c.PRICE, *c.ODDS_RANGE))
     may_be = may_be_displaced(s)
@@ -250,5 +249,4 @@ def learn_geometry(o: Setup, s: State, x: Any, covariance: Any, left: float, gai
         steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
         s.steps = np.maximum(steps, c.LEAST_STEP**2)
     s.is_displaced = s.odds > c.DECIDED and may_be
-    is_kept = left < c.FOREIGN or s.is_displaced
-    s.g, s.covariance = (x[:7].copy(), covariance[:7, :7].copy()) if is_kept else o.no_geometry()
+    s.g, s.covariance = x[:7].copy(), covariance[:7, :7].copy()
