@@ -35,7 +35,8 @@ from support.places import ROOT
 from support.source_tree import modules, parsed
 
 OWN = Path("cosim/inkloop/contract.py")
-DISTINCT = sorted(SIGNALS.keys() - {"pattern", "height", "valid", "status"})  # these are words of other things too
+WORDS = {"pattern", "height", "valid", "status", "stop_reason"}  # of other things, too
+DISTINCT = sorted(SIGNALS.keys() - WORDS)
 TYPES = {"int32": "integer", "float64": "real", "bool": "boolean"}
 ROW = re.compile(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| (.+) \|$", re.MULTILINE)
 
@@ -80,7 +81,9 @@ def test_colours_of_cells_and_orders_of_passes_stand_in_one_module() -> None:
 def described(signal: Signal) -> tuple[str, str]:
     """Type and direction as the page spells them."""
     kind = TYPES[signal.dtype] + (" (nx, ny)" if signal.is_map else "") + (f", {signal.unit}" * (signal.unit != "1"))
-    return kind, f"{signal.giver} → {', '.join(signal.takers)}" if signal.giver else "each"
+    if not signal.giver and not signal.takers:
+        return kind, "each"
+    return kind, f"{signal.giver or 'master'} → {', '.join(signal.takers) or 'master'}"
 
 
 def test_page_of_the_contract_agrees_with_the_table() -> None:
@@ -118,7 +121,11 @@ def test_controller_has_the_ports_that_the_table_gives_its_role() -> None:
     controller = LayerController(part, OpenLoop(part), HeightEstimator(part))
     shape = (part.nx, part.ny)
     inputs = {signal.port(shape) for signal in SIGNALS.values() if "controller" in signal.takers}
-    outputs = {signal.port(shape) for signal in SIGNALS.values() if signal.giver in ("controller", None)}
+    outputs = {
+        signal.port(shape)
+        for signal in SIGNALS.values()
+        if signal.giver == "controller" or not (signal.giver or signal.takers)
+    }
     assert set(controller.inputs) == inputs
     assert outputs <= set(controller.outputs)
     assert not contract_connections({"controller": controller})

@@ -109,10 +109,10 @@ def test_scan_taken_as_read_is_the_estimate() -> None:
 def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_are_untrusted() -> None:
     job = block(20, 20)
     pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
-    estimator = HeightEstimator(job, untrusted_layers=3)
-    estimate = estimator.first(np.zeros(seen.shape), seen)
+    estimator = HeightEstimator(job, untrusted_layers=3, flat_ground=False)
     hidden = seen.copy()
     hidden[5, 6] = False
+    estimate = estimator.first(np.zeros(seen.shape), hidden)
     surface = np.zeros(seen.shape)
     for layer in range(1, 6):
         before = estimate
@@ -120,8 +120,8 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_ar
         estimate = estimator.next(before, pattern, layer, np.where(hidden, surface, np.nan), hidden)
         assert estimate.height[5, 6] == pytest.approx(surface[5, 6], abs=1e-9)
         assert estimate.height_variance[5, 6] > before.height_variance[5, 6]
-        assert estimate.state["unseen"][5, 6] == layer
-        np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 3 else np.empty((0, 2)))
+        assert estimate.state["unseen"][5, 6] == layer + 1
+        np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 2 else np.empty((0, 2)))
     surface = LayerModel.of(job).layer(surface, pattern, 6)
     again = estimator.next(estimate, pattern, 6, surface, seen)
     assert not again.state["unseen"].any()
