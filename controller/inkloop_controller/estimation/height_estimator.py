@@ -141,9 +141,9 @@ class Estimate:
     """The estimate after a scan.
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; dead,
-    capped: (nx, ny) cells whose droplets do not come, and that are given no more ink; untrusted: (nx, ny) cells of the
-    part that have lived on prediction for too many layers, and are unsure; figures: what is reported; state: maps by name, and `known`,
-    which only C reads.
+    capped: (nx, ny) cells whose droplets do not come, and that are given no more ink; untrusted: (nx, ny) cells of
+    the part that have lived on prediction for too many layers, and are unsure; figures: what is reported; state: maps
+    by name, and `known`, which only C reads.
     """
 
     height: FloatMap
