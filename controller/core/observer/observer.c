@@ -16,7 +16,7 @@ static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* 
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
 static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
-static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
+static const double FOREIGN_MISFIT = 4.0;   /* two standard deviations: no droplet of the model's (assumed) */
 static const double USUAL_MISFIT = 2.0;     /* up to which droplets explain it */
 static const double KEPT = 0.8;             /* of what was learnt, from layer to layer */
 static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
@@ -220,8 +220,8 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
     }
 }
 
-/* Whether droplets are of another kind: scans have left as much for some time, or do so again. A few spikes on few cells
- * are none, and a layer of few droplets shows nothing. */
+/* Whether droplets are of another kind: scans have left as much for some time, or do so again. A few spikes on few
+ * cells are none, and a layer of few droplets shows nothing. */
 static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];

@@ -14,6 +14,7 @@ static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell noth
 static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
 static const double RESERVE = 1.0;      /* layers above the target that a cell may have by its ledger (assumed) */
 static const double HIGH = 0.7;         /* layers above target and ledger: a satellite is no more (assumed) */
+static const double RISEN = 0.9;        /* ...: no droplet explains it, those of its neighbours run to it (assumed) */
 static const double UNSURE = 0.3;       /* layers: standard deviation of a height that is not known (assumed) */
 static const double BLIND = 0.5;        /* share of the part (assumed) */
 static const double SMOOTH = 2e-4;      /* layers^2: least noise about a datum, so that it does not follow a part */
@@ -206,6 +207,14 @@ void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32
     trust->stop_figure = volume;
 }
 
+/* A cell and its neighbours in the part get no more ink. */
+static void cap_near(const EstimatorOptions *options, size_t cell, uint8_t *capped) {
+    const size_t ny = options->ny, i = cell / ny, j = cell % ny;
+    for (size_t row = i > 0 ? i - 1 : 0; row <= i + 1 && row < options->nx; row++)
+        for (size_t column = j > 0 ? j - 1 : 0; column <= j + 1 && column < ny; column++)
+            capped[row * ny + column] |= options->part[row * ny + column] != 0;
+}
+
 void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate) {
     const size_t cells = options->nx * options->ny;
     const double layer = layer_of(options) * options->drop_levels, volume = learnt_volume(options, estimate->known);
@@ -230,14 +239,17 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
         }
         if (options->take_as_read)
             continue;
-        estimate->capped[cell] = options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
-        trust->capped_cells += estimate->capped[cell];
+        estimate->capped[cell] |= options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
+        if (rise > RISEN * layer)
+            cap_near(options, cell, estimate->capped);
         trust->high_cells += rise > HIGH * layer;
         if (rise > trust->rise) {
             trust->rise = rise;
             trust->rise_cell = (int64_t)cell;
         }
     }
+    for (size_t cell = 0; cell < cells; cell++)
+        trust->capped_cells += estimate->capped[cell];
     trust->blind_share = part > 0 ? (double)blind / (double)part : 0.0;
     trust->blind_layers = trust->blind_share > BLIND ? trust->blind_layers + 1 : 0;
 }

@@ -5,7 +5,8 @@
  * evidence; such a scan changes no map. Twice in a row stops the print.
  *
  * The ledger needs no scan: by the least volume that is believed of droplets it says how high a cell must stand. One
- * that is to stand above its target by a layer gets no more ink. */
+ * that is to stand above its target by a layer gets no more ink. Nor do the neighbours of one that stands higher than
+ * its droplets explain: theirs run to it. */
 #ifndef INKLOOP_SCAN_DOUBTS_H
 #define INKLOOP_SCAN_DOUBTS_H
 

@@ -10,6 +10,7 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from support.numpy import observer_constants as c
 from support.numpy.observer_setup import Setup, State, sampling
@@ -163,8 +164,9 @@ class Observer:
         o, volume = self.setup, self.setup.volume(s.share)
         target, layer_height = o.job.target_height, o.layer * o.drop_levels
         s.blind = s.blind + 1 if np.mean(~s.last_valid[o.part]) > c.BLIND else 0
-        s.capped = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
-        s.high = o.part & (s.height - np.maximum(target, volume * s.ledger) > c.HIGH * layer_height)
+        rise = np.where(o.part, s.height - np.maximum(target, volume * s.ledger), 0.0) / layer_height
+        is_near = maximum_filter(rise > c.RISEN, 3)
+        s.capped, s.high = o.part & ((o.least * s.ledger > target + c.RESERVE * layer_height) | is_near), rise > c.HIGH
 
     def first(self, scan: Any, valid: Any) -> State:
         """Of layer 0."""
