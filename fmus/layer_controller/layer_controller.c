@@ -13,7 +13,7 @@ enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 };
 enum { NO_SCAN = -1 };
 enum { STOP_ON_DOUBT = 1 };              /* of OnDoubt in variables.toml */
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
-static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
+static const double LARGEST_SHARE = 2.0; /* of a droplet's nominal height that can be learnt (scan_fit.c) */
 
 /* An answer under construction: the instance does not change before it is complete. */
 typedef struct {

@@ -6,7 +6,7 @@
 #ifndef INKLOOP_MAP_UPDATE_H
 #define INKLOOP_MAP_UPDATE_H
 
-#include "scan_fit.h"
+#include "displaced_fit.h"
 
 typedef struct {
     const ScanEvidence *evidence;

@@ -239,7 +239,9 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
         }
         if (options->take_as_read)
             continue;
-        estimate->capped[cell] |= options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
+        const bool is_full = options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
+        estimate->capped[cell] |= is_full;
+        trust->capped_cells += is_full;
         if (rise > RISEN * layer)
             cap_near(options, cell, estimate->capped);
         trust->high_cells += rise > HIGH * layer;
@@ -248,8 +250,6 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
             trust->rise_cell = (int64_t)cell;
         }
     }
-    for (size_t cell = 0; cell < cells; cell++)
-        trust->capped_cells += estimate->capped[cell];
     trust->blind_share = part > 0 ? (double)blind / (double)part : 0.0;
     trust->blind_layers = trust->blind_share > BLIND ? trust->blind_layers + 1 : 0;
 }

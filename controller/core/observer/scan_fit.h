@@ -1,10 +1,7 @@
-/* The robust fit of a scan: ink, and where the sensor looks.
+/* The robust fit of a scan in register: ink, and what is left of the datum.
  *
- * Two models explain a scan by the same prediction: in register, or displaced by a geometry g. Both fit the shares of
- * the ink with errors of readings that have a t distribution about what sensor and droplets explain. The geometry shows
- * at walls, so only these enter its Gauss-Newton steps. A displacement is believed if the odds speak for it, and if it
- * explains: a true one leaves residuals of one to two variances; droplets of another kind leave ten and more whatever
- * is fitted. Until that is clear readings at walls are weak: by the covariance of the geometry and by its square. */
+ * Errors of readings have a t distribution about what sensor and droplets explain. The fit of a displaced scan
+ * (displaced_fit.h) explains it by the same prediction, and uses the equations of this one where there are no walls. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
@@ -76,16 +73,46 @@ bool is_misfit(const InkFit *fit);
 /* The scan in register. False if it cannot be solved for. */
 bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
-/* Marks the walls by squares of the slopes of the prediction, and fits the displaced scan: the registration after it,
- * and `displaced`. `in_register` is what it is compared with. False if there is no memory. */
-bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const InkFit *in_register, FitRoom *room,
-                   Registration *registration, InkFit *displaced);
+/* What both fits need. */
 
-/* What displaced scans left unexplained in the last scans: whether a displacement may be the truth. */
-bool may_be_displaced(const Registration *registration);
+static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
+enum { LEAST_READINGS = 12, SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 
-/* Variance of a reading through the geometry [m^2]: slopes along x and y, slope with the spread of the spot. */
-double geometry_variance(const double *covariance, double along_x, double along_y, double with_spread, double u,
-                         double w);
+/* Weight of a reading whose error has a t distribution. */
+static inline double weight_of(double rest, double variance) {
+    return (NU + 1.0) / (NU * variance + rest * rest);
+}
+
+/* What a reading is off, by the ink known before [m]. */
+static inline double plain_rest(const ScanEvidence *evidence, size_t cell) {
+    return evidence->scan[cell] - evidence->predicted[cell];
+}
+
+/* Number of shares that are learnt. */
+static inline size_t learnt_shares(const EstimatorOptions *options) {
+    return options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink);
+}
+
+/* Whether so many variances are more than droplets of the model's and the sensor explain. */
+bool is_foreign(double misfit);
+
+/* A share within the limits of what is believed. */
+double share_within(double share);
+
+/* The normal equations of what moves readings without geometry: terms of the datum, and changes of the shares. */
+typedef struct {
+    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
+} SmoothSums;
+
+/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of
+ * droplets and sensor; NULL: they are not. */
+SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, const double *misfit);
+
+/* What is known of datum and shares before the scan, in rows of `stride`. False if it is not definite. */
+bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, double *precision);
+
+/* What was found of datum and shares, from `first` on among `all` unknowns. */
+void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit);
 
 #endif

@@ -11,8 +11,8 @@
 /* In the order of Finish in variables.toml of LayerController. */
 enum { FINISH_EVEN = 1, FINISH_FAST = 2 };
 
-/* foreign_horizon: where the plant is not the model's (loop_trust.h); layer_worth: what a layer must gain, as a share
- * of the height of a full layer of the smallest drops. */
+/* foreign_horizon: where the plant is not the model's (surface_estimate.h); layer_worth: what a layer must gain, as a
+ * share of the height of a full layer of the smallest drops. */
 typedef struct {
     int32_t horizon, foreign_horizon;
     double layer_worth;

@@ -166,7 +166,8 @@ class Observer:
         s.blind = s.blind + 1 if np.mean(~s.last_valid[o.part]) > c.BLIND else 0
         rise = np.where(o.part, s.height - np.maximum(target, volume * s.ledger), 0.0) / layer_height
         is_near = maximum_filter(rise > c.RISEN, 3)
-        s.capped, s.high = o.part & ((o.least * s.ledger > target + c.RESERVE * layer_height) | is_near), rise > c.HIGH
+        s.full = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
+        s.capped, s.high = s.full | (o.part & is_near), rise > c.HIGH
 
     def first(self, scan: Any, valid: Any) -> State:
         """Of layer 0."""
@@ -246,11 +247,11 @@ class Observer:
         is_unknown = s.variance > (c.UNKNOWN_HEIGHT * o.layer * o.drop_levels) ** 2
         unseen = int(np.sum(o.part & (s.unseen > o.unseen_layers) & is_unknown))
         marks = [unseen > 0, s.blind > c.BLIND_LAYERS, s.ground_wrong, s.mean_misfit[0] > c.RESIDUALS_MAX]
-        marks += [s.capped.any(), s.high.any()]
+        marks += [s.full.any(), s.high.any()]
         shown = {
             "volume": o.volume(s.share), "droplet_std": std, "noise_std": np.sqrt(s.noise), "ground": s.ground,
             "surprise": np.sqrt(s.mean_misfit[0]), "stop": reason, "stop_layer": layer, "stop_figure": figure,
-            "transform": transform, "dead_cells": np.sum(s.dead >= c.DEAD), "capped_cells": np.sum(s.capped),
+            "transform": transform, "dead_cells": np.sum(s.dead >= c.DEAD), "capped_cells": np.sum(s.full),
             "unseen_cells": unseen, "scans": s.scans, "reasons": reason + np.sum(marks * 2 ** np.arange(6)),
             "is_foreign": s.mean_misfit[1] > c.SPILL_MAX, "is_displaced": s.is_displaced and bool(s.misfits),
         }  # fmt: skip

@@ -31,6 +31,7 @@ class State:
     surprise: Any = 0.0
     surprised: Any = 0
     dead: Any = 0.0
+    full: Any = None
     capped: Any = None
     high: Any = None
     ground: Any = field(default_factory=lambda: np.zeros(3))

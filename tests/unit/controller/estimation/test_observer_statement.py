@@ -26,13 +26,13 @@ NOISE = 2e-7  # of a reading [m]
 class Case:
     """A printer and a profiler on a small grid.
 
-    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; around: what cells next to droplets get
-    besides [m]; unknown: a layer that was abandoned; shift, its scatter [cells], rotation [rad], spot [cells]: of the
-    scans; level: standard deviation of the six terms of a datum, anew for each scan [m]; spikes, missing: shares of the
-    readings; frozen: the last scan that is a new one; looked_at: the layer after which a person has looked, and scans
-    are new again; rough: the start surface; resolution: step of the readings [m], is_step_known: to the observer, too;
-    drop_levels: most drops of a droplet; cancels: tolerance of variances, where 1e-13 is left of 1e-6: after a person
-    has looked.
+    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part
+    gets besides [m]; around: what cells next to droplets get besides [m]; unknown: a layer that was abandoned;
+    shift, its scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six
+    terms of a datum, anew for each scan [m]; spikes, missing: shares of the readings; frozen: the last scan that is
+    a new one; looked_at: the layer after which a person has looked, and scans are new again; rough: the start
+    surface; resolution: step of the readings [m], is_step_known: to the observer, too; drop_levels: most drops of a
+    droplet; cancels: tolerance of variances, where 1e-13 is left of 1e-6: after a person has looked.
     """
 
     nx: int = 13
@@ -42,6 +42,7 @@ class Case:
     passes: int = 1
     volume: float = 1.0
     row: int | None = None
+    heap: float = 0.0
     around: float = 0.0
     unknown: int | None = None
     noise: float = NOISE
@@ -101,6 +102,7 @@ CASES = {
     "droplets a little foreign": Case(around=2.5e-7, registered=False),
     "foreign droplets, too weak": Case(volume=0.45, around=1e-6, registered=False),
     "foreign droplets, exact": Case(15, 13, noise=0.0, around=5e-7),
+    "one cell heaps up": Case(heap=9e-6, registered=False),
     "dead row, scans as they are": Case(layers=12, row=4, registered=False),
     "dead row, shifted": Case(15, 15, layers=12, row=4, shift=(0.6, -0.7)),
     "unknown layer": Case(unknown=4),
@@ -162,6 +164,7 @@ def grown(case: Case, height: Any, pattern: Any, drops: Any, layer: int, rng: np
         volume[:, case.row] = 1e-9
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
     height = lu_numpy.layer(height, pattern, inks, volume, case.passes)[0]
+    height[5, 6] += case.heap
     return height + case.around * (near(pattern > 0) & (pattern == 0))
 
 
