@@ -74,7 +74,7 @@ def test_cell_that_shows_the_least_of_what_its_droplets_brought_is_reported() ->
 @pytest.mark.parametrize("layer", [0, 1])
 def test_cell_higher_than_its_target_is_a_reason_and_none_is_capped(layer: int) -> None:
     estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False, flat_ground=False)
-    for rise, expected in ((0.6, UntrustedReason(0)), (0.8, UntrustedReason.HIGH)):
+    for rise, expected in ((0.35, UntrustedReason(0)), (0.45, UntrustedReason.HIGH)):
         surface = np.where(JOB.mask, 15e-6, 0.0)
         seen = surface.copy()
         seen[2, 6], seen[0, 0] = TARGET + rise * LAYER, 60e-6  # the latter lies outside the part
