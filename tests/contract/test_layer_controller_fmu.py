@@ -326,7 +326,7 @@ def test_part_of_no_cell_is_refused_with_a_message(form: str) -> None:
 @pytest.mark.parametrize("high", ["measured_height", "target_height"])
 def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str, high: str) -> None:
     """One cell of the last row, by droplets that leave room for 0.34 m."""
-    ink = {"h1_a": 1e-3, "h2_a": 2.5e-4, "h3_a": 0.0, "h1_b": 1e-3, "h2_b": 2.5e-4, "h3_b": 0.0}
+    ink = {"h1_a": 1e-3, "h2_a": 7.5e-4, "h3_a": 0.0, "h1_b": 1e-3, "h2_b": 7.5e-4, "h3_b": 0.0}
     for height in (0.35, 0.33):
         map_ = np.zeros((3, 3))
         map_[2, 1] = height
