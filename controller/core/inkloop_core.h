@@ -81,7 +81,7 @@ INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, 
                                                const JettedLayer *layer, int32_t number, int32_t is_unknown,
                                                const double *measured, const uint8_t *valid, SurfaceEstimate *after);
 
-/* What is reported of an estimate, and what a plan needs of it besides the surface. */
+/* Figures of an estimate that are reported, and that a plan needs besides the surface. */
 INKLOOP_CORE_API void inkloop_estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate,
                                                EstimateFigures *figures);
 

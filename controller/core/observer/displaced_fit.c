@@ -162,7 +162,7 @@ static void look_at_walls(const double *x, WallFit *fit) {
     }
 }
 
-/* How many times hotter the errors of steep readings are than their variance: a fit far from its end. */
+/* Median error of steep readings in variances, at least 1: a fit far from its end gives them less weight. */
 static double heat_of(const WallFit *fit, const double *covariance) {
     const double shift = fmax(covariance[0], covariance[GEOMETRY + 1]);
     size_t count = 0;
@@ -174,7 +174,7 @@ static double heat_of(const WallFit *fit, const double *covariance) {
     return count > LEAST_READINGS / 2 ? fmax(1.0, median(fit->values, count) / MEDIAN_SQUARE) : 1.0;
 }
 
-/* What is known before the scan of what is unknown. */
+/* Prior of the unknowns: geometry, datum, shares. */
 typedef struct {
     double before[FITTED], precision[FITTED * FITTED], covariance[GEOMETRY * GEOMETRY];
     SmoothSums elsewhere; /* by the cells that are no walls, as if in register: there it is flat */
@@ -326,7 +326,7 @@ static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, dou
     return invert_definite(all, matrix, covariance);
 }
 
-/* What is left at walls: of each class of droplets, and where it is steep. */
+/* Residuals at walls, in variances: the largest median of a class of droplets, or of the steep readings. */
 static double misfit_of(const WallFit *fit, InkFit *displaced) {
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;

@@ -187,7 +187,7 @@ static double reading_noise(const EstimatorOptions *options, const Knowledge *kn
     return fmax(noise, fmax(options->steps_variance, NOISELESS));
 }
 
-/* How much droplets vary, by what is left of the growth of cells. */
+/* Variation of the droplets, by the residuals of the growth of cells. */
 static void learn_droplets(const InkFit *fit, Knowledge *known) {
     LoopTrust *trust = &known->trust;
     const double unit = DROPLET_STD * DROPLET_STD, own = unit * fit->mean_droplets, variation = known->droplet_variance;

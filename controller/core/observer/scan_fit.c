@@ -319,7 +319,7 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
 
 CLONED_ROW_WORK(misfit_range, misfit_rows)
 
-/* What is left on the cells of each class. */
+/* Residuals on the cells of each class, as medians. */
 static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     MisfitWork work = {.evidence = evidence,

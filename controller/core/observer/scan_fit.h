@@ -24,7 +24,7 @@ typedef struct {
 
 enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
 
-/* What a model makes of a scan. */
+/* Result of a fit of a scan. */
 typedef struct {
     double share[SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX];
     double datum[DATUM_TERMS]; /* what is left of that of the scan [m] */
@@ -56,7 +56,7 @@ typedef struct {
 } ShareColumn;
 ShareColumn share_column(const ScanEvidence *evidence, size_t share);
 
-/* What the fit leaves of the datum at a cell [m]. */
+/* Remainder of the datum at a cell, by the fit [m]. */
 static inline double datum_left(const InkFit *fit, size_t nx, size_t ny, size_t cell) {
     double row[ROW_TERMS];
     const double w = place_on(cell % ny, ny);
@@ -64,7 +64,7 @@ static inline double datum_left(const InkFit *fit, size_t nx, size_t ny, size_t 
     return row[0] + w * (row[1] + w * row[2]);
 }
 
-/* What a change of the shares from those known before adds to a cell [m]. */
+/* Height that a change of the shares from those known before adds to a cell [m]. */
 double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
 
 /* Whether a fit leaves more than droplets of the model's and the sensor explain. */
@@ -73,7 +73,7 @@ bool is_misfit(const InkFit *fit);
 /* The scan in register. False if it cannot be solved for. */
 bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
-/* What both fits need. */
+/* Parts that both fits share. */
 
 static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
 static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
@@ -84,7 +84,7 @@ static inline double weight_of(double rest, double variance) {
     return (NU + 1.0) / (NU * variance + rest * rest);
 }
 
-/* What a reading is off, by the ink known before [m]. */
+/* Residual of a reading, by the ink known before [m]. */
 static inline double plain_rest(const ScanEvidence *evidence, size_t cell) {
     return evidence->scan[cell] - evidence->predicted[cell];
 }
@@ -109,10 +109,10 @@ typedef struct {
  * droplets and sensor; NULL: they are not. */
 SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, const double *misfit);
 
-/* What is known of datum and shares before the scan, in rows of `stride`. False if it is not definite. */
+/* Prior precision of datum and shares, in rows of `stride`. False if it is not definite. */
 bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, double *precision);
 
-/* What was found of datum and shares, from `first` on among `all` unknowns. */
+/* Takes datum and shares into the fit, from `first` on among `all` unknowns. */
 void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit);
 
 #endif

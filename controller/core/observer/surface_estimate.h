@@ -133,7 +133,7 @@ typedef struct {
     int64_t scans;                    /* so far */
 } Knowledge;
 
-/* What is known after a scan; all memory is the caller's. */
+/* Estimate after a scan; all memory is the caller's. */
 typedef struct {
     double *height;        /* [m] */
     double *variance;      /* of its error [m^2] */
@@ -169,7 +169,7 @@ LoopTrust full_trust(void);
 /* Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned. */
 bool is_probe(int64_t layer);
 
-/* What is reported of an estimate, and what a plan needs of it besides the surface. */
+/* Figures of an estimate that are reported, and that a plan needs besides the surface. */
 typedef struct {
     Ink ink[INKS_MAX];       /* what their droplets really add */
     double volume;           /* ... as a share of the nominal ones, mean over the inks [1] */
