@@ -8,11 +8,13 @@
 #include "map_update.h"
 #include "scan_datum.h"
 #include "scan_doubts.h"
+#include "scan_lines.h"
 
 static const double SHARE_STD = 0.15, FULL_STD = 0.3; /* of a share of the ink before any scan (assumed) */
 static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
 static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
+static const double LINES_TELL = 0.5; /* of the noise within a line: less that lines share is chance (assumed) */
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
 static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
@@ -105,6 +107,7 @@ static void take_flat_ground(const EstimatorOptions *options, const double *meas
     const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
     if (options->noise_variance < 0.0)
         known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
+    memcpy(known->neighbours, datum.neighbours, sizeof known->neighbours);
     memcpy(known->datum, datum.term, sizeof known->datum);
     known->trust.ground[0] = datum.term[0];
     known->trust.ground[1] = 2.0 * datum.term[1];
@@ -176,15 +179,53 @@ static void predict(const EstimatorOptions *options, const SurfaceEstimate *befo
     memset(work->adds, 0, options->ink.inks * maps_of_ink(unit) * cells * sizeof(double));
 }
 
-/* Learns the noise of a reading from ground: of a second scan of ground that is not flat half of it is the first's. */
+/* A variance of readings with what a scan of ground shows: of the second scan of ground that is not flat half of it is
+ * the first's. */
+static double learnt(const EstimatorOptions *options, const Knowledge *known, double before, double shown) {
+    if (known->scans > 1)
+        return NOISE_KEPT * before + (1.0 - NOISE_KEPT) * shown;
+    return options->flat_ground ? shown : 0.5 * shown;
+}
+
+/* Learns the noise of a reading from ground. */
 static double reading_noise(const EstimatorOptions *options, const Knowledge *known, const ScanDatum *datum) {
-    const double before = fmax(known->noise_variance, fmax(options->steps_variance, NOISELESS));
+    const double least = fmax(options->steps_variance, NOISELESS);
     if (options->noise_variance >= 0.0 || datum->noise_variance < 0.0)
-        return before;
-    const bool is_second = known->scans == 1;
-    const double found = is_second && !options->flat_ground ? 0.5 * datum->noise_variance : datum->noise_variance;
-    const double noise = is_second ? found : NOISE_KEPT * known->noise_variance + (1.0 - NOISE_KEPT) * found;
-    return fmax(noise, fmax(options->steps_variance, NOISELESS));
+        return fmax(known->noise_variance, least);
+    return fmax(learnt(options, known, known->noise_variance, datum->noise_variance), least);
+}
+
+/* Takes the offsets of lines off the scan, if they tell; returns the noise that is left to a reading. */
+static double level_lines(const EstimatorOptions *options, const Knowledge *known, double noise, const uint8_t *valid,
+                          const double *variance, Workspace *work) {
+    const size_t nx = options->nx, ny = options->ny;
+    const Registration *registration = &known->registration;
+    const double *covariance = registration->covariance;
+    double g[GEOMETRY];
+    geometry_seen(registration, g);
+    const double excess = known->neighbours[0] - known->neighbours[1];
+    const double within = fmax(fmin(known->neighbours[0], known->neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    if (!(fabs(excess) > LINES_TELL * within))
+        return noise;
+    double *expected = work->predicted, doubt = 0.0;
+    if (registration->is_displaced) {
+        expected = work->spare[0];
+        means_over_spot(nx, ny, work->predicted, g[SPREAD], work->spare[1], work->spare[2]);
+        read_displaced(nx, ny, work->spare[2], g, expected);
+    } else
+        doubt = fmax(g[SHIFT_X] * g[SHIFT_X], g[SHIFT_Y] * g[SHIFT_Y]);
+    const double shift = options->register_scans ? fmax(covariance[0], covariance[GEOMETRY + 1]) + doubt : 0.0;
+    const LineSearch search = {.nx = nx,
+                               .ny = ny,
+                               .expected = expected,
+                               .variance = variance,
+                               .slopes = work->slopes,
+                               .valid = valid,
+                               .near = work->marks,
+                               .noise = within,
+                               .shift_variance = shift,
+                               .excess = excess};
+    return within + take_lines_off(&search, work->scan, work->spare[1]);
 }
 
 /* Variation of the droplets, by the residuals of the growth of cells. */
@@ -197,12 +238,12 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     const double found = fmax(LEAST_VARIATION, variation + surplus);
     const double share = variation * own / (fit->mean_base + variation * own);
     const double freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
-    const double kept = KEPT * known->droplet_evidence;
-    known->droplet_variance =
-        fmin((kept * variation + freedom * fmin(found, LARGEST_FOUND)) / (kept + freedom), LARGEST_VARIATION);
-    known->droplet_evidence = fmin(kept + freedom, EVIDENCE_MAX);
+    const double kept = KEPT * known->droplet_evidence, prior = (1.0 - KEPT) * FIRST_EVIDENCE;
+    const double evidence = kept + prior + freedom; /* what is forgotten is the prior again: droplets vary */
+    const double mean = (kept * variation + prior + freedom * fmin(found, LARGEST_FOUND)) / evidence;
+    known->droplet_variance = fmin(mean, LARGEST_VARIATION);
+    known->droplet_evidence = fmin(evidence, EVIDENCE_MAX);
     trust->layers++;
-    trust->residual = KEPT * trust->residual + (1.0 - KEPT) * found;
     trust->surprise = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     trust->spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
     if (trust->layers <= EARLY)
@@ -272,13 +313,14 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                         .after = after};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
+    double g[GEOMETRY];
+    geometry_seen(registration, g);
     if (is_displaced) {
-        const double *g = registration->estimate;
         means_over_spot(options->nx, options->ny, evidence->predicted, g[SPREAD], work->spare[2], look->room.averaged);
         slope_with_spot(options->nx, options->ny, evidence->predicted, look->room.averaged, g[SPREAD], work->spare[2],
                         look->room.spread_slope);
     }
-    const Surprises found = is_displaced ? update_displaced(&update, registration->estimate, look->room.averaged)
+    const Surprises found = is_displaced ? update_displaced(&update, g, look->room.averaged)
                                          : update_in_register(&update);
     if (look->is_unknown)
         return true;
@@ -352,6 +394,10 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     take_datum_off(options, &look.datum, measured, valid, work->scan);
     const double noise =
         fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
+    for (size_t axis = 0; axis < 2 && look.datum.noise_variance >= 0.0; axis++)
+        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], look.datum.neighbours[axis]);
+    slope_squares(nx, ny, work->predicted, work->slopes);
+    const double within = level_lines(options, known, noise, valid, variance, work);
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
         if (before->unseen[cell] == 0 && !(variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
             variance[cell] += noise; /* what the first scan was worth */
@@ -364,7 +410,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
                                    .predicted = work->predicted,
                                    .variance = variance,
                                    .increments = &increments,
-                                   .noise_variance = noise,
+                                   .noise_variance = within,
                                    .droplet_variance = DROPLET_STD * DROPLET_STD * known->droplet_variance,
                                    .datum = &look.datum};
     look.room = (FitRoom){work->spare[0], work->spare[1], {work->spare[2], work->spare[3]}, work->walls, work->marks};
@@ -372,7 +418,6 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
         live_on(&look, before, work, after);
         return true;
     }
-    slope_squares(nx, ny, work->predicted, work->slopes);
     ScanDoubt doubt = {.evidence = &look.evidence,
                        .before = before,
                        .measured = after->last,

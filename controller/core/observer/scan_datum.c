@@ -10,6 +10,7 @@
 static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
 static const double MAD = 1.4826;      /* standard deviation / median absolute value of a normal variable */
 static const double NOISELESS = 1e-20; /* [m^2]: a tenth of a nanometre */
+static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
 static const double SURELY = 1e-30;    /* [m^2], variance of terms that are none */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */
 enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
@@ -29,7 +30,7 @@ void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uin
 
 /* Cells of the ground that were seen. */
 typedef struct {
-    size_t count;
+    size_t count, cell[CELLS_MAX];
     double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
 } Ground;
 
@@ -44,6 +45,7 @@ static void collect(size_t nx, size_t ny, const double *scan, const uint8_t *val
     for (size_t cell = 0; all >= LEAST_CELLS && cell < nx * ny; cell++) {
         if (!valid[cell] || (ground && !ground[cell]) || found++ % distance != 0)
             continue;
+        cells->cell[cells->count] = cell;
         cells->u[cells->count] = place_on(cell / ny, nx);
         cells->w[cells->count] = place_on(cell % ny, ny);
         cells->rise[cells->count++] = scan[cell] - (height ? height[cell] : 0.0);
@@ -68,6 +70,31 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
     }
     for (size_t i = 0; i < DATUM_TERMS; i++)
         matrix[i * DATUM_TERMS + i] += 1.0 / spread[i];
+}
+
+/* A scan and the ground that it is compared with, as in scan_datum. */
+typedef struct {
+    size_t nx, ny;
+    const double *scan, *height;
+    const uint8_t *valid, *ground;
+} GroundScan;
+
+/* Variance of a reading by the differences of neighbours along an axis [m^2]; of too few it is that of all. */
+static double neighbours_variance(const GroundScan *of, size_t axis, const double term[DATUM_TERMS], double all,
+                                  Ground *cells) {
+    size_t count = 0;
+    for (size_t k = 0; k < cells->count; k++) {
+        const size_t i = cells->cell[k] / of->ny + (axis == 0);
+        const size_t j = cells->cell[k] % of->ny + (axis == 1), other = i * of->ny + j;
+        if (i == of->nx || j == of->ny || !of->valid[other] || (of->ground && !of->ground[other]))
+            continue;
+        double terms[DATUM_TERMS], rest = of->scan[other] - (of->height ? of->height[other] : 0.0) - cells->rest[k];
+        datum_terms(place_on(i, of->nx), place_on(j, of->ny), terms);
+        for (size_t term_of = 0; term_of < DATUM_TERMS; term_of++)
+            rest -= terms[term_of] * term[term_of];
+        cells->sorted[count++] = 0.5 * rest * rest;
+    }
+    return count < LEAST_CELLS ? all : median(cells->sorted, count) / MEDIAN_SQUARE;
 }
 
 ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
@@ -96,7 +123,12 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
         scale = datum.noise_variance = fmax(deviation * deviation, NOISELESS);
         variance = fmax(0.5 * (variance + scale), NOISELESS);
     }
-    if (cells.count >= LEAST_CELLS && invert_definite(DATUM_TERMS, matrix, datum.covariance))
+    if (cells.count < LEAST_CELLS)
+        return datum;
+    const GroundScan of = {nx, ny, scan, height, valid, ground};
+    for (size_t axis = 0; axis < 2; axis++)
+        datum.neighbours[axis] = neighbours_variance(&of, axis, datum.term, datum.noise_variance, &cells);
+    if (invert_definite(DATUM_TERMS, matrix, datum.covariance))
         memcpy(datum.precision, matrix, sizeof matrix);
     return datum;
 }

@@ -14,6 +14,7 @@ typedef struct {
     double term[DATUM_TERMS]; /* of 1, u, w, u^2, u w, w^2 [m] */
     double covariance[DATUM_TERMS * DATUM_TERMS], precision[DATUM_TERMS * DATUM_TERMS]; /* its inverse */
     double noise_variance; /* of the readings about it, robust [m^2]; below 0: too few cells */
+    double neighbours[2];  /* of a reading, by the differences of neighbours along x and along y, robust [m^2] */
 } ScanDatum;
 
 /* Marks the cells that no droplet reaches; `marks` holds two maps. */

@@ -103,8 +103,18 @@ Registration no_registration(size_t nx, size_t ny) {
     return none;
 }
 
+static double spot_error(const Registration *registration) {
+    return sqrt(registration->covariance[SPREAD * GEOMETRY + SPREAD]);
+}
+
+void geometry_seen(const Registration *registration, double g[GEOMETRY]) {
+    memcpy(g, registration->estimate, GEOMETRY * sizeof *g);
+    if (!(g[SPREAD] > 2.0 * spot_error(registration)))
+        g[SPREAD] = 0.0;
+}
+
 LoopTrust full_trust(void) {
-    return (LoopTrust){.early = 1.0, .residual = 1.0, .surprise = 1.0, .spill = 1.0};
+    return (LoopTrust){.early = 1.0, .surprise = 1.0, .spill = 1.0};
 }
 
 static int64_t reasons_of(const LoopTrust *trust) {
@@ -114,8 +124,9 @@ static int64_t reasons_of(const LoopTrust *trust) {
            (trust->high_cells > 0 ? UNTRUSTED_HIGH : 0) | trust->stop;
 }
 
-static double droplet_deviation(const LoopTrust *trust) {
-    const double found = DROPLET_STD * sqrt(trust->residual * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE);
+static double droplet_deviation(const Knowledge *known) {
+    const LoopTrust *trust = &known->trust;
+    const double found = DROPLET_STD * sqrt(known->droplet_variance * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE);
     if (trust->early > FOREIGN) /* no longer uniform */
         return fmin(DROPLET_STD * sqrt(trust->early), MODEL_MAX);
     return trust->layers > 0 ? fmin(found, DEVIATION_MAX) : 0.0;
@@ -127,15 +138,15 @@ bool is_probe(int64_t layer) {
 
 /* The geometry of the scans, as far as it is known. */
 static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
-    const double *g = registration->estimate, *covariance = registration->covariance;
-    const double spread = fmax(g[SPREAD], 0.0), error = sqrt(covariance[SPREAD * GEOMETRY + SPREAD]);
+    const double *covariance = registration->covariance, error = spot_error(registration);
+    double g[GEOMETRY];
+    geometry_seen(registration, g);
     const double rise = half(nx), run = half(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
-    const bool is_spot = registration->is_displaced && spread > 2.0 * error;
     figures->shift_x = g[SHIFT_X];
     figures->shift_y = g[SHIFT_Y];
     figures->shift_std = sqrt(larger);
-    figures->spot_radius = is_spot ? sqrt(spread) : 0.0;
-    figures->spot_std = sqrt(spread + error) - sqrt(spread);
+    figures->spot_radius = registration->is_displaced ? sqrt(g[SPREAD]) : 0.0;
+    figures->spot_std = sqrt(g[SPREAD] + error) - sqrt(g[SPREAD]);
     figures->rotation = 0.5 * (g[ALONG_Y_U] / rise - g[ALONG_X_W] / run);
     figures->magnification = 0.5 * (g[ALONG_X_U] / rise + g[ALONG_Y_W] / run);
     figures->is_displaced = registration->is_displaced;
@@ -145,7 +156,7 @@ EstimateFigures estimate_figures(const EstimatorOptions *options, const SurfaceE
     const Knowledge *known = estimate->known;
     const LoopTrust *trust = &known->trust;
     EstimateFigures figures = {.volume = learnt_volume(options, known),
-                               .droplet_std = droplet_deviation(trust),
+                               .droplet_std = droplet_deviation(known),
                                .noise_std = sqrt(known->noise_variance),
                                .ground = {trust->ground[0], trust->ground[1], trust->ground[2]},
                                .surprise = sqrt(trust->surprise),

@@ -98,8 +98,7 @@ typedef struct {
     double ground[3];      /* of the first scan on ground called flat: height of its middle, and its rise over the grid
                               along x and y [m] */
     double early;          /* mean square of the residuals of the first layers, in variances of droplets [1] */
-    double residual;       /* of all layers, recent ones more [1] */
-    double surprise;       /* the same in variances of droplets as learnt and of the sensor [1] */
+    double surprise;       /* of all layers, recent ones more, in variances of droplets as learnt and of the sensor [1] */
     double spill;          /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
     double blind_share;    /* of the part that the last scan did not measure */
     double excess;         /* of ink: the most that a cell is above its scan by its droplets [m] */
@@ -127,6 +126,7 @@ typedef struct {
     double datum[DATUM_TERMS];        /* of the last scan [m] */
     double datum_spread[DATUM_TERMS]; /* variance of each term over the scans, learnt [m^2] */
     double noise_variance;            /* of a reading [m^2] */
+    double neighbours[2];             /* ... by neighbours along x and along y alone (scan_lines.h) [m^2] */
     double droplet_variance;          /* of a droplet's volume in DROPLET_STD^2, learnt */
     double droplet_evidence;          /* degrees of freedom that this was learnt from */
     double vanishing;                 /* share of readings that surprised once and not again */
@@ -165,6 +165,10 @@ double layer_of(const EstimatorOptions *options);
 
 Registration no_registration(size_t nx, size_t ny);
 LoopTrust full_trust(void);
+
+/* The geometry by which scans are read: as estimated, with a point for a spot that cannot be distinguished from one,
+ * since a spot that is none raises walls. */
+void geometry_seen(const Registration *registration, double g[GEOMETRY]);
 
 /* Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned. */
 bool is_probe(int64_t layer);
