@@ -22,7 +22,7 @@ static const double CONVERGED = 1e-3;    /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
 enum {
     SHIFTS_TRIED = 3,
-    ROUNDS = 12,
+    ROUNDS = 30,
     COLD_ROUNDS = 2,
     WALLS_MAX = 640,
     DATUM = GEOMETRY,

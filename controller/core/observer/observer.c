@@ -14,6 +14,7 @@ static const double SHARE_STD = 0.15, FULL_STD = 0.3; /* of a share of the ink b
 static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
 static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
+static const double LEVELLED = 0.5;
 static const double LINES_TELL = 0.5; /* of the noise within a line: less that lines share is chance (assumed) */
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
@@ -157,6 +158,18 @@ static JettedLayer living_droplets(const EstimatorOptions *options, const Surfac
     return living;
 }
 
+/* Share of the variance of a height that a layer leaves: where a cell is higher than its neighbours, more of their
+ * droplets stays with them. Errors that neighbours share stay: of those of single cells half is levelled (assumed). */
+static double levelled(const EstimatorOptions *options, const JettedLayer *layer, const Ink *ink) {
+    size_t droplets = 0, part = 0;
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        droplets += layer->pattern[cell] > 0;
+        part += options->part[cell] != 0;
+    }
+    const double runs = 4.0 * ink->h2 / (ink->h1 + ink->h2) + 4.0 * ink->h3 / (ink->h1 + ink->h3);
+    return 1.0 - LEVELLED * fmin(runs, 1.0) * (double)droplets / fmax((double)part, 1.0);
+}
+
 /* The prediction; of an unknown layer the middle of nothing and all, with the variance of a uniform distribution, and
  * without droplets. */
 static void predict(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
@@ -167,7 +180,9 @@ static void predict(const EstimatorOptions *options, const SurfaceEstimate *befo
     learnt_inks(options, before->known, ink);
     *increments = (DropletIncrements){unit, work->adds, work->squares, work->own};
     droplet_increments(layer, before->height, options->ink.inks, ink, work->spare[0], increments, work->predicted);
-    memcpy(variance, before->variance, cells * sizeof(double));
+    const double left = levelled(options, layer, ink);
+    for (size_t cell = 0; cell < cells; cell++)
+        variance[cell] = before->variance[cell] * (work->squares[cell] > 0.0 ? left : 1.0);
     if (!is_unknown)
         return;
     for (size_t cell = 0; cell < cells; cell++) {
