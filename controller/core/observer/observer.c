@@ -15,7 +15,7 @@ static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* 
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
 static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
 static const double LEVELLED = 0.5;
-static const double LINES_TELL = 0.5; /* of the noise within a line: less that lines share is chance (assumed) */
+static const double LINES_TELL = 0.5;       /* of the noise within a line: less that lines share is chance (assumed) */
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
 static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
@@ -210,36 +210,34 @@ static double reading_noise(const EstimatorOptions *options, const Knowledge *kn
     return fmax(learnt(options, known, known->noise_variance, datum->noise_variance), least);
 }
 
-/* Takes the offsets of lines off the scan, if they tell; returns the noise that is left to a reading. */
-static double level_lines(const EstimatorOptions *options, const Knowledge *known, double noise, const uint8_t *valid,
-                          const double *variance, Workspace *work) {
+/* Takes the offsets of lines off the scan, if they tell; returns the noise that is left to a reading. seen: the
+ * geometry of the scans so far. */
+static double level_lines(const EstimatorOptions *options, const Knowledge *known, const double seen[GEOMETRY],
+                          double noise, const uint8_t *valid, const double *variance, Workspace *work) {
     const size_t nx = options->nx, ny = options->ny;
     const Registration *registration = &known->registration;
-    const double *covariance = registration->covariance;
-    double g[GEOMETRY];
-    geometry_seen(registration, g);
     const double excess = known->neighbours[0] - known->neighbours[1];
-    const double within = fmax(fmin(known->neighbours[0], known->neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    const double least = fmax(options->steps_variance, NOISELESS);
+    const double within = fmax(fmin(known->neighbours[0], known->neighbours[1]), least);
+    double shift = fmax(registration->covariance[0], registration->covariance[GEOMETRY + 1]);
     if (!(fabs(excess) > LINES_TELL * within))
         return noise;
-    double *expected = work->predicted, doubt = 0.0;
+    LineSearch search = {.nx = nx,
+                         .ny = ny,
+                         .expected = work->predicted,
+                         .variance = variance,
+                         .slopes = work->slopes,
+                         .valid = valid,
+                         .near = work->marks,
+                         .noise = within,
+                         .excess = excess};
     if (registration->is_displaced) {
-        expected = work->spare[0];
-        means_over_spot(nx, ny, work->predicted, g[SPREAD], work->spare[1], work->spare[2]);
-        read_displaced(nx, ny, work->spare[2], g, expected);
+        means_over_spot(nx, ny, work->predicted, seen[SPREAD], work->spare[1], work->spare[2]);
+        read_displaced(nx, ny, work->spare[2], seen, work->spare[0]);
+        search.expected = work->spare[0];
     } else
-        doubt = fmax(g[SHIFT_X] * g[SHIFT_X], g[SHIFT_Y] * g[SHIFT_Y]);
-    const double shift = options->register_scans ? fmax(covariance[0], covariance[GEOMETRY + 1]) + doubt : 0.0;
-    const LineSearch search = {.nx = nx,
-                               .ny = ny,
-                               .expected = expected,
-                               .variance = variance,
-                               .slopes = work->slopes,
-                               .valid = valid,
-                               .near = work->marks,
-                               .noise = within,
-                               .shift_variance = shift,
-                               .excess = excess};
+        shift += fmax(seen[SHIFT_X] * seen[SHIFT_X], seen[SHIFT_Y] * seen[SHIFT_Y]);
+    search.shift_variance = options->register_scans ? shift : 0.0;
     return within + take_lines_off(&search, work->scan, work->spare[1]);
 }
 
@@ -335,8 +333,8 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
         slope_with_spot(options->nx, options->ny, evidence->predicted, look->room.averaged, g[SPREAD], work->spare[2],
                         look->room.spread_slope);
     }
-    const Surprises found = is_displaced ? update_displaced(&update, g, look->room.averaged)
-                                         : update_in_register(&update);
+    const Surprises found =
+        is_displaced ? update_displaced(&update, g, look->room.averaged) : update_in_register(&update);
     if (look->is_unknown)
         return true;
     known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found.vanished / fmax((double)found.seen, 1.0);
@@ -409,13 +407,15 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
     take_datum_off(options, &look.datum, measured, valid, work->scan);
     const double noise =
         fmax(reading_noise(options, known, &look.datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
-    for (size_t axis = 0; axis < 2 && look.datum.noise_variance >= 0.0; axis++)
-        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], look.datum.neighbours[axis]);
-    slope_squares(nx, ny, work->predicted, work->slopes);
-    const double within = level_lines(options, known, noise, valid, variance, work);
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < cells; cell++)
         if (before->unseen[cell] == 0 && !(variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
             variance[cell] += noise; /* what the first scan was worth */
+    for (size_t axis = 0; axis < 2 && look.datum.noise_variance >= 0.0; axis++)
+        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], look.datum.neighbours[axis]);
+    slope_squares(nx, ny, work->predicted, work->slopes);
+    double seen[GEOMETRY];
+    geometry_seen(&known->registration, seen);
+    const double within = level_lines(options, known, seen, noise, valid, variance, work);
     look.evidence = (ScanEvidence){.options = options,
                                    .known = before->known,
                                    .layer = layer,
@@ -438,7 +438,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
                        .measured = after->last,
                        .ground = work->ground,
                        .slopes = work->slopes,
-                       .geometry = known->registration.is_displaced ? known->registration.estimate : NULL,
+                       .geometry = known->registration.is_displaced ? seen : NULL,
                        .noise_variance = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance,
                        .layer = number,
                        .expected = work->spare[0],

@@ -7,11 +7,11 @@
 #include "near_cells.h"
 #include "small_algebra.h"
 
-static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
-static const double MAD = 1.4826;      /* standard deviation / median absolute value of a normal variable */
-static const double NOISELESS = 1e-20; /* [m^2]: a tenth of a nanometre */
+static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double MAD = 1.4826;           /* standard deviation / median absolute value of a normal variable */
+static const double NOISELESS = 1e-20;      /* [m^2]: a tenth of a nanometre */
 static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
-static const double SURELY = 1e-30;    /* [m^2], variance of terms that are none */
+static const double SURELY = 1e-30;         /* [m^2], variance of terms that are none */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */
 enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
 

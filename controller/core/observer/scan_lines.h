@@ -19,8 +19,8 @@ typedef struct {
     double excess;                   /* variance of the offsets: above 0 lines have the same i, below 0 the same j */
 } LineSearch;
 
-/* Takes the offsets off the valid readings; `room` holds 2 max(nx, ny) values. Returns the mean variance that is left of
- * them [m^2]. */
+/* Takes the offsets off the valid readings; `room` holds 2 max(nx, ny) values. Returns the mean variance that is left
+ * of them [m^2]. */
 double take_lines_off(const LineSearch *search, double *scan, double *room);
 
 #endif

@@ -95,14 +95,14 @@ enum {
 };
 
 typedef struct {
-    double ground[3];      /* of the first scan on ground called flat: height of its middle, and its rise over the grid
-                              along x and y [m] */
-    double early;          /* mean square of the residuals of the first layers, in variances of droplets [1] */
-    double surprise;       /* of all layers, recent ones more, in variances of droplets as learnt and of the sensor [1] */
-    double spill;          /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
-    double blind_share;    /* of the part that the last scan did not measure */
-    double excess;         /* of ink: the most that a cell is above its scan by its droplets [m] */
-    double rise;           /* the most that a cell stands above its target and what its droplets explain [m] */
+    double ground[3];   /* of the first scan on ground called flat: height of its middle, and its rise over the grid
+                           along x and y [m] */
+    double early;       /* mean square of the residuals of the first layers, in variances of droplets [1] */
+    double surprise;    /* of all layers, recent ones more, in variances of droplets as learnt and of the sensor [1] */
+    double spill;       /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
+    double blind_share; /* of the part that the last scan did not measure */
+    double excess;      /* of ink: the most that a cell is above its scan by its droplets [m] */
+    double rise;        /* the most that a cell stands above its target and what its droplets explain [m] */
     double doubts[DOUBTS]; /* evidence for each; halved from scan to scan */
     double volume_doubt;
     int64_t excess_cell, rise_cell; /* where these are */

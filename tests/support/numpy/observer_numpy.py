@@ -13,9 +13,18 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, sampling
+from support.numpy.observer_setup import Setup, State, sampling, seen
 from support.numpy.scan_doubts_numpy import is_doubted
-from support.numpy.scan_fit_numpy import Fit, Look, View, fit_datum, fit_displaced, fit_in_register, may_be_displaced
+from support.numpy.scan_fit_numpy import (
+    Fit,
+    Look,
+    View,
+    fit_datum,
+    fit_displaced,
+    fit_in_register,
+    levelled,
+    may_be_displaced,
+)
 
 
 def rounding_variance(readings: Any, layer: float) -> float:
@@ -34,15 +43,19 @@ class Observer:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
 
+    def learnt(self, s: State, known: Any, shown: Any) -> Any:
+        """A variance of readings with what a scan shows; half of the second is the first one's, on ground not flat."""
+        if s.scans > 1:
+            return c.NOISE_KEPT * known + (1.0 - c.NOISE_KEPT) * shown
+        return shown if self.setup.flat else shown / 2.0
+
     def reading_noise(self, s: State, shown: float | None) -> float:
-        """Step 2: variance of a reading; half of what the second scan shows is the first one's, on ground not flat."""
+        """Step 2: variance of a reading."""
         o = self.setup
         least = max(o.steps, c.NOISELESS)
         if o.noise is not None or shown is None:
             return max(s.noise, least)
-        if s.scans == 1:
-            return max(shown if o.flat else shown / 2.0, least)
-        return max(c.NOISE_KEPT * s.noise + (1.0 - c.NOISE_KEPT) * shown, least)
+        return max(self.learnt(s, s.noise, shown), least)
 
     def take_scan(self, s: State, before: State, look: Look, layer: int) -> None:
         """Steps 4 and 5: the fits, which one is believed, and the maps."""
@@ -62,7 +75,7 @@ class Observer:
         left = np.tensordot(fit.datum, o.terms, 1)
         of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
         change = look.change(fit.share)
-        g = s.g if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
+        g = seen(s) if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
         view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD])
         view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else s.share]))
         S, J, doubtful, more = view.S, view.J[:, :7], s.covariance, view.own_variance
@@ -138,10 +151,11 @@ class Observer:
             found = max(c.LEAST_VARIATION, s.variation + (fit.misfit[0] - 1.0) * (fit.base + s.variation * own) / own)
             share = s.variation * own / (fit.base + s.variation * own)
             kept, freedom = c.KEPT * s.evidence, c.OF_A_MEDIAN * fit.droplets * share**2
-            mean = (kept * s.variation + freedom * min(found, c.LARGEST_FOUND)) / (kept + freedom)
-            s.variation, s.evidence = min(mean, c.LARGEST_VARIATION), min(kept + freedom, c.EVIDENCE_MAX)
+            prior = (1.0 - c.KEPT) * c.FIRST_EVIDENCE
+            mean = kept * s.variation + prior + freedom * min(found, c.LARGEST_FOUND)
+            s.variation = min(mean / (kept + prior + freedom), c.LARGEST_VARIATION)
+            s.evidence = min(kept + prior + freedom, c.EVIDENCE_MAX)
             s.layers += 1
-            s.residual = c.KEPT * s.residual + (1.0 - c.KEPT) * found
             s.mean_misfit = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
             if s.layers <= c.EARLY:
                 s.early += (found - s.early) / s.layers
@@ -178,10 +192,11 @@ class Observer:
         zero, spread = np.zeros(o.shape), (c.DATUM_STD * o.layer) ** 2
         s = State(
             scan, np.where(valid, noise, first_variance), zero, scan, valid, np.where(valid, 0, 1), np.ones(shares),
-            variance, spread, noise, *o.no_geometry(), surprise=zero, surprised=zero.astype(int), dead=zero,
+            variance, spread, noise, np.zeros(2), *o.no_geometry(), surprise=zero,
+            surprised=zero.astype(int), dead=zero,
         )  # fmt: skip
         if o.flat:
-            term, _, _, shown = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
+            term, _, _, shown, s.neighbours = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
             s.noise = max(shown or 0.0, o.steps, c.NOISELESS) if o.noise is None else noise
             s.datum, s.ground = term, term[:3] * [1.0, 2.0, 2.0]
             s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
@@ -202,7 +217,8 @@ class Observer:
         full_own = factor * np.append(0.0, inks[:, 0])[pattern]
         predicted = o.printed(before.height, pattern, inks, living)
         adds, squares, own = o.increments(before.height, pattern, inks, living)
-        ledger, variance = o.printed(before.ledger, pattern, o.nominal, living), before.variance.copy()
+        ledger = o.printed(before.ledger, pattern, o.nominal, living)
+        variance = before.variance * np.where(squares > 0.0, o.levelled(pattern, inks[0]), 1.0)
         if is_unknown:
             variance += (predicted - before.height) ** 2 / 12.0
             predicted, ledger = (before.height + predicted) / 2.0, (before.ledger + ledger) / 2.0
@@ -213,11 +229,16 @@ class Observer:
             variance += noise * ((before.unseen == 0) & (variance <= noise) & (before.variance != c.KNOWN_GROUND))
         taken_off = s.datum if datum[3] is None else datum[0]
         flat = np.where(valid, scan - np.tensordot(taken_off, o.terms, 1), 0.0)
+        if datum[3] is not None:
+            s.neighbours = self.learnt(s, s.neighbours, datum[4])
+        flat, within = levelled(o, s, flat, valid, predicted, variance, noise)
         look = Look(
-            before, pattern, flat, valid, predicted, variance, adds, squares, own, full_own, noise, datum, is_unknown
+            before, pattern, flat, valid, predicted, variance, adds, squares, own, full_own, within, datum, is_unknown
         )
         is_scan = valid.sum() >= max(c.LEAST_SEEN * valid.size, 1)
-        if not is_scan or (not is_unknown and not s.is_looked_at and is_doubted(o, s, before, look, scan, layer)):
+        if not is_scan or (
+            not is_unknown and not s.is_looked_at and is_doubted(o, s, before, look, scan, noise, layer)
+        ):
             s.height, s.unseen = predicted, before.unseen + 1
             s.variance = np.maximum(variance + look.of_droplet * squares, c.LEAST_VARIANCE)
             s.surprise, s.surprised = np.zeros(o.shape), np.zeros(o.shape, int)
@@ -241,7 +262,7 @@ class Observer:
         o = self.setup
         std = min(c.DROPLET_STD * np.sqrt(s.early), c.MODEL_MAX)
         if s.early <= c.OTHER_DROPLETS:
-            found = c.DROPLET_STD * np.sqrt(s.residual * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE)
+            found = c.DROPLET_STD * np.sqrt(s.variation * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE)
             std = min(found, c.DEVIATION_MAX) if s.layers else 0.0
         reason, layer, transform, figure = s.stop
         is_unknown = s.variance > (c.UNKNOWN_HEIGHT * o.layer * o.drop_levels) ** 2
@@ -256,11 +277,11 @@ class Observer:
             "is_foreign": s.mean_misfit[1] > c.SPILL_MAX, "is_displaced": s.is_displaced and bool(s.misfits),
         }  # fmt: skip
         if s.misfits:
-            spread, error = max(s.g[c.SPREAD], 0.0), np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
+            spread, error = seen(s)[c.SPREAD], np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
             linear = s.g[2:6].reshape(2, 2) / o.half
             shown |= {
                 "shift_x": s.g[0], "shift_y": s.g[1], "shift_std": np.sqrt(np.diag(s.covariance)[:2].max()),
-                "spot_radius": np.sqrt(spread) if s.is_displaced and spread > 2.0 * error else 0.0,
+                "spot_radius": np.sqrt(spread) * s.is_displaced,
                 "spot_std": np.sqrt(spread + error) - np.sqrt(spread),
                 "rotation": (linear[1, 0] - linear[0, 1]) / 2.0, "magnification": np.trace(linear) / 2.0,
             }  # fmt: skip

@@ -26,6 +26,7 @@ class State:
     share_covariance: Any
     datum_spread: Any
     noise: float
+    neighbours: Any  # of a reading, by neighbours along x and along y [m^2]
     g: Any
     covariance: Any
     surprise: Any = 0.0
@@ -46,7 +47,6 @@ class State:
     is_displaced: bool = False
     layers: int = 0
     early: float = 1.0
-    residual: float = 1.0
     mean_misfit: Any = field(default_factory=lambda: np.ones(2))
     doubts: Any = field(default_factory=lambda: np.zeros(9))
     volume_doubt: float = 0.0
@@ -72,6 +72,13 @@ def near(marked: Any, times: int = 1) -> Any:
     for _ in range(times):
         marked = np.lib.stride_tricks.sliding_window_view(np.pad(marked, 1), (3, 3)).any(axis=(2, 3))
     return marked
+
+
+def seen(s: State) -> Any:
+    """Geometry by which scans are read: a spot that cannot be distinguished from a point is one."""
+    g = s.g.copy()
+    g[c.SPREAD] *= g[c.SPREAD] > 2.0 * np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
+    return g
 
 
 def central(height: Any) -> Any:
@@ -131,6 +138,11 @@ class Setup:
         self.u, self.w = self.i / self.half[0] - 1.0, self.j / self.half[1] - 1.0
         self.terms = np.stack([np.ones(self.shape), self.u, self.w, self.u**2, self.u * self.w, self.w**2])
         self.free = ~near(self.part, 3)
+
+    def levelled(self, pattern: Any, ink: Any) -> float:
+        """Share of the variance of a height that a layer leaves, where its droplets reach."""
+        runs = 4.0 * ink[1] / (ink[0] + ink[1]) + 4.0 * ink[2] / (ink[0] + ink[2])
+        return float(1.0 - c.LEVELLED * min(runs, 1.0) * np.sum(pattern > 0) / max(self.part.sum(), 1))
 
     def no_geometry(self) -> tuple[Any, Any]:
         """(g, covariance) before any scan: shifts, rotation, magnification, shear, spot."""

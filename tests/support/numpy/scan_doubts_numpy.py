@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, blurred, central, sampling
+from support.numpy.observer_setup import Setup, State, blurred, central, sampling, seen
 from support.numpy.scan_fit_numpy import Look, fit_datum
 
 
@@ -23,16 +23,20 @@ def reading_of(o: Setup, s: State, height: Any) -> Any:
     """What the sensor reads of a surface by what is believed of it."""
     if not s.is_displaced:
         return height
-    return (sampling(o.shape, *o.places(s.g)) @ blurred(height, s.g[c.SPREAD]).ravel()).reshape(o.shape)
+    g = seen(s)
+    return (sampling(o.shape, *o.places(g)) @ blurred(height, g[c.SPREAD]).ravel()).reshape(o.shape)
 
 
-def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, layer: int) -> bool:
-    """Whether another explanation of the whole scan fits far better; `s` collects the evidence."""
+def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: float, layer: int) -> bool:
+    """Whether another explanation of the whole scan fits far better; `s` collects the evidence.
+
+    first: noise of a reading as the second scan shows it [m^2].
+    """
     s.doubts = c.DOUBT_KEPT * s.doubts
     jetted, valid = look.pattern > 0, look.valid
     if not jetted.any():
         return False
-    noise = look.noise if s.scans == 1 and not o.flat else s.noise
+    noise = first if s.scans == 1 and not o.flat else s.noise
     share = jetted.sum() / max(o.part.sum(), 1)
     growth = np.mean((look.predicted - before.height)[jetted] ** 2)
     native = noise + look.of_droplet * np.mean(look.own[jetted] ** 2) * max(share, c.LEAST_SHARE)

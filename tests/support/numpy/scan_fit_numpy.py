@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, blurred, central, inverse, misfit, near, sampling, solved
+from support.numpy.observer_setup import Setup, State, blurred, central, inverse, misfit, near, sampling, seen, solved
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Look:
     own: Any
     full_own: Any
     noise: float
-    datum: tuple[Any, Any, Any, float | None]
+    datum: tuple[Any, Any, Any, float | None, Any]
     is_unknown: bool
 
     def __post_init__(self) -> None:
@@ -101,11 +101,14 @@ class View:
 
 def fit_datum(
     o: Setup, scan: Any, known: Any, cells: Any, spread: Any, noise: float
-) -> tuple[Any, Any, Any, float | None]:
-    """(terms, covariance, precision, variance of readings about it) of a robust fit on cells that show it."""
+) -> tuple[Any, Any, Any, float | None, Any]:
+    """(terms, covariance, precision, variance of readings about it, the same by neighbours along x and along y).
+
+    A robust fit on cells that show it.
+    """
     A, rise, variance = o.terms[:, cells].T, (scan - known)[cells], max(noise, c.NOISELESS)
     if len(A) < c.LEAST_GROUND:
-        return np.zeros(6), np.zeros((6, 6)), np.eye(6) / c.SURELY, None
+        return np.zeros(6), np.zeros((6, 6)), np.eye(6) / c.SURELY, None, np.zeros(2)
     weight = np.ones(len(A))
     for _ in range(6):
         N = (A.T * weight / variance) @ A + np.diag(1.0 / spread)
@@ -114,7 +117,36 @@ def fit_datum(
         scale = max((c.MAD * float(np.median(np.abs(rest)))) ** 2, c.NOISELESS)
         variance = max((variance + scale) / 2.0, c.NOISELESS)
         weight = (c.NU + 1.0) / (c.NU + rest**2 / scale)
-    return term, inverse(N), N, scale
+    left, neighbours = scan - known - np.tensordot(term, o.terms, 1), np.full(2, scale)
+    for axis in (0, 1):
+        step = np.diff(left, axis=axis)[
+            np.moveaxis(np.moveaxis(cells, axis, 0)[1:] & np.moveaxis(cells, axis, 0)[:-1], 0, axis)
+        ]
+        if len(step) >= c.LEAST_GROUND:
+            neighbours[axis] = np.median(step**2 / 2.0) / c.MEDIAN_SQUARE
+    return term, inverse(N), N, scale, neighbours
+
+
+def levelled(
+    o: Setup, s: State, scan: Any, valid: Any, predicted: Any, variance: Any, noise: float
+) -> tuple[Any, float]:
+    """(scan without the offsets of its lines, noise left to a reading), by the cells that no droplet reaches."""
+    within, excess = max(s.neighbours.min(), o.steps, c.NOISELESS), s.neighbours[0] - s.neighbours[1]
+    spread, lines = abs(excess), 1 if excess > 0.0 else 0
+    if spread <= c.LINES_TELL * within:
+        return scan, noise
+    g, shift = seen(s), np.diag(s.covariance)[:2].max()
+    expected = predicted
+    if s.is_displaced:
+        expected = (sampling(o.shape, *o.places(g)) @ blurred(predicted, g[c.SPREAD]).ravel()).reshape(o.shape)
+    else:
+        shift += np.max(g[:2] ** 2)
+    rest, own = scan - expected, within + variance + o.registered * shift * np.sum(central(predicted) ** 2, axis=0)
+    shows = valid & ~near(o.part)
+    weight = shows * (c.NU + 1.0) * (own + spread) / ((c.NU * (own + spread) + rest**2) * own)
+    left = 1.0 / (weight.sum(axis=lines) + 1.0 / spread)
+    offset, reached = left * (weight * rest).sum(axis=lines), near(o.part).sum(axis=lines)
+    return scan - valid * np.expand_dims(offset, lines), within + float(np.sum(reached * left) / max(reached.sum(), 1))
 
 
 def smooth_prior(o: Setup, look: Look) -> Any:

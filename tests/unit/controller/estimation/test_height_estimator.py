@@ -106,20 +106,21 @@ def test_scan_taken_as_read_is_the_estimate() -> None:
     np.testing.assert_array_equal(estimate.height, scan)
 
 
-def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_are_untrusted() -> None:
+def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_untrusted() -> None:
+    """Cell (5, 6) is never seen, (9, 12) in scan 0 alone."""
     job = block(20, 20)
     pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
     estimator = HeightEstimator(job, untrusted_layers=3, flat_ground=False)
     hidden = seen.copy()
     hidden[5, 6] = False
-    estimate = estimator.first(np.zeros(seen.shape), hidden)
+    estimate = first = estimator.first(np.zeros(seen.shape), hidden)
+    hidden[9, 12] = False
     surface = np.zeros(seen.shape)
     for layer in range(1, 6):
-        before = estimate
         surface = LayerModel.of(job).layer(surface, pattern, layer)
-        estimate = estimator.next(before, pattern, layer, np.where(hidden, surface, np.nan), hidden)
+        estimate = estimator.next(estimate, pattern, layer, np.where(hidden, surface, np.nan), hidden)
         assert estimate.height[5, 6] == pytest.approx(surface[5, 6], abs=1e-9)
-        assert estimate.height_variance[5, 6] > before.height_variance[5, 6]
+        assert estimate.height_variance[9, 12] > first.height_variance[9, 12]
         assert estimate.state["unseen"][5, 6] == layer + 1
         np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 2 else np.empty((0, 2)))
     surface = LayerModel.of(job).layer(surface, pattern, 6)

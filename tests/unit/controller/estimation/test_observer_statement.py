@@ -26,13 +26,14 @@ NOISE = 2e-7  # of a reading [m]
 class Case:
     """A printer and a profiler on a small grid.
 
-    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part
-    gets besides [m]; around: what cells next to droplets get besides [m]; unknown: a layer that was abandoned;
-    shift, its scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six
-    terms of a datum, anew for each scan [m]; spikes, missing: shares of the readings; frozen: the last scan that is
-    a new one; looked_at: the layer after which a person has looked, and scans are new again; rough: the start
-    surface; resolution: step of the readings [m], is_step_known: to the observer, too; drop_levels: most drops of a
-    droplet; cancels: tolerance of variances, where 1e-13 is left of 1e-6: after a person has looked.
+    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part gets
+    besides [m]; around: what cells next to droplets get besides [m]; unknown: a layer that was abandoned; shift, its
+    scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six terms of a datum,
+    anew for each scan [m]; jitter: of lines of readings with the same i, and with the same j [m]; spikes, missing:
+    shares of the readings; frozen: the last scan that is a new one; looked_at: the layer after which a person has
+    looked, and scans are new again; rough: the start surface; resolution: step of the readings [m], is_step_known: to
+    the observer, too; drop_levels: most drops of a droplet; cancels: tolerance of variances, where 1e-13 is left of
+    1e-6: after a person has looked.
     """
 
     nx: int = 13
@@ -51,6 +52,7 @@ class Case:
     rotation: float = 0.0
     spot: float = 0.0
     level: float = 0.0
+    jitter: tuple[float, float] = (0.0, 0.0)
     spikes: float = 0.0
     missing: float = 0.0
     frozen: int | None = None
@@ -90,6 +92,11 @@ CASES = {
     "rotated": Case(rotation=0.05),
     "spot": Case(15, 13, spot=0.8),
     "levelled anew": Case(level=2e-6),
+    "lines along y jitter": Case(jitter=(1e-6, 0.0)),
+    "lines along x jitter": Case(15, 13, jitter=(0.0, 1e-6)),
+    "lines jitter, exact": Case(15, 13, noise=0.0, jitter=(5e-7, 0.0)),
+    "lines jitter, shifted": Case(jitter=(0.0, 1e-6), shift=(0.5, -0.4)),
+    "lines jitter, readings missing": Case(layers=12, jitter=(1e-6, 0.0), missing=0.2, rough=2e-6),
     "spikes and drop-outs": Case(15, 13, layers=12, spikes=0.03, missing=0.1),
     "spikes and drop-outs, shifted": Case(layers=12, spikes=0.03, missing=0.1, shift=(0.5, -0.5)),
     "two inks": Case(inks=(A, B)),
@@ -143,6 +150,9 @@ def scan_of(case: Case, height: Any, rng: np.random.Generator) -> tuple[Any, Any
         @ blurred(height, case.spot**2).ravel()
     ).reshape(height.shape)
     reading += datum(case, rng) + case.noise * rng.standard_normal(height.shape)
+    if any(case.jitter):
+        along = [std * rng.standard_normal(count) for std, count in zip(case.jitter, height.shape, strict=True)]
+        reading += along[0][:, None] + along[1]
     reading += 20e-6 * (rng.random(height.shape) < case.spikes) * rng.choice([-1.0, 1.0], height.shape)
     if case.resolution > 0.0:
         reading = case.resolution * np.round(reading / case.resolution)
