@@ -326,31 +326,42 @@ static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, dou
     return invert_definite(all, matrix, covariance);
 }
 
-/* Residuals at walls, in variances: the largest median of a class of droplets, or of the steep readings. */
+/* Groups of walls: by their class, steep ones, and even ones with a droplet of their own. */
+enum { ALL_STEEP = CLASSES, EVEN_OWN, GROUPS };
+
+static bool is_in_group(const Wall *wall, size_t group, double steep) {
+    if (group < CLASSES)
+        return wall->class == group;
+    return (wall->slopes > steep) == (group == ALL_STEEP) && (group == ALL_STEEP || wall->class == OWN);
+}
+
+/* Residuals at walls, in variances: the largest median of a group. Droplets are learnt from even cells: on steep ones
+ * what the view does not model hides them. */
 static double misfit_of(const WallFit *fit, InkFit *displaced) {
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;
-    for (size_t class = 0; class <= CLASSES; class++) {
+    for (size_t group = 0; group < GROUPS; group++) {
         size_t count = 0;
         double squares = 0.0, variance = 0.0;
         for (size_t k = 0; k < fit->count; k++) {
             const Wall *wall = &fit->walls[k];
-            if (class < CLASSES ? wall->class != class : !(wall->slopes > steep))
+            if (!is_in_group(wall, group, steep))
                 continue;
             fit->values[count++] = wall->rest * wall->rest / wall->variance;
             squares += wall->squares;
             variance += wall->variance;
         }
-        if (class == OWN && count > 0) {
-            displaced->droplets = count;
-            displaced->mean_droplets = squares / (double)count;
-            displaced->mean_base =
-                variance / (double)count - fit->evidence->droplet_variance * displaced->mean_droplets;
-        }
         const double found = count >= LEAST_READINGS ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
-        largest = fmax(largest, found);
-        if (class < CLASSES)
-            displaced->misfit[class] = found;
+        if (group < EVEN_OWN)
+            largest = fmax(largest, found);
+        if (group < CLASSES)
+            displaced->misfit[group] = found;
+        if (group < EVEN_OWN || count < LEAST_READINGS)
+            continue;
+        displaced->misfit[OWN] = found;
+        displaced->droplets = count;
+        displaced->mean_droplets = squares / (double)count;
+        displaced->mean_base = variance / (double)count - fit->evidence->droplet_variance * displaced->mean_droplets;
     }
     return largest;
 }

@@ -338,7 +338,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     if (look->is_unknown)
         return true;
     known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found.vanished / fmax((double)found.seen, 1.0);
-    const bool is_better = may_be && look->displaced.droplets >= LEAST_DROPLETS && is_misfit(&look->in_register);
+    const bool is_better = may_be && is_misfit(&look->in_register);
     learn_droplets(is_displaced || is_better ? &look->displaced : &look->in_register, known);
     learn_datum(&look->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
