@@ -87,7 +87,8 @@ static void mark_walls(const ScanEvidence *evidence, const double *slopes, const
 /* A reading at a wall, and how it goes with the unknowns: geometry, offset of the datum, shares. */
 typedef struct {
     size_t cell;
-    double u, w, column[FITTED], rest, variance, squares, slopes;
+    double u, w, column[FITTED], rest, variance, slopes;
+    double alone, squares; /* variance and that of its droplets where no neighbours have the same error */
     size_t class;
 } Wall;
 
@@ -143,16 +144,17 @@ static void look_at_walls(const double *x, WallFit *fit) {
                             (pattern[place.below] > 0 && place.x > 0.0 && place.y < 1.0) ||
                             (pattern[place.right] > 0 && place.x < 1.0 && place.y > 0.0) ||
                             (pattern[place.below + place.right] > 0 && place.x > 0.0 && place.y > 0.0);
-        wall->squares = value_at(evidence->increments->squares, &place);
+        wall->squares = variance_at(evidence->increments->squares, &place);
         memcpy(wall->column, column, sizeof column);
         datum_terms(wall->u, wall->w, wall->column + DATUM);
         wall->slopes = along_x * along_x + along_y * along_y;
         wall->rest = evidence->scan[wall->cell] - value_at(averaged, &place) - (x[SPREAD] - fit->spread) * with_spread;
         for (size_t k = 0; k < DATUM_TERMS; k++)
             wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
-        wall->variance = evidence->noise_variance + value_at(evidence->variance, &place) +
-                         evidence->droplet_variance * wall->squares +
-                         view_variance(along_x, along_y, with_spread, x[SPREAD]);
+        const double view = evidence->noise_variance + view_variance(along_x, along_y, with_spread, x[SPREAD]);
+        wall->alone = view + variance_at(evidence->variance, &place) + evidence->droplet_variance * wall->squares;
+        wall->variance = view + value_at(evidence->variance, &place) +
+                         evidence->droplet_variance * value_at(evidence->increments->squares, &place);
         wall->class = is_own ? OWN : wall->squares > 0.0 ? SPILL : CLASSES;
         for (size_t s = 0; s < fit->shares; s++) {
             const ShareColumn of = share_column(evidence, s);
@@ -347,9 +349,9 @@ static double misfit_of(const WallFit *fit, InkFit *displaced) {
             const Wall *wall = &fit->walls[k];
             if (!is_in_group(wall, group, steep))
                 continue;
-            fit->values[count++] = wall->rest * wall->rest / wall->variance;
+            fit->values[count++] = wall->rest * wall->rest / (group == EVEN_OWN ? wall->alone : wall->variance);
             squares += wall->squares;
-            variance += wall->variance;
+            variance += wall->alone;
         }
         const double found = count >= LEAST_READINGS ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
         if (group < EVEN_OWN)

@@ -29,6 +29,14 @@ static inline double value_at(const double *map, const Place *place) {
     return near + place->x * (far - near);
 }
 
+/* Variance of the value there, of a map of variances of errors that are independent. */
+static inline double variance_at(const double *map, const Place *place) {
+    const double *first = map + place->cell, *second = first + place->below;
+    const double x = place->x * place->x, y = place->y * place->y;
+    const double up = (1.0 - place->x) * (1.0 - place->x), left = (1.0 - place->y) * (1.0 - place->y);
+    return up * (left * first[0] + y * first[place->right]) + x * (left * second[0] + y * second[place->right]);
+}
+
 /* Where the reading of a cell lies [cells]. */
 typedef struct {
     double x, y;

@@ -105,7 +105,7 @@ class Observer:
             return
         s.dead = self.dead(before, look, is_seen, nearest, variance)
         s.vanishing = 0.9 * s.vanishing + 0.1 * vanished / max(look.valid.sum(), 1)
-        is_better = may_be and displaced.droplets >= c.LEAST_DROPLETS and in_register.is_misfit
+        is_better = may_be and in_register.is_misfit
         self.learn(s, look, displaced if s.is_displaced or is_better else in_register, fit)
         if not fit.is_misfit and not s.is_volume_believed:
             self.doubt_volume(s, layer)

@@ -92,9 +92,10 @@ class View:
         self.J = np.stack([*geometry, *terms, *shares], axis=1)
         change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - data.state.share[: len(x) - 13]])
         self.rest = data.scan[cells] - S @ self.averaged.ravel() - self.J[:, c.SPREAD :] @ change
-        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S @ data.squares.ravel()
+        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S**2 @ data.squares.ravel()
         self.own_variance = c.OF_SLOPE**2 * self.slopes + (c.OF_SPOT * x[c.SPREAD] * self.J[:, c.SPREAD]) ** 2
-        self.variance = data.noise + S @ data.variance.ravel() + data.of_droplet * self.squares + self.own_variance
+        native = (data.variance + data.of_droplet * data.squares).ravel()
+        self.variance, self.alone = (data.noise + self.own_variance + each @ native for each in (S, S**2))
         is_own = np.any((S > 0.0) & (data.pattern.ravel() > 0), axis=1)
         self.classes = np.where(is_own, 0, np.where(self.squares > 0.0, 1, 2))
 
@@ -257,15 +258,18 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     covariance = inverse(equations(x, 1.0)[0])
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
     fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
-    steep = misfit(squares[view.slopes > (c.STEEP * o.layer) ** 2])
-    fit.droplets = int(np.sum(view.classes == 0))
-    if fit.droplets:
-        fit.squares = np.mean(view.squares[view.classes == 0])
-        fit.base = np.mean(view.variance[view.classes == 0]) - look.of_droplet * fit.squares
+    is_steep = view.slopes > (c.STEEP * o.layer) ** 2
+    left, even = max(1.0, misfit(squares[is_steep]), *fit.misfit), (view.classes == 0) & ~is_steep
+    if even.sum() >= c.LEAST_CELLS:
+        fit.droplets, fit.squares = int(even.sum()), np.mean(view.squares[even])
+        fit.base, fit.misfit[0] = (
+            np.mean(view.alone[even]) - look.of_droplet * fit.squares,
+            misfit((view.rest**2 / view.alone)[even]),
+        )
     variance = c.NU * np.minimum(view.variance, look.native[cells])
     plain = min(np.sum(np.log1p(look.rest(one, o.terms)[cells] ** 2 / variance)) for one in (in_register, fit))
     gained = (c.NU + 1.0) / 2.0 * (plain - np.sum(np.log1p(view.rest**2 / variance)))
-    learn_geometry(s, x, covariance, max(1.0, steep, *fit.misfit), gained)
+    learn_geometry(s, x, covariance, left, gained)
     return fit, walls, view.with_spot
 
 
