@@ -43,17 +43,21 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const SurfaceEstimate *before = update->before, *after = update->after;
     const double square = rest * rest / variance, told = before->surprise[cell];
     double weight = 1.0;
-    if (update->is_robust && square > 0.5 * SURPRISE * SURPRISE)
+    if (square > 0.5 * SURPRISE * SURPRISE)
         weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
-    const bool is_big = weight < CERTAIN;
+    const bool is_big = weight < CERTAIN, is_told = told != 0.0;
     const bool is_same = is_big && told * rest > 0.0 && fabs(told) > SAME * fabs(rest);
+    const bool is_back = is_big && told * rest < 0.0 && fabs(rest) > SAME * fabs(told);
     const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
-    count->vanished += told != 0.0 && !is_big;
+    count->vanished += is_told && (update->is_robust ? !is_big : is_back);
+    count->lasted += is_told && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
-    return is_real ? (Belief){1.0, rest * rest} : (Belief){weight, 0.0};
+    if (is_big && (is_real || !update->is_robust))
+        return (Belief){1.0, rest * rest};
+    return (Belief){update->is_robust ? weight : 1.0, 0.0};
 }
 
 /* Variance of the error of a reading that counts by a weight, beside a prediction of variance `known`. */
@@ -120,7 +124,7 @@ Surprises update_in_register(const MapUpdate *update) {
     const SurfaceEstimate *before = update->before, *after = update->after;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     const double *predicted = evidence->predicted;
-    Surprises count = {0, 0};
+    Surprises count = {0, 0, 0};
     size_t dry = 0;
     for (size_t i = 0; i < nx; i++) {
         const DatumRow row = datum_row(update, i);
@@ -162,7 +166,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                                   double *jump) {
     const ScanEvidence *evidence = update->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    Surprises count = {0, 0};
+    Surprises count = {0, 0, 0};
     for (size_t i = 0; i < nx; i++) {
         const DatumRow row = datum_row(update, i);
         for (size_t j = 0; j < ny; j++) {

@@ -25,7 +25,7 @@ typedef struct {
 
 /* Counts of an update. */
 typedef struct {
-    size_t seen, vanished; /* readings; those that surprised before and do not now */
+    size_t seen, vanished, lasted; /* readings; surprises of the scan before that were the sensor's, and the cells' */
 } Surprises;
 
 /* A scan in register, and a displaced one by the geometry `g`. */

@@ -15,6 +15,7 @@ static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* 
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;                  /* [m^2] */
 static const double NOISE_KEPT = 0.7, NOISELESS = 1e-20;                     /* [m^2] */
 static const double LEVELLED = 0.5;
+static const double LASTING = 2.0, FEW_LAST = 2e-4; /* times those that vanish; of the readings (assumed) */
 static const double LINES_TELL = 0.5;       /* of the noise within a line: less that lines share is chance (assumed) */
 static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
 static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
@@ -283,6 +284,11 @@ static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     return lasting >= FOREIGN_MISFIT || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
+/* Whether surprises have been the cells' and not the sensor's: then they are believed at once. */
+static bool do_surprises_last(const Knowledge *known) {
+    return known->lasting > LASTING * known->vanishing + FEW_LAST;
+}
+
 /* A scan and all that is made of it on the way. */
 typedef struct {
     ScanEvidence evidence;
@@ -320,7 +326,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                         .walls = work->walls,
                         .spread_slope = look->room.spread_slope,
                         .full_own = work->full_own,
-                        .is_robust = !is_foreign,
+                        .is_robust = !is_foreign && !do_surprises_last(known),
                         .is_telling = !look->is_unknown,
                         .scratch = {work->slopes, work->spare[2], work->spare[3]},
                         .after = after};
@@ -337,7 +343,9 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
         is_displaced ? update_displaced(&update, g, look->room.averaged) : update_in_register(&update);
     if (look->is_unknown)
         return true;
-    known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found.vanished / fmax((double)found.seen, 1.0);
+    const double seen = fmax((double)found.seen, 1.0);
+    known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found.vanished / seen;
+    known->lasting = 0.9 * known->lasting + 0.1 * (double)found.lasted / seen;
     const bool is_better = may_be && is_misfit(&look->in_register);
     learn_droplets(is_displaced || is_better ? &look->displaced : &look->in_register, known);
     learn_datum(&look->datum, fit, known);

@@ -129,7 +129,7 @@ typedef struct {
     double neighbours[2];             /* ... by neighbours along x and along y alone (scan_lines.h) [m^2] */
     double droplet_variance;          /* of a droplet's volume in DROPLET_STD^2, learnt */
     double droplet_evidence;          /* degrees of freedom that this was learnt from */
-    double vanishing;                 /* share of readings that surprised once and not again */
+    double vanishing, lasting;        /* shares of readings that surprised and were the sensor's, and the cell's */
     int64_t scans;                    /* so far */
 } Knowledge;
 
