@@ -52,7 +52,8 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
     count->vanished += is_told && (update->is_robust ? !is_big : is_back);
-    count->lasted += is_told && (update->is_robust ? is_same : !is_big);
+    const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet that did not come */
+    count->lasted += is_told && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
     if (is_big && (is_real || !update->is_robust))

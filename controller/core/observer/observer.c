@@ -314,11 +314,13 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &look->displaced : &look->in_register;
     const bool is_foreign = !may_be && are_droplets_foreign(&known->trust, fit);
+    const double odds = 1.0 / (1.0 + exp(-registration->odds)); /* probability that scans are displaced */
     double doubtful[GEOMETRY * GEOMETRY];
     memcpy(doubtful, registration->covariance, sizeof doubtful);
     for (size_t a = 0; a < GEOMETRY && !is_displaced; a++)
         for (size_t b = 0; b < GEOMETRY; b++)
-            doubtful[a * GEOMETRY + b] += registration->estimate[a] * registration->estimate[b];
+            doubtful[a * GEOMETRY + b] =
+                odds * (doubtful[a * GEOMETRY + b] + registration->estimate[a] * registration->estimate[b]);
     MapUpdate update = {.evidence = evidence,
                         .before = before,
                         .fit = fit,

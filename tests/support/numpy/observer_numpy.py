@@ -67,7 +67,8 @@ class Observer:
             fit = displaced if s.is_displaced else in_register
         may_be = is_registered and bool(s.misfits) and may_be_displaced(s)
         lasting = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
-        is_robust = may_be or lasting.max() < (c.USUAL if fit.is_misfit else c.FOREIGN)
+        is_foreign = not may_be and lasting.max() >= (c.USUAL if fit.is_misfit else c.FOREIGN)
+        is_robust = not is_foreign and s.lasting <= c.LASTING * s.vanishing + c.FEW_LAST
         extra = np.append(np.maximum(fit.misfit - c.USUAL, 0.0) * (not may_be and not s.is_displaced), 0.0)
         known = np.maximum(
             look.variance + look.of_droplet * look.squares + extra[look.classes] * look.native, c.LEAST_VARIANCE
@@ -81,12 +82,13 @@ class Observer:
         S, J, doubtful, more = view.S, view.J[:, :7], s.covariance, view.own_variance
         if not s.is_displaced:
             J[:, c.SPREAD] = with_spot.ravel()
-            J, doubtful, more = J * walls.reshape(-1, 1), may_be * (doubtful + np.outer(s.g, s.g)), 0.0
+            likely = may_be / (1.0 + np.exp(-s.odds))
+            J, doubtful, more = J * walls.reshape(-1, 1), likely * (doubtful + np.outer(s.g, s.g)), 0.0
         rest = look.scan - left - (S @ (view.averaged + change).ravel()).reshape(o.shape)
         spread = (S @ known.ravel()).reshape(o.shape)
         of_geometry = np.einsum("ra,ab,rb->r", J, doubtful, J) + more
         error = look.noise + of_datum + of_geometry.reshape(o.shape)
-        weight, jump, vanished = self.believed(s, before, look, rest, spread + error, is_robust)
+        weight, jump, vanished, lasted = self.believed(s, before, look, rest, spread + error, is_robust)
         counted = np.maximum(weight, c.LEAST_WEIGHT)
         weak = np.maximum(error / counted + spread * (1.0 / counted - 1.0), c.LEAST_ERROR)
         weight, rest = np.where(look.valid, 1.0 / weak, 0.0), np.where(look.valid, rest, 0.0)
@@ -105,6 +107,7 @@ class Observer:
             return
         s.dead = self.dead(before, look, is_seen, nearest, variance)
         s.vanishing = 0.9 * s.vanishing + 0.1 * vanished / max(look.valid.sum(), 1)
+        s.lasting = 0.9 * s.lasting + 0.1 * lasted / max(look.valid.sum(), 1)
         is_better = may_be and in_register.is_misfit
         self.learn(s, look, displaced if s.is_displaced or is_better else in_register, fit)
         if not fit.is_misfit and not s.is_volume_believed:
@@ -120,19 +123,24 @@ class Observer:
 
     def believed(
         self, s: State, before: State, look: Look, rest: Any, variance: Any, is_robust: bool
-    ) -> tuple[Any, Any, int]:
-        """(weights of the readings, variances by which cells have jumped, surprises that have vanished)."""
+    ) -> tuple[Any, Any, int, int]:
+        """(weights of the readings, variances by which cells have jumped, surprises that vanished, that lasted)."""
         square, told = rest**2 / variance, before.surprise
         weight = 1.0 / (1.0 + np.exp(np.minimum((square - c.SURPRISE**2) / 2.0, 60.0)))
-        weight = np.where((square > c.SURPRISE**2 / 2.0) & is_robust, weight, 1.0)
+        weight = np.where(square > c.SURPRISE**2 / 2.0, weight, 1.0)
         is_big = weight < c.CERTAIN
         is_same = is_big & (told * rest > 0.0) & (np.abs(told) > c.SAME * np.abs(rest))
+        is_back = is_big & (told * rest < 0.0) & (np.abs(rest) > c.SAME * np.abs(told))
         times = np.where(is_same, before.surprised + 1, is_big)
         is_real = look.valid & is_same & (times >= (3 if before.vanishing > c.SPIKY else 2))
         s.surprise = np.where(look.valid & is_big & ~is_real, rest, 0.0)
         s.surprised = np.where(look.valid & ~is_real, times, 0)
-        vanished = int(np.sum(look.valid & (told != 0.0) & ~is_big))
-        return np.where(is_real, 1.0, weight), np.where(is_real, rest**2, 0.0), vanished
+        is_told = look.valid & (told != 0.0)
+        ends = (~is_big, is_same) if is_robust else (is_back, ~is_big)
+        is_believed = is_big & (is_real | (not is_robust))
+        is_failed = (look.pattern > 0) & (told < 0.0)  # a droplet that did not come
+        counts = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
+        return np.where(is_believed | (not is_robust), 1.0, weight), np.where(is_believed, rest**2, 0.0), *counts
 
     def dead(self, before: State, look: Look, is_seen: Any, rest: Any, variance: Any) -> Any:
         """Evidence that nothing comes, against a weak droplet."""

@@ -40,6 +40,7 @@ class State:
     variation: float = 1.0
     evidence: float = c.FIRST_EVIDENCE
     vanishing: float = 0.0
+    lasting: float = 0.0
     scans: int = 1
     steps: Any = field(default_factory=lambda: np.full(2, c.FIRST_STEP**2))
     odds: float = c.FIRST_ODDS

@@ -19,7 +19,6 @@ from support.long_proofs import rest_is_long
 LINE = 16
 NOTHING = 1e-12  # volume of the droplets of a dead nozzle [1]
 FOUND_WITHIN = 4  # layers
-WEAK = "late in the print some of the weak cells are taken for dead ones for a few layers"
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,6 @@ def test_widths_that_noise_makes_unsure_are_no_dead_nozzles() -> None:
     assert printed(cylinder(), 1, 0.4, 1e-6, range(0), adapt_ink="full").false_alarms == 0
 
 
-@pytest.mark.xfail(strict=True, reason=WEAK)
 @pytest.mark.system
 def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
     assert not any(printed(cylinder(), 3, 0.2, 0.0, range(10, 200), volume=1.0 / 3.0).dead_cells)
