@@ -2,39 +2,40 @@
 
 The growth of a cell regressed on the measured surface is biased: the noise of a scan is in the growth and in the rates,
 and it pulls the shares of the neighbours down, which saturate (errors in variables). Here each scan is predicted from
-an estimate of the surface before the layer - a Kalman filter per cell over all earlier scans, on the model that is
-being identified, around a plane or a rough start surface - with the mean of the rates over what that surface may have
-been (`expected_increments`). The noise of the next scan is in neither, so the errors of the true heights have no mean
-whatever the patterns (prediction error method; Ljung 1999, "System identification", chapter 7). What a droplet's volume
-varies by follows from the size of the errors. Where volume is to be conserved, h1 of each material is what the other
-heights leave of the volume that its droplets have added (`droplet_volumes`), and only the others are fitted.
+an estimate of the surface before the layer on the model that is being identified (`surface_filter`). The noise of the
+next scan is not in it, so the errors of the true heights have no mean whatever the patterns (prediction error method;
+Ljung 1999, "System identification", chapter 7). What a droplet's volume varies by follows from the size of the errors.
+Where volume is to be conserved, h1 of each material is what the other heights leave of the volume that its droplets
+have added (`droplet_volumes`), and only the others are fitted. The geometry of displaced scans is fitted with the
+heights: each round improves the heights by what the geometry does not explain (variable projection; Golub, Pereyra
+1973), then the geometry.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 from scipy.optimize import nnls
 from scipy.special import stdtrit
 
-from inkloop.component import BoolMap, FloatMap
+from inkloop.component import BoolMap
 from inkloop.errors import IdentificationError
 from inkloop.identify.droplet_volume import Freedom, droplet_volumes
-from inkloop.identify.expected_increments import expected_rates
 from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.scan_geometry import ScanGeometry
+from inkloop.identify.surface_filter import Innovation, innovations
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 from inkloop.units import UM_PER_M
 
 BLOCK = 4  # cells along each side of a block whose errors may depend on each other (assumed)
 ROUNDS, AGREE = 40, 1e-4  # until a round changes no height by more than that share of a layer
+GEOMETRY_AGREES, LONGEST_MOVE = 1e-3, 0.5  # [cells]: of the geometry in a round (assumed)
 VARIANCE_AGREES = 0.1  # of droplet volumes, share of itself: it weighs, no more
 PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the predictions
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
-FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
 SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
 ERROR_LEAST = (
     3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
@@ -45,7 +46,8 @@ ERROR_LEAST = (
 class InkEstimate:
     """heights: (materials, 3, 6 or 10) [m]; covariance: of all of them in order [m^2], from errors that may depend on
     each other within a block of cells; degrees: of freedom of it; noise_std: of a reading [m]; droplet_std: of what a
-    droplet adds, as a share, with all that the model does not explain [1]; used: growths that it rests on.
+    droplet adds, as a share, with all that the model does not explain [1]; used: growths that it rests on; geometries:
+    of the scans, by print; geometry_covariance: of their terms, fitted together [cells^2].
     """
 
     heights: NDArray[np.float64]
@@ -54,6 +56,8 @@ class InkEstimate:
     noise_std: float
     droplet_std: float
     used: int
+    geometries: tuple[ScanGeometry, ...] = ()
+    geometry_covariance: NDArray[np.float64] | None = None
 
     @property
     def half_widths(self) -> NDArray[np.float64]:
@@ -65,19 +69,20 @@ class InkEstimate:
 @dataclass(frozen=True, eq=False)
 class _Errors:
     """error: (n,) scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add [m^2];
-    block: of cells and print.
+    block: of cells and print; sensitivity: (terms, n) of the predictions to the geometries [m per cell].
     """
 
     error: NDArray[np.float64]
     variance: NDArray[np.float64]
     squares: NDArray[np.float64]
     block: NDArray[np.int64]
+    sensitivity: NDArray[np.float64]
 
     @classmethod
     def together(cls, parts: Sequence[_Errors]) -> _Errors:
         """All layers of all prints."""
-        arrays = zip(*((part.error, part.variance, part.squares, part.block) for part in parts), strict=True)
-        return cls(*(np.concatenate(of_parts) for of_parts in arrays))
+        names = ("error", "variance", "squares", "block", "sensitivity")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
 
 
 def identify_ink(
@@ -88,48 +93,100 @@ def identify_ink(
     correct: bool = True,
     conserve: bool = False,
     cells: Sequence[BoolMap] | None = None,
+    geometries: Sequence[ScanGeometry] | None = None,
+    fit_geometry: bool = False,
 ) -> InkEstimate:
     """The heights whose predictions of the next scan err least (Gauss-Newton on the weighted prediction errors).
 
     noise_std: of a reading [m]; correct: False predicts from the measured surface as it is, for comparison; conserve:
     the heights add up to the volume of a droplet, which is measured over whole prints and taken as known; cells: by
-    print (nx, ny), which growths count. Raises IdentificationError where the patterns do not separate the heights, or
+    print (nx, ny), which growths count; geometries: of the scans by print, in register if not given; fit_geometry:
+    they are fitted too, from there on. Raises IdentificationError where the patterns do not separate the heights, or
     the scans do not show the volume.
     """
     materials, count = max(record.materials for record in records), HEIGHTS_BY_REACH[reach]
     counted = cells or [np.ones(record.shape, np.bool_) for record in records]
+    placed = [ScanGeometry.in_register(record.shape, len(record.pattern)) for record in records]
+    placed = placed if geometries is None else list(geometries)
     guess = first_guess(records)
     heights = np.tile(guess * 0.1 ** np.minimum(np.arange(count), 2), (materials, 1))
     droplet_variance = DROPLET_STD_FIRST**2 if correct else 0.0
     freedom = Freedom.of(heights.shape, droplet_volumes(records, materials, reach) if conserve else None)
 
-    def errors_of(tried: NDArray[np.float64]) -> _Errors:
+    def errors_of(tried: NDArray[np.float64], tangent: bool = False) -> _Errors:
         parts = [
             layer
             for number, (record, mask) in enumerate(zip(records, counted, strict=True))
-            for layer in _errors(record, tried, noise_std, droplet_variance, correct, mask, number)
+            for layer in _errors(
+                record,
+                innovations(record, tried, noise_std, droplet_variance, placed[number], correct, tangent),
+                mask,
+                (number, len(records)),
+            )
         ]
         return _Errors.together(parts)
 
     for _ in range(ROUNDS):
-        errors = errors_of(heights)
+        errors = errors_of(heights, fit_geometry)
         sensitivity = _sensitivity(errors_of, heights, errors, PERTURBATION * guess)
         weight = (
             1.0 / np.maximum(errors.variance, (ERROR_LEAST * guess) ** 2) if correct else np.ones(errors.error.size)
         )
         last, before = heights, droplet_variance
-        heights = _improved(sensitivity, weight, errors.error, heights, freedom)
+        fit = _GeometryFit.of(placed, errors, weight) if fit_geometry else None
+        own = sensitivity if fit is None else fit.left_of(sensitivity)
+        heights = _improved(own, weight, errors.error, heights, freedom)
+        moved = 0.0
+        if fit is not None:
+            explained = np.tensordot((heights - last).ravel(), sensitivity, 1)
+            step = fit.step(placed, errors.error - explained)
+            moved = float(np.abs(step).max())
+            placed = [replace(one, terms=one.terms + part) for one, part in zip(placed, step, strict=True)]
         if correct and errors.squares.any():
             surplus = float(np.sum(errors.error**2 - errors.variance) / np.sum(errors.squares))
             wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
             droplet_variance = float(np.sqrt(wanted * before))  # half the way: the filter follows, and errors with it
         change = abs(droplet_variance - before)
-        if np.abs(heights - last).max() <= AGREE * guess and change <= max(VARIANCE_AGREES * before, 1e-5):
+        is_settled = np.abs(heights - last).max() <= AGREE * guess and moved <= GEOMETRY_AGREES
+        if is_settled and change <= max(VARIANCE_AGREES * before, 1e-5):
             break
     if (heights < 0.0).any():
         raise IdentificationError(f"droplets add less than their neighbours get at a reach of {reach}; fit reach 1")
-    covariance, degrees = _covariance(sensitivity, weight, errors, freedom)
-    return InkEstimate(heights, covariance, degrees, noise_std, float(np.sqrt(droplet_variance)), errors.error.size)
+    covariance, degrees = _covariance(own, weight, errors, freedom)
+    found = heights, covariance, degrees, noise_std, float(np.sqrt(droplet_variance)), errors.error.size
+    return InkEstimate(*found, tuple(placed), None if fit is None else fit.covariance(errors))
+
+
+@dataclass(frozen=True, eq=False)
+class _GeometryFit:
+    """Normal equations of the geometries about their present terms."""
+
+    weighted: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, geometries: Sequence[ScanGeometry], errors: _Errors, weight: NDArray[np.float64]) -> _GeometryFit:
+        weighted = errors.sensitivity * weight
+        precision = np.concatenate([one.prior_precision for one in geometries])
+        inverse = np.linalg.inv(weighted @ errors.sensitivity.T + np.diag(precision))
+        return cls(weighted, errors.sensitivity, precision, inverse)
+
+    def left_of(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the (heights, errors) sensitivity, what no geometry explains."""
+        return sensitivity - sensitivity @ self.weighted.T @ self.inverse @ self.sensitivity
+
+    def step(self, geometries: Sequence[ScanGeometry], error: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(prints, 8): change of the terms, not too long a one [cells]."""
+        terms = np.concatenate([one.terms for one in geometries])
+        step = self.inverse @ (self.weighted @ error - self.precision * terms)
+        longest = np.abs(step).max()
+        return np.asarray(step * min(1.0, LONGEST_MOVE / max(longest, LONGEST_MOVE))).reshape(len(geometries), -1)
+
+    def covariance(self, errors: _Errors) -> NDArray[np.float64]:
+        """Of all terms, by blocks of cells [cells^2]."""
+        return self.inverse @ _scattered(self.weighted * errors.error, errors.block)[0] @ self.inverse
 
 
 def _sensitivity(
@@ -159,66 +216,19 @@ def first_guess(records: Sequence[PrintRecord]) -> float:
 
 
 def _errors(
-    record: PrintRecord,
-    heights: NDArray[np.float64],
-    noise_std: float,
-    droplet_variance: float,
-    correct: bool,
-    cells: BoolMap,
-    number: int,
+    record: PrintRecord, steps: Iterator[Innovation], cells: BoolMap, number: tuple[int, int]
 ) -> Iterator[_Errors]:
-    """The layers of print `number`, each predicted from what the scans before it show of its surface."""
-    noise = noise_std**2
-    mean, variance = start_surface(record.measured[0], noise_std)
-    reach = {count: reach for reach, count in HEIGHTS_BY_REACH.items()}[heights.shape[1]]
-    block = _blocks(record.shape) + (number << 32)
-    for layer in record.layers():
-        if not correct:
-            seen = np.isfinite(layer.before)
-            mean, variance = np.where(seen, layer.before, 0.0), np.where(seen, 0.0, np.inf)
-        known = np.isfinite(variance)
-        rates, squares = expected_rates(mean, np.where(known, variance, 0.0), layer.pattern, heights, layer.colours)
-        predicted, squares = mean + np.tensordot(heights, rates), _evened(squares, rates)
-        spread = variance + droplet_variance * squares
-        usable = cells & np.isfinite(layer.after) & ~maximum_filter(~known, 2 * reach + 1, mode="constant", cval=False)
-        yield _Errors((layer.after - predicted)[usable], spread[usable] + noise, squares[usable], block[usable])
-        if correct:
-            mean, variance = _corrected(predicted, spread, layer.after, noise)
-
-
-def _evened(squares: FloatMap, rates: NDArray[np.float64]) -> FloatMap:
-    """Their mean wherever droplets reach: what a model does not explain is no smaller where droplets add little."""
-    reached = (rates > 0.0).any(axis=(0, 1))
-    return np.where(reached, squares[reached].mean() if reached.any() else 0.0, 0.0)
-
-
-def _corrected(predicted: FloatMap, spread: FloatMap, scan: FloatMap, noise: float) -> tuple[FloatMap, FloatMap]:
-    """Kalman correction of each cell: (height [m], variance [m^2]); a cell that was never seen takes the scan."""
-    seen, total = np.isfinite(scan), spread + noise
-    gain = np.divide(spread, total, out=np.ones_like(spread), where=np.isfinite(spread) & (total > 0.0))
-    height = predicted + np.where(seen, gain * np.where(seen, scan - predicted, 0.0), 0.0)
-    return height, np.where(seen, gain * noise, spread)
-
-
-def start_surface(scan: FloatMap, noise_std: float) -> tuple[FloatMap, FloatMap]:
-    """What is known of the start surface: (mean, variance) [m], [m^2], the variance infinite where it was not seen.
-
-    A plane, if the scan is as even as its noise; else a rough plane whose roughness is normal (empirical Bayes).
-    """
-    seen = np.isfinite(scan)
-    i, j = np.indices(scan.shape)
-    terms = np.stack([np.ones(scan.shape), i / scan.shape[0], j / scan.shape[1]], axis=-1)
-    if np.count_nonzero(seen) <= terms.shape[-1]:
-        return np.zeros(scan.shape), np.full(scan.shape, np.inf)
-    plane = terms @ np.linalg.lstsq(terms[seen], scan[seen], rcond=None)[0]
-    freedom = np.count_nonzero(seen) - terms.shape[-1]
-    noise = noise_std**2
-    rough = float(np.sum((scan - plane)[seen] ** 2) / freedom) - noise
-    if rough <= FLATNESS * noise * np.sqrt(2.0 / freedom):
-        return plane, np.full(scan.shape, noise * terms.shape[-1] / np.count_nonzero(seen))
-    gain = rough / (rough + noise)
-    mean = np.where(seen, plane + gain * np.where(seen, scan - plane, 0.0), plane)
-    return mean, np.where(seen, gain * noise, np.inf)
+    """The layers of print `number` of so many."""
+    place, prints = number
+    block = _blocks(record.shape) + (place << 32)
+    for step in steps:
+        counted = cells[step.usable]
+        own = step.sensitivity[:, counted]
+        geometry = np.zeros((prints, *own.shape))
+        geometry[place] = own
+        parts = (step.error, step.variance, step.squares)
+        kept = [part[counted] for part in parts]
+        yield _Errors(*kept, block[step.usable][counted], geometry.reshape(-1, own.shape[1]))
 
 
 def _blocks(shape: tuple[int, int]) -> NDArray[np.int64]:
@@ -261,8 +271,14 @@ def _covariance(
     """Of the heights, by blocks of cells over all layers of a print (sandwich estimate), and its degrees of freedom."""
     own = freedom.basis.T @ sensitivity
     inverse = freedom.basis @ np.linalg.inv((own * weight) @ own.T)
-    _, block = np.unique(errors.block, return_inverse=True)
-    count = int(block.max()) + 1
-    scores = np.array([np.bincount(block, terms, count) for terms in own * weight * errors.error])
+    scattered, count = _scattered(own * weight * errors.error, errors.block)
     degrees = max(1, count - len(own))
-    return inverse @ (scores @ scores.T) @ inverse.T * count / degrees, degrees
+    return inverse @ scattered @ inverse.T * count / degrees, degrees
+
+
+def _scattered(scores: NDArray[np.float64], block: NDArray[np.int64]) -> tuple[NDArray[np.float64], int]:
+    """Covariance of the sums of scores (terms, n) that may depend on each other within a block, and all blocks."""
+    _, number = np.unique(block, return_inverse=True)
+    count = int(number.max()) + 1
+    sums = np.array([np.bincount(number, terms, count) for terms in scores])
+    return sums @ sums.T, count
