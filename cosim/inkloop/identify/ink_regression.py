@@ -32,7 +32,8 @@ from inkloop.units import UM_PER_M
 
 BLOCK = 4  # cells along each side of a block whose errors may depend on each other (assumed)
 ROUNDS, AGREE = 40, 1e-4  # until a round changes no height by more than that share of a layer
-GEOMETRY_AGREES, LONGEST_MOVE = 1e-3, 0.5  # [cells]: of the geometry in a round (assumed)
+GEOMETRY_ROUNDS, GEOMETRY_AGREES = 15, 1e-3  # of a fit of the geometry; [cells], and of heights ten times AGREE
+LONGEST_MOVE = 0.5  # [cells], of the geometry in a round (assumed)
 VARIANCE_AGREES = 0.1  # of droplet volumes, share of itself: it weighs, no more
 PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the predictions
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
@@ -69,19 +70,21 @@ class InkEstimate:
 @dataclass(frozen=True, eq=False)
 class _Errors:
     """error: (n,) scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add [m^2];
-    block: of cells and print; sensitivity: (terms, n) of the predictions to the geometries [m per cell].
+    block: of cells and print; wall: steep ones, that show the geometry; sensitivity: (terms, n) of the predictions to
+    the geometries [m per cell].
     """
 
     error: NDArray[np.float64]
     variance: NDArray[np.float64]
     squares: NDArray[np.float64]
     block: NDArray[np.int64]
+    wall: NDArray[np.bool_]
     sensitivity: NDArray[np.float64]
 
     @classmethod
     def together(cls, parts: Sequence[_Errors]) -> _Errors:
         """All layers of all prints."""
-        names = ("error", "variance", "squares", "block", "sensitivity")
+        names = ("error", "variance", "squares", "block", "wall", "sensitivity")
         return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
 
 
@@ -126,7 +129,7 @@ def identify_ink(
         ]
         return _Errors.together(parts)
 
-    for _ in range(ROUNDS):
+    for _ in range(GEOMETRY_ROUNDS if fit_geometry else ROUNDS):
         errors = errors_of(heights, fit_geometry)
         sensitivity = _sensitivity(errors_of, heights, errors, PERTURBATION * guess)
         weight = (
@@ -142,12 +145,14 @@ def identify_ink(
             step = fit.step(placed, errors.error - explained)
             moved = float(np.abs(step).max())
             placed = [replace(one, terms=one.terms + part) for one, part in zip(placed, step, strict=True)]
-        if correct and errors.squares.any():
-            surplus = float(np.sum(errors.error**2 - errors.variance) / np.sum(errors.squares))
+        even = ~errors.wall
+        if correct and errors.squares[even].any():
+            surplus = float(np.sum((errors.error**2 - errors.variance)[even]) / np.sum(errors.squares[even]))
             wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
             droplet_variance = float(np.sqrt(wanted * before))  # half the way: the filter follows, and errors with it
         change = abs(droplet_variance - before)
-        is_settled = np.abs(heights - last).max() <= AGREE * guess and moved <= GEOMETRY_AGREES
+        agree = 10.0 * AGREE if fit_geometry else AGREE
+        is_settled = np.abs(heights - last).max() <= agree * guess and moved <= GEOMETRY_AGREES
         if is_settled and change <= max(VARIANCE_AGREES * before, 1e-5):
             break
     if (heights < 0.0).any():
@@ -226,9 +231,8 @@ def _errors(
         own = step.sensitivity[:, counted]
         geometry = np.zeros((prints, *own.shape))
         geometry[place] = own
-        parts = (step.error, step.variance, step.squares)
-        kept = [part[counted] for part in parts]
-        yield _Errors(*kept, block[step.usable][counted], geometry.reshape(-1, own.shape[1]))
+        parts = (step.error, step.variance, step.squares, block[step.usable], step.wall)
+        yield _Errors(*(part[counted] for part in parts), geometry.reshape(-1, own.shape[1]))  # type: ignore[arg-type]
 
 
 def _blocks(shape: tuple[int, int]) -> NDArray[np.int64]:

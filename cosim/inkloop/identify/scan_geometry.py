@@ -10,6 +10,7 @@ known as a whole: one linear part for all its scans and a shift that drifts even
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from inkloop.component import FloatMap
 TERMS = 8  # shift along x and y, linear part (4), drift along x and y
 HALF_STEP = 0.3  # of the difference quotients that slopes are [cells]; as in the observer
 PRIOR_STD = (0.7, 0.02, 0.5)  # of shift [cells], linear part [1] and drift [cells] before the scans (assumed)
-LEAST_SHOWN = 0.005  # [cells], [degrees/20]: less is not mentioned
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class ScanGeometry:
     """Geometry of all scans of a print of (nx, ny) cells and so many layers.
 
     terms: (8,) [cells]: shift along x and y in the middle of the print; what the linear part adds at u = 1 and at w = 1
-    to x, then to y; what the shift along x and y gains by the end of the print, and lacks at its beginning.
+    to x, then to y; what the shift along x and y gains until the last layer, and lacks at the first one.
     """
 
     shape: tuple[int, int]
@@ -47,6 +47,12 @@ class ScanGeometry:
         return not self.terms.any()
 
     @property
+    def farthest(self) -> float:
+        """Largest distance of a reading from its cell, after the first and the last layer [cells]."""
+        cells = np.indices(self.shape).reshape(2, -1)
+        return float(max(np.linalg.norm(self.places(k) - cells, axis=0).max() for k in (1, self.layers)))
+
+    @property
     def prior_precision(self) -> NDArray[np.float64]:
         """(8,) of the terms before the scans [1/cells^2]."""
         half = [0.5 * (count - 1) for count in self.shape]
@@ -58,9 +64,21 @@ class ScanGeometry:
         """(2, 2): what is added to a place (x, y) for each cell that it lies off the middle of the grid [1]."""
         return self.terms[2:6].reshape(2, 2) / (0.5 * (np.array(self.shape) - 1.0))
 
+    def describe(self) -> str:
+        """How the scans lie, as the end of a sentence that begins with them."""
+        if self.is_none:
+            return "lie in register"
+        (a, b), (c, d) = self.linear
+        shift, drift = self.terms[:2], 2.0 * self.terms[6:]
+        return (
+            f"lie {shift[0]:+.2f} cells along x and {shift[1]:+.2f} along y, drift by {drift[0]:+.2f} and "
+            f"{drift[1]:+.2f} over the print, are rotated by {np.degrees((c - b) / 2.0):+.2f} degrees, magnified by "
+            f"{50.0 * (a + d):+.1f} % and sheared by {100.0 * (b + c):+.1f} %"
+        )
+
     def share_of_time(self, scan: int) -> float:
-        """From -1 to 1 over the print."""
-        return 2.0 * scan / self.layers - 1.0
+        """From -1 at the first printed layer to 1 at the last one; 0 of a single one."""
+        return max(2.0 * (scan - 1) / (self.layers - 1) - 1.0, -1.0) if self.layers > 1 else 0.0
 
     def places(self, scan: int) -> NDArray[np.float64]:
         """(2, cells): what the readings of a scan are of [cells]."""
@@ -74,7 +92,7 @@ class ScanGeometry:
         """(cells, cells): reads the surface as a scan does."""
         cells = self.shape[0] * self.shape[1]
         if self.is_none:
-            return csr_array((np.ones(cells), np.arange(cells), np.arange(cells + 1)), shape=(cells, cells))
+            return _identity(cells)
         last = np.array(self.shape)[:, None] - 1
         place = np.clip(self.places(scan), 0, last)
         first = np.minimum(place.astype(np.intp), np.maximum(last - 1, 0))
@@ -106,6 +124,12 @@ class ScanGeometry:
         return np.stack([along_x, along_y, *linear, time * along_x, time * along_y])
 
 
+@lru_cache(maxsize=8)
+def _identity(cells: int) -> csr_array:
+    return csr_array((np.ones(cells), np.arange(cells), np.arange(cells + 1)), shape=(cells, cells))
+
+
+@lru_cache(maxsize=8)
 def _across(shape: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Coordinates u and w of the cells, (cells,) each: from -1 to 1 over the grid."""
     u, w = (np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1) for count in shape)

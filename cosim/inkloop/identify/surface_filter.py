@@ -9,7 +9,7 @@ cell to cell; readings between the cells then correct the cells they lie between
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,9 @@ from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 
 FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
 UNSEEN = 1e-6  # [m^2]: variance of a height that was never seen
-PLACE_STD = 0.02  # [cells] of a reading of displaced scans, by what their geometry leaves out (assumed)
+PLACE_STD = 0.004  # [cells] of a reading of displaced scans, by what their geometry leaves out; as in the observer
 EXACT = 1e-30  # [m^2]: noise of readings that have none, to divide by
-SOLVED, STEPS_MOST = 1e-4, 50  # of the corrections: share that conjugate gradients leave, and steps
+SOLVED, STEPS_MOST = 1e-3, 20  # of the corrections: share that conjugate gradients leave, and steps
 
 Vectors = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Innovation:
     """What a scan leaves of its prediction. surface: (nx, ny) after the correction [m]; usable: (nx, ny); error: (n,)
     of the usable cells, scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add
     [m^2]; sensitivity: (8, n) what the prediction gains by each term of the geometry [m per cell], (0, n) if not asked
-    for.
+    for; wall: (n,) so steep that the geometry of a displaced scan decides the reading, not the droplets.
     """
 
     surface: FloatMap
@@ -45,6 +45,7 @@ class Innovation:
     variance: Vectors
     squares: Vectors
     sensitivity: Vectors
+    wall: NDArray[np.bool_]
 
 
 def innovations(
@@ -63,7 +64,7 @@ def innovations(
     """
     shape, noise = record.shape, noise_std**2
     reach = {count: reach for reach, count in HEIGHTS_BY_REACH.items()}[heights.shape[1]]
-    mean, variance = _started(record.measured[0], noise_std, geometry)
+    mean, variance = first_surface(record.measured[0], noise_std, geometry)
     follows = np.zeros((mean.size, TERMS if tangent else 0))
     for layer in record.layers():
         if not correct:
@@ -72,24 +73,34 @@ def innovations(
         known = variance < 0.5 * UNSEEN
         rates, squares = expected_rates(mean, np.where(known, variance, 0.0), layer.pattern, heights, layer.colours)
         predicted, squares = mean + np.tensordot(heights, rates), _evened(squares, rates)
-        view = _View.of(geometry, layer.number, predicted, noise)
+        view = _View.of(geometry, layer.number, predicted, noise, follows.shape[1])
         spread = np.minimum(variance + droplet_variance * squares, UNSEEN)
-        own = view.sensitivity[: follows.shape[1]] + (view.sampling @ follows).T
+        own = view.sensitivity + (view.sampling @ follows).T
         error = layer.after.ravel() - view.sampling @ predicted.ravel()
         near_unknown = maximum_filter(~known, 2 * reach + 1, mode="constant", cval=False).ravel()
         usable = np.isfinite(error) & (view.sampling @ near_unknown.astype(np.float64) == 0.0)
-        expected = view.squared @ spread.ravel() + view.noise
+        of_surface = view.squared @ spread.ravel()
+        expected, is_wall = of_surface + view.noise, view.noise - noise > of_surface + noise
         of_droplets = view.squared @ squares.ravel()
         if correct:
             mean, variance, follows = view.corrected(predicted, spread, error, follows, own)
-        parts = error[usable], expected[usable], of_droplets[usable], own[:, usable]
+        parts = error[usable], expected[usable], of_droplets[usable], own[:, usable], is_wall[usable]
         yield Innovation(mean, usable.reshape(shape), *parts)
 
 
-def registered(record: PrintRecord, steps: Iterator[Innovation], start: FloatMap) -> PrintRecord:
-    """The print with the estimates of its surface in place of displaced scans; NaN where a scan was."""
-    surfaces = np.stack([start, *(step.surface for step in steps)])
-    return replace(record, measured=np.where(np.isfinite(record.measured), surfaces, np.nan))
+def first_surface(scan: FloatMap, noise_std: float, geometry: ScanGeometry) -> tuple[FloatMap, FloatMap]:
+    """(mean, variance) [m], [m^2] of the start surface by scan 0 of this geometry; UNSEEN where it was not seen."""
+    if geometry.is_none:
+        mean, variance = start_surface(scan, noise_std)
+        return mean, np.minimum(variance, UNSEEN)
+    plane, rough, known = _plane(scan, noise_std)
+    if rough == 0.0:
+        return plane, np.minimum(known, UNSEEN)
+    view = _View.of(geometry, 0, plane, noise_std**2, 0)
+    error = scan.ravel() - view.sampling @ plane.ravel()
+    nothing = np.zeros((0, error.size))
+    mean, variance, _ = view.corrected(plane, np.full(scan.shape, rough), error, nothing.T, nothing)
+    return mean, np.where(variance < rough, variance, UNSEEN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +115,16 @@ class _View:
     sensitivity: Vectors
 
     @classmethod
-    def of(cls, geometry: ScanGeometry, scan: int, surface: FloatMap, noise: float) -> _View:
-        sampling, slopes = geometry.sampling(scan), geometry.slopes(scan, surface)
-        place = 0.0 if geometry.is_none else PLACE_STD**2
-        return cls(
-            sampling, sampling.power(2), noise + place * np.sum(slopes**2, axis=0), geometry.sensitivity(scan, slopes)
-        )
+    def of(cls, geometry: ScanGeometry, scan: int, surface: FloatMap, noise: float, terms: int) -> _View:
+        """With the sensitivity to so many terms."""
+        sampling, even = geometry.sampling(scan), np.full(surface.size, noise)
+        if geometry.is_none and terms == 0:
+            return cls(sampling, sampling, even, np.zeros((0, surface.size)))
+        slopes = geometry.slopes(scan, surface)
+        sensitivity = geometry.sensitivity(scan, slopes)[:terms]
+        if geometry.is_none:
+            return cls(sampling, sampling, even, sensitivity)
+        return cls(sampling, sampling.power(2), even + PLACE_STD**2 * np.sum(slopes**2, axis=0), sensitivity)
 
     def corrected(
         self, predicted: FloatMap, spread: FloatMap, error: Vectors, tangent: Vectors, own: Vectors
@@ -123,17 +138,23 @@ class _View:
             carried = self.sampling @ (before[:, None] * (self.sampling.T @ x))
             return np.where(seen[:, None], carried + self.noise[:, None] * x, 0.0)
 
-        change = before[:, None] * (self.sampling.T @ _solved(covariance, diagonal, rests))
+        is_plain = self.squared is self.sampling  # readings of the cells themselves
+        scaled = _divided(rests, diagonal) if is_plain else _solved(covariance, diagonal, rests)
+        change = before[:, None] * (self.sampling.T @ scaled)
         certainty = self.squared.T @ np.where(seen, 1.0 / np.maximum(self.noise, EXACT), 0.0)
         height = predicted + change[:, 0].reshape(predicted.shape)
         return height, (before / (1.0 + before * certainty)).reshape(spread.shape), tangent + change[:, 1:]
 
 
+def _divided(rest: Vectors, diagonal: Vectors) -> Vectors:
+    """(n, k) rest over diagonal, 0 where that is 0."""
+    return np.divide(rest, diagonal[:, None], out=np.zeros_like(rest), where=diagonal[:, None] > 0.0)
+
+
 def _solved(times: Callable[[Vectors], Vectors], diagonal: Vectors, right: Vectors) -> Vectors:
     """x of A x = right for each column, by conjugate gradients; times: A, symmetric; diagonal: of it."""
-    inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)[:, None]
     x, rest = np.zeros_like(right), right
-    steep = inverse * rest
+    steep = _divided(rest, diagonal)
     along, size = steep, np.sum(rest * steep, axis=0)
     wanted = SOLVED**2 * size
     for _ in range(STEPS_MOST):
@@ -143,25 +164,10 @@ def _solved(times: Callable[[Vectors], Vectors], diagonal: Vectors, right: Vecto
         curvature = np.sum(along * image, axis=0)
         step = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > 0.0)
         x, rest = x + step * along, rest - step * image
-        steep = inverse * rest
+        steep = _divided(rest, diagonal)
         last, size = size, np.sum(rest * steep, axis=0)
         along = steep + along * np.divide(size, last, out=np.zeros_like(size), where=last > 0.0)
     return x
-
-
-def _started(scan: FloatMap, noise_std: float, geometry: ScanGeometry) -> tuple[FloatMap, FloatMap]:
-    """The start surface and its variance, with a finite one where it was not seen."""
-    if geometry.is_none:
-        mean, variance = start_surface(scan, noise_std)
-        return mean, np.minimum(variance, UNSEEN)
-    plane, rough, known = _plane(scan, noise_std)
-    if rough == 0.0:
-        return plane, np.minimum(known, UNSEEN)
-    view = _View.of(geometry, 0, plane, noise_std**2)
-    error = scan.ravel() - view.sampling @ plane.ravel()
-    nothing = np.zeros((0, error.size))
-    mean, variance, _ = view.corrected(plane, np.full(scan.shape, rough), error, nothing.T, nothing)
-    return mean, np.where(variance < rough, variance, UNSEEN)
 
 
 def start_surface(scan: FloatMap, noise_std: float) -> tuple[FloatMap, FloatMap]:
