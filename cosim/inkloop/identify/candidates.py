@@ -12,9 +12,9 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
-from inkloop.identify.ink_regression import first_guess, identify_ink
+from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.one_step import Marks, Model, predictions
-from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.print_record import PrintRecord, first_guess
 from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate
 from inkloop.models import (
     LayerDeposition,

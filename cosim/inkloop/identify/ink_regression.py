@@ -24,19 +24,19 @@ from scipy.special import stdtrit
 from inkloop.component import BoolMap
 from inkloop.errors import IdentificationError
 from inkloop.identify.droplet_volume import Freedom, droplet_volumes
-from inkloop.identify.print_record import PrintRecord
-from inkloop.identify.scan_geometry import ScanGeometry
-from inkloop.identify.surface_filter import Innovation, innovations
+from inkloop.identify.print_record import PrintRecord, first_guess
+from inkloop.identify.scan_geometry import GeometryFit, ScanGeometry
+from inkloop.identify.surface_filter import PLACE_STD, Innovation, innovations
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
-from inkloop.units import UM_PER_M
 
 BLOCK = 4  # cells along each side of a block whose errors may depend on each other (assumed)
 ROUNDS, AGREE = 40, 1e-4  # until a round changes no height by more than that share of a layer
 GEOMETRY_ROUNDS, GEOMETRY_AGREES = 15, 1e-3  # of a fit of the geometry; [cells], and of heights ten times AGREE
-LONGEST_MOVE = 0.5  # [cells], of the geometry in a round (assumed)
 VARIANCE_AGREES = 0.1  # of droplet volumes, share of itself: it weighs, no more
 PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the predictions
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
+PLACE_STD_FIRST = 0.1  # [cells], to begin with: large, so that walls do not pass for droplets that vary (assumed)
+MEDIAN_SQUARE = 0.455  # of a standard normal distribution
 SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
 ERROR_LEAST = (
     3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
@@ -47,8 +47,9 @@ ERROR_LEAST = (
 class InkEstimate:
     """heights: (materials, 3, 6 or 10) [m]; covariance: of all of them in order [m^2], from errors that may depend on
     each other within a block of cells; degrees: of freedom of it; noise_std: of a reading [m]; droplet_std: of what a
-    droplet adds, as a share, with all that the model does not explain [1]; used: growths that it rests on; geometries:
-    of the scans, by print; geometry_covariance: of their terms, fitted together [cells^2].
+    droplet adds, as a share, with all that the model does not explain [1]; used: growths that it rests on; place_std:
+    of the place of a displaced reading [cells]; unexplained: robust variance beyond the noise of what is left of cells
+    that droplets reach [m^2]; geometry: of the scans, and geometry_covariance: of its terms [cells^2], if fitted.
     """
 
     heights: NDArray[np.float64]
@@ -57,7 +58,9 @@ class InkEstimate:
     noise_std: float
     droplet_std: float
     used: int
-    geometries: tuple[ScanGeometry, ...] = ()
+    place_std: float = PLACE_STD
+    unexplained: float = 0.0
+    geometry: ScanGeometry | None = None
     geometry_covariance: NDArray[np.float64] | None = None
 
     @property
@@ -70,22 +73,44 @@ class InkEstimate:
 @dataclass(frozen=True, eq=False)
 class _Errors:
     """error: (n,) scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add [m^2];
-    block: of cells and print; wall: steep ones, that show the geometry; sensitivity: (terms, n) of the predictions to
-    the geometries [m per cell].
+    block: of cells and print; steepness: squares of the slopes of displaced readings [m^2 per cell^2];
+    sensitivity: (8, n) of the predictions to the geometry [m per cell].
     """
 
     error: NDArray[np.float64]
     variance: NDArray[np.float64]
     squares: NDArray[np.float64]
     block: NDArray[np.int64]
-    wall: NDArray[np.bool_]
+    steepness: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
 
     @classmethod
     def together(cls, parts: Sequence[_Errors]) -> _Errors:
         """All layers of all prints."""
-        names = ("error", "variance", "squares", "block", "wall", "sensitivity")
+        names = ("error", "variance", "squares", "block", "steepness", "sensitivity")
         return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
+
+
+@dataclass(frozen=True)
+class _Variances:
+    """droplets: of what a droplet adds, as a share [1]; place: of the place of a displaced reading [cells^2]."""
+
+    droplets: float
+    place: float
+
+    def improved(self, errors: _Errors) -> _Variances:
+        """By what the errors show, droplets on even ground and places at walls."""
+        steep = self.place * errors.steepness > 0.5 * errors.variance
+        droplets = self._of(errors, self.droplets, errors.squares, ~steep)
+        return _Variances(droplets, max(self._of(errors, self.place, errors.steepness, steep), PLACE_STD**2))
+
+    @staticmethod
+    def _of(errors: _Errors, before: float, squares: NDArray[np.float64], counted: NDArray[np.bool_]) -> float:
+        if not squares[counted].any():
+            return before
+        surplus = float(np.sum((errors.error**2 - errors.variance)[counted]) / np.sum(squares[counted]))
+        wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
+        return float(np.sqrt(wanted * before))  # half the way: the filter follows, and errors with it
 
 
 def identify_ink(
@@ -103,9 +128,9 @@ def identify_ink(
 
     noise_std: of a reading [m]; correct: False predicts from the measured surface as it is, for comparison; conserve:
     the heights add up to the volume of a droplet, which is measured over whole prints and taken as known; cells: by
-    print (nx, ny), which growths count; geometries: of the scans by print, in register if not given; fit_geometry:
-    they are fitted too, from there on. Raises IdentificationError where the patterns do not separate the heights, or
-    the scans do not show the volume.
+    print (nx, ny), which growths count; geometries: of the scans by print, in register if not given; fit_geometry: that
+    of the only print is fitted too, from there on. Raises IdentificationError where the patterns do not separate the
+    heights, or the scans do not show the volume.
     """
     materials, count = max(record.materials for record in records), HEIGHTS_BY_REACH[reach]
     counted = cells or [np.ones(record.shape, np.bool_) for record in records]
@@ -113,7 +138,7 @@ def identify_ink(
     placed = placed if geometries is None else list(geometries)
     guess = first_guess(records)
     heights = np.tile(guess * 0.1 ** np.minimum(np.arange(count), 2), (materials, 1))
-    droplet_variance = DROPLET_STD_FIRST**2 if correct else 0.0
+    variances = _Variances(DROPLET_STD_FIRST**2 if correct else 0.0, PLACE_STD_FIRST**2)
     freedom = Freedom.of(heights.shape, droplet_volumes(records, materials, reach) if conserve else None)
 
     def errors_of(tried: NDArray[np.float64], tangent: bool = False) -> _Errors:
@@ -122,9 +147,11 @@ def identify_ink(
             for number, (record, mask) in enumerate(zip(records, counted, strict=True))
             for layer in _errors(
                 record,
-                innovations(record, tried, noise_std, droplet_variance, placed[number], correct, tangent),
+                innovations(
+                    record, tried, noise_std, variances.droplets, placed[number], variances.place, correct, tangent
+                ),
                 mask,
-                (number, len(records)),
+                number,
             )
         ]
         return _Errors.together(parts)
@@ -135,63 +162,31 @@ def identify_ink(
         weight = (
             1.0 / np.maximum(errors.variance, (ERROR_LEAST * guess) ** 2) if correct else np.ones(errors.error.size)
         )
-        last, before = heights, droplet_variance
-        fit = _GeometryFit.of(placed, errors, weight) if fit_geometry else None
-        own = sensitivity if fit is None else fit.left_of(sensitivity)
+        last, before = heights, variances
+        fit = GeometryFit.of(placed[0], errors.sensitivity, weight) if fit_geometry else None
+        own = fit.left_of(sensitivity) if fit else sensitivity
         heights = _improved(own, weight, errors.error, heights, freedom)
         moved = 0.0
-        if fit is not None:
-            explained = np.tensordot((heights - last).ravel(), sensitivity, 1)
-            step = fit.step(placed, errors.error - explained)
-            moved = float(np.abs(step).max())
-            placed = [replace(one, terms=one.terms + part) for one, part in zip(placed, step, strict=True)]
-        even = ~errors.wall
-        if correct and errors.squares[even].any():
-            surplus = float(np.sum((errors.error**2 - errors.variance)[even]) / np.sum(errors.squares[even]))
-            wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
-            droplet_variance = float(np.sqrt(wanted * before))  # half the way: the filter follows, and errors with it
-        change = abs(droplet_variance - before)
+        if fit:
+            step = fit.step(errors.error - (heights - last).ravel() @ sensitivity)
+            moved, placed = float(np.abs(step).max()), [placed[0].moved(step)]
+        variances = before.improved(errors) if correct else before
+        change = abs(variances.droplets - before.droplets)
         agree = 10.0 * AGREE if fit_geometry else AGREE
         is_settled = np.abs(heights - last).max() <= agree * guess and moved <= GEOMETRY_AGREES
-        if is_settled and change <= max(VARIANCE_AGREES * before, 1e-5):
+        if is_settled and change <= max(VARIANCE_AGREES * before.droplets, 1e-5):
             break
     if (heights < 0.0).any():
         raise IdentificationError(f"droplets add less than their neighbours get at a reach of {reach}; fit reach 1")
     covariance, degrees = _covariance(own, weight, errors, freedom)
-    found = heights, covariance, degrees, noise_std, float(np.sqrt(droplet_variance)), errors.error.size
-    return InkEstimate(*found, tuple(placed), None if fit is None else fit.covariance(errors))
-
-
-@dataclass(frozen=True, eq=False)
-class _GeometryFit:
-    """Normal equations of the geometries about their present terms."""
-
-    weighted: NDArray[np.float64]
-    sensitivity: NDArray[np.float64]
-    precision: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, geometries: Sequence[ScanGeometry], errors: _Errors, weight: NDArray[np.float64]) -> _GeometryFit:
-        weighted = errors.sensitivity * weight
-        precision = np.concatenate([one.prior_precision for one in geometries])
-        inverse = np.linalg.inv(weighted @ errors.sensitivity.T + np.diag(precision))
-        return cls(weighted, errors.sensitivity, precision, inverse)
-
-    def left_of(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the (heights, errors) sensitivity, what no geometry explains."""
-        return sensitivity - sensitivity @ self.weighted.T @ self.inverse @ self.sensitivity
-
-    def step(self, geometries: Sequence[ScanGeometry], error: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(prints, 8): change of the terms, not too long a one [cells]."""
-        terms = np.concatenate([one.terms for one in geometries])
-        step = self.inverse @ (self.weighted @ error - self.precision * terms)
-        longest = np.abs(step).max()
-        return np.asarray(step * min(1.0, LONGEST_MOVE / max(longest, LONGEST_MOVE))).reshape(len(geometries), -1)
-
-    def covariance(self, errors: _Errors) -> NDArray[np.float64]:
-        """Of all terms, by blocks of cells [cells^2]."""
-        return self.inverse @ _scattered(self.weighted * errors.error, errors.block)[0] @ self.inverse
+    stds = [float(np.sqrt(each)) for each in (variances.droplets, variances.place)]
+    left = errors.error[errors.squares > 0.0]
+    unexplained = max(float(np.median(left**2)) / MEDIAN_SQUARE - noise_std**2, 0.0) if left.size else 0.0
+    found = InkEstimate(heights, covariance, degrees, noise_std, stds[0], errors.error.size, stds[1], unexplained)
+    if not fit:
+        return found
+    scattered, _ = _scattered(fit.weighted * errors.error, errors.block)
+    return replace(found, geometry=placed[0], geometry_covariance=fit.inverse @ scattered @ fit.inverse)
 
 
 def _sensitivity(
@@ -206,33 +201,13 @@ def _sensitivity(
     return np.array(found)
 
 
-def first_guess(records: Sequence[PrintRecord]) -> float:
-    """Mean height that a droplet adds to the whole grid [m], for widths to begin with. Raises IdentificationError."""
-    growth = sum(float(np.nansum(np.diff(record.measured, axis=0))) for record in records)
-    droplets = sum(int(np.count_nonzero(record.pattern)) for record in records)
-    if droplets == 0:
-        raise IdentificationError("no layer has a droplet; log the patterns as they were jetted")
-    if growth <= 0.0:
-        raise IdentificationError(
-            f"the surface sank by {-growth / droplets * UM_PER_M:.3g} µm per droplet; expected it to grow; check the "
-            "sign of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
-        )
-    return growth / droplets
-
-
-def _errors(
-    record: PrintRecord, steps: Iterator[Innovation], cells: BoolMap, number: tuple[int, int]
-) -> Iterator[_Errors]:
-    """The layers of print `number` of so many."""
-    place, prints = number
-    block = _blocks(record.shape) + (place << 32)
+def _errors(record: PrintRecord, steps: Iterator[Innovation], cells: BoolMap, number: int) -> Iterator[_Errors]:
+    """The layers of print `number`."""
+    block = _blocks(record.shape) + (number << 32)
     for step in steps:
         counted = cells[step.usable]
-        own = step.sensitivity[:, counted]
-        geometry = np.zeros((prints, *own.shape))
-        geometry[place] = own
-        parts = (step.error, step.variance, step.squares, block[step.usable], step.wall)
-        yield _Errors(*(part[counted] for part in parts), geometry.reshape(-1, own.shape[1]))  # type: ignore[arg-type]
+        parts = (step.error, step.variance, step.squares, block[step.usable], step.steepness, step.sensitivity)
+        yield _Errors(*(part[..., counted] for part in parts))  # type: ignore[arg-type]
 
 
 def _blocks(shape: tuple[int, int]) -> NDArray[np.int64]:

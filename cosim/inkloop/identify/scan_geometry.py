@@ -9,7 +9,7 @@ known as a whole: one linear part for all its scans and a shift that drifts even
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +21,7 @@ from inkloop.component import FloatMap
 
 TERMS = 8  # shift along x and y, linear part (4), drift along x and y
 HALF_STEP = 0.3  # of the difference quotients that slopes are [cells]; as in the observer
+LONGEST_MOVE = 0.5  # [cells], of a Gauss-Newton step (assumed)
 PRIOR_STD = (0.7, 0.02, 0.5)  # of shift [cells], linear part [1] and drift [cells] before the scans (assumed)
 
 
@@ -63,6 +64,10 @@ class ScanGeometry:
     def linear(self) -> NDArray[np.float64]:
         """(2, 2): what is added to a place (x, y) for each cell that it lies off the middle of the grid [1]."""
         return self.terms[2:6].reshape(2, 2) / (0.5 * (np.array(self.shape) - 1.0))
+
+    def moved(self, by: NDArray[np.float64]) -> ScanGeometry:
+        """With (8,) other terms [cells]."""
+        return replace(self, terms=self.terms + by)
 
     def describe(self) -> str:
         """How the scans lie, as the end of a sentence that begins with them."""
@@ -122,6 +127,34 @@ class ScanGeometry:
         time = self.share_of_time(scan)
         linear = (along_x * u, along_x * w, along_y * u, along_y * w)
         return np.stack([along_x, along_y, *linear, time * along_x, time * along_y])
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryFit:
+    """Normal equations of a geometry about its present terms. weighted, sensitivity: (8, n) of the predictions to them,
+    with and without the weights of the errors; inverse: (8, 8) of their information.
+    """
+
+    geometry: ScanGeometry
+    weighted: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, geometry: ScanGeometry, sensitivity: NDArray[np.float64], weight: NDArray[np.float64]) -> GeometryFit:
+        """Of (n,) errors with these weights."""
+        weighted = sensitivity * weight
+        information = weighted @ sensitivity.T + np.diag(geometry.prior_precision)
+        return cls(geometry, weighted, sensitivity, np.linalg.inv(information))
+
+    def left_of(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the geometry does not explain of another (k, n) sensitivity of the same predictions."""
+        return sensitivity - sensitivity @ self.weighted.T @ self.inverse @ self.sensitivity
+
+    def step(self, error: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(8,): change of the terms by (n,) errors, not too long a one [cells]."""
+        step = self.inverse @ (self.weighted @ error - self.geometry.prior_precision * self.geometry.terms)
+        return np.asarray(step * min(1.0, LONGEST_MOVE / max(float(np.abs(step).max()), LONGEST_MOVE)))
 
 
 @lru_cache(maxsize=8)

@@ -140,7 +140,7 @@ def _unrelated(record: PrintRecord, read: Explained) -> str:
             total, must = total + float(np.var(one[seen])) * seen.sum(), must + float(np.var(own[seen])) * seen.sum()
             cells += int(seen.sum())
     chance = CERTAIN * np.sqrt(2.0 * read.weights.size) / max(cells, 1)
-    share, must = (found.share, must / total) if must > chance * total else (read.share, 0.0)
+    share, must = (found.share, min(must / total, 1.0)) if must > chance * total else (read.share, 0.0)
     if read.share > chance and share >= OF_DROPLETS * must:
         return ""
     return (

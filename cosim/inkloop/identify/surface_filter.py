@@ -24,7 +24,7 @@ from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 
 FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
 UNSEEN = 1e-6  # [m^2]: variance of a height that was never seen
-PLACE_STD = 0.004  # [cells] of a reading of displaced scans, by what their geometry leaves out; as in the observer
+PLACE_STD = 0.004  # [cells]: least of a displaced reading by what the geometry leaves out, as in the observer
 EXACT = 1e-30  # [m^2]: noise of readings that have none, to divide by
 SOLVED, STEPS_MOST = 1e-3, 20  # of the corrections: share that conjugate gradients leave, and steps
 
@@ -36,7 +36,7 @@ class Innovation:
     """What a scan leaves of its prediction. surface: (nx, ny) after the correction [m]; usable: (nx, ny); error: (n,)
     of the usable cells, scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add
     [m^2]; sensitivity: (8, n) what the prediction gains by each term of the geometry [m per cell], (0, n) if not asked
-    for; wall: (n,) so steep that the geometry of a displaced scan decides the reading, not the droplets.
+    for; steepness: (n,) squares of the slopes of displaced readings, else 0 [m^2 per cell^2].
     """
 
     surface: FloatMap
@@ -45,7 +45,7 @@ class Innovation:
     variance: Vectors
     squares: Vectors
     sensitivity: Vectors
-    wall: NDArray[np.bool_]
+    steepness: Vectors
 
 
 def innovations(
@@ -54,12 +54,14 @@ def innovations(
     noise_std: float,
     droplet_variance: float,
     geometry: ScanGeometry,
+    place_variance: float = PLACE_STD**2,
     correct: bool = True,
     tangent: bool = False,
 ) -> Iterator[Innovation]:
     """Every scan after the first against the estimate before it; heights: (materials, 3, 6 or 10) [m].
 
-    correct: False predicts from the measured surface as it is, for scans in register; tangent: with the sensitivity to
+    place_variance: of the place of a displaced reading [cells^2]; correct: False predicts from the measured surface as
+    it is, for scans in register; tangent: with the sensitivity to
     the geometry, else of no terms.
     """
     shape, noise = record.shape, noise_std**2
@@ -73,18 +75,17 @@ def innovations(
         known = variance < 0.5 * UNSEEN
         rates, squares = expected_rates(mean, np.where(known, variance, 0.0), layer.pattern, heights, layer.colours)
         predicted, squares = mean + np.tensordot(heights, rates), _evened(squares, rates)
-        view = _View.of(geometry, layer.number, predicted, noise, follows.shape[1])
+        view = _View.of(geometry, layer.number, predicted, noise, place_variance, follows.shape[1])
         spread = np.minimum(variance + droplet_variance * squares, UNSEEN)
         own = view.sensitivity + (view.sampling @ follows).T
         error = layer.after.ravel() - view.sampling @ predicted.ravel()
         near_unknown = maximum_filter(~known, 2 * reach + 1, mode="constant", cval=False).ravel()
         usable = np.isfinite(error) & (view.sampling @ near_unknown.astype(np.float64) == 0.0)
-        of_surface = view.squared @ spread.ravel()
-        expected, is_wall = of_surface + view.noise, view.noise - noise > of_surface + noise
+        expected = view.squared @ spread.ravel() + view.noise
         of_droplets = view.squared @ squares.ravel()
         if correct:
             mean, variance, follows = view.corrected(predicted, spread, error, follows, own)
-        parts = error[usable], expected[usable], of_droplets[usable], own[:, usable], is_wall[usable]
+        parts = error[usable], expected[usable], of_droplets[usable], own[:, usable], view.steepness[usable]
         yield Innovation(mean, usable.reshape(shape), *parts)
 
 
@@ -96,7 +97,7 @@ def first_surface(scan: FloatMap, noise_std: float, geometry: ScanGeometry) -> t
     plane, rough, known = _plane(scan, noise_std)
     if rough == 0.0:
         return plane, np.minimum(known, UNSEEN)
-    view = _View.of(geometry, 0, plane, noise_std**2, 0)
+    view = _View.of(geometry, 0, plane, noise_std**2, 0.0, 0)
     error = scan.ravel() - view.sampling @ plane.ravel()
     nothing = np.zeros((0, error.size))
     mean, variance, _ = view.corrected(plane, np.full(scan.shape, rough), error, nothing.T, nothing)
@@ -105,26 +106,30 @@ def first_surface(scan: FloatMap, noise_std: float, geometry: ScanGeometry) -> t
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """How a scan reads the surface: sampling (cells, cells), its squares, noise of the readings (cells,) [m^2], and the
-    (8, cells) sensitivity of the readings to the geometry [m per cell].
+    """How a scan reads the surface: sampling (cells, cells), its squares, noise of the readings (cells,) [m^2], squares
+    of the slopes of displaced ones [m^2 per cell^2], and (8, cells) sensitivity to the geometry [m per cell].
     """
 
     sampling: csr_array
     squared: csr_array
     noise: Vectors
+    steepness: Vectors
     sensitivity: Vectors
 
     @classmethod
-    def of(cls, geometry: ScanGeometry, scan: int, surface: FloatMap, noise: float, terms: int) -> _View:
+    def of(
+        cls, geometry: ScanGeometry, scan: int, surface: FloatMap, noise: float, place_variance: float, terms: int
+    ) -> _View:
         """With the sensitivity to so many terms."""
         sampling, even = geometry.sampling(scan), np.full(surface.size, noise)
         if geometry.is_none and terms == 0:
-            return cls(sampling, sampling, even, np.zeros((0, surface.size)))
+            return cls(sampling, sampling, even, np.zeros(surface.size), np.zeros((0, surface.size)))
         slopes = geometry.slopes(scan, surface)
         sensitivity = geometry.sensitivity(scan, slopes)[:terms]
         if geometry.is_none:
-            return cls(sampling, sampling, even, sensitivity)
-        return cls(sampling, sampling.power(2), even + PLACE_STD**2 * np.sum(slopes**2, axis=0), sensitivity)
+            return cls(sampling, sampling, even, np.zeros(surface.size), sensitivity)
+        steepness = np.sum(slopes**2, axis=0)
+        return cls(sampling, sampling.power(2), even + place_variance * steepness, steepness, sensitivity)
 
     def corrected(
         self, predicted: FloatMap, spread: FloatMap, error: Vectors, tangent: Vectors, own: Vectors
