@@ -53,9 +53,8 @@ def candidates(
 
     def regression(reach: int = 1, correct: bool = True, conserve: bool = False) -> Fit:
         def fit(records: Records, cells: Cells) -> Model:
-            options = {"correct": correct, "conserve": conserve}
-            found = identify_ink(records, noise_std, reach=reach, cells=cells, **options).heights
-            return _layers(records, [tuple(float(h) for h in ink) for ink in found])
+            found = identify_ink(records, noise_std, reach=reach, correct=correct, conserve=conserve, cells=cells)
+            return _layers(records, [tuple(float(h) for h in ink) for ink in found.heights])
 
         return fit
 

@@ -29,8 +29,8 @@ PRIOR_STD = (0.7, 0.02, 0.5)  # of shift [cells], linear part [1] and drift [cel
 class ScanGeometry:
     """Geometry of all scans of a print of (nx, ny) cells and so many layers.
 
-    terms: (8,) [cells]: shift along x and y in the middle of the print; what the linear part adds at u = 1 and at w = 1
-    to x, then to y; what the shift along x and y gains until the last layer, and lacks at the first one.
+    terms: (8,) [cells]: shift along x and y in the middle of the print; what the linear part adds at u = 1 and w = 1 to
+    x, then to y; what the shift along x and y gains until the last layer, and lacks at the first one.
     """
 
     shape: tuple[int, int]
@@ -145,7 +145,7 @@ class GeometryFit:
         """Of (n,) errors with these weights."""
         weighted = sensitivity * weight
         information = weighted @ sensitivity.T + np.diag(geometry.prior_precision)
-        return cls(geometry, weighted, sensitivity, np.linalg.inv(information))
+        return cls(geometry, weighted, sensitivity, np.asarray(np.linalg.inv(information), np.float64))
 
     def left_of(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the geometry does not explain of another (k, n) sensitivity of the same predictions."""

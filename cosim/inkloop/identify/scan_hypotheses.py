@@ -175,7 +175,7 @@ def _explained(
         used += grown.size - DATUM
     if used < 2 * count:
         return None
-    weights = np.linalg.lstsq(matrix, side, rcond=1e-9)[0]
+    weights = np.asarray(np.linalg.lstsq(matrix, side, rcond=1e-9)[0], np.float64)
     unexplained = (total - float(weights @ side)) / (used - count)
     share = 1.0 - unexplained / (total / used) if total > 0.0 else 0.0
     return Explained(share, weights.reshape(record.materials, SIDE, SIDE))

@@ -1,9 +1,9 @@
 """Register the scans of a log: their geometry where the log shows one, and the surfaces that it stands for.
 
 The geometry is fitted with the ink (`ink_regression`) and believed only if it explains. A true displacement leaves
-noise and what droplets vary by; droplets of another kind look displaced by a few hundredths of a cell, and leave what
-they left before. So a geometry that explains less than half and moves no reading far is taken for none, and the
-scans stay as they are.
+noise and what droplets vary by; droplets of another kind look displaced by some hundredths of a cell, too, but leave
+what they left before. So a geometry that explains less than half of it is taken for none, and the scans stay as they
+are.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ import numpy as np
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.ink_regression import InkEstimate, identify_ink
-from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.print_record import PrintRecord, first_guess
 from inkloop.identify.scan_geometry import ScanGeometry
 from inkloop.identify.scan_hypotheses import first_shift
 from inkloop.identify.surface_filter import first_surface, innovations
 
-SIGNIFICANT = 26.1  # chi-square of the eight terms; by chance in 0.1 %
-EXPLAINED = 0.5  # most that is left of the unexplained variance; of foreign droplets 0.6 and more was seen
+SIGNIFICANT = 40.0  # chi-square of the eight terms; by chance in 3 of a million logs
+EXPLAINED = 0.45  # most that is left of the unexplained variance; foreign droplets in register left 0.5 and more
+LITTLE = 0.025  # of a droplet's volume over a cell: what leaves less is explained without a geometry (assumed)
+NEAR = 0.04  # [cells]: less changes no height by more than 3 %
 DOUBTFUL = (1000.0, 0.2)  # significance and [cells] of a geometry that is reported though it is not believed (assumed)
 LINEAR_MOST = 0.06  # of the linear part; more is a wide spot, which mixes neighbours as a magnification does (assumed)
 DOUBT = "stays unexplained, as with droplets of another kind or a wide spot: not corrected; check the profiler"
@@ -30,7 +32,7 @@ FAR_START = 0.4  # [cells] of a first shift: the fit begins from none, too
 @dataclass(frozen=True, eq=False)
 class Registered:
     """recorded: the print as it is logged; geometry: of its scans; record: the print with the surfaces that the scans
-    show in their place; note: why there may be a geometry that was not looked for.
+    show in their place; note: why there may be a geometry that was not corrected.
     """
 
     recorded: PrintRecord
@@ -40,7 +42,7 @@ class Registered:
 
 
 def register(record: PrintRecord, noise_std: float) -> Registered:
-    """The scans of a print whose noise is known [m] in register with its droplets.
+    """The scans of a print in register with its droplets; noise_std: of a reading [m].
 
     Raises IdentificationError if the scans do not show the patterns, in any orientation or order.
     """
@@ -55,10 +57,10 @@ def register(record: PrintRecord, noise_std: float) -> Registered:
         fits = [identify_ink([record], noise_std, geometries=[start], fit_geometry=True) for start in starts]
     except IdentificationError as error:  # together with other prints it may do
         return replace(as_they_are, note=f"geometry of the scans of {record.name}: {error}")
-    fit = min(fits, key=lambda one: one.droplet_std)
+    fit = min(fits, key=lambda one: one.unexplained)
     geometry = fit.geometry
     assert geometry is not None, "it was asked for"
-    if not _explains(fit, plain):
+    if not _explains(fit, plain, first_guess([record])):
         if _significance(fit) <= DOUBTFUL[0] or geometry.farthest <= DOUBTFUL[1]:
             return as_they_are
         doubt = f"the scans of {record.name} look as if they {geometry.describe()}, but most of what droplets leave "
@@ -70,12 +72,14 @@ def register(record: PrintRecord, noise_std: float) -> Registered:
     return Registered(record, geometry, replace(record, measured=measured))
 
 
-def _explains(fit: InkEstimate, plain: InkEstimate) -> bool:
-    """Whether the geometry of a fit is believed."""
-    if fit.geometry is None or np.abs(fit.geometry.linear).max() > LINEAR_MOST:
+def _explains(fit: InkEstimate, plain: InkEstimate, layer: float) -> bool:
+    """Whether the geometry of a fit is believed; layer: what a droplet adds over a cell [m]."""
+    geometry = fit.geometry
+    if geometry is None or geometry.farthest < NEAR or np.abs(geometry.linear).max() > LINEAR_MOST:
         return False
-    left = fit.unexplained / plain.unexplained if plain.unexplained > 0.0 else 1.0
-    return _significance(fit) > SIGNIFICANT and left < EXPLAINED
+    if plain.unexplained < (LITTLE * layer) ** 2:
+        return False
+    return _significance(fit) > SIGNIFICANT and fit.unexplained < EXPLAINED * plain.unexplained
 
 
 def _significance(fit: InkEstimate) -> float:
