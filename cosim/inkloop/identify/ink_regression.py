@@ -7,8 +7,7 @@ next scan is not in it, so the errors of the true heights have no mean whatever 
 Ljung 1999, "System identification", chapter 7). What a droplet's volume varies by follows from the size of the errors.
 Where volume is to be conserved, h1 of each material is what the other heights leave of the volume that its droplets
 have added (`droplet_volumes`), and only the others are fitted. The geometry of displaced scans is fitted with the
-heights: each round improves the heights by what the geometry does not explain (variable projection; Golub, Pereyra
-1973), then the geometry.
+heights: each round improves the heights, then the geometry by what the heights leave.
 """
 
 from __future__ import annotations
@@ -164,8 +163,7 @@ def identify_ink(
         )
         last, before = heights, variances
         fit = GeometryFit.of(placed[0], errors.sensitivity, weight) if fit_geometry else None
-        own = fit.left_of(sensitivity) if fit else sensitivity
-        heights = _improved(own, weight, errors.error, heights, freedom)
+        heights = _improved(sensitivity, weight, errors.error, heights, freedom)
         moved = 0.0
         if fit:
             step = fit.step(errors.error - (heights - last).ravel() @ sensitivity)
@@ -178,7 +176,7 @@ def identify_ink(
             break
     if (heights < 0.0).any():
         raise IdentificationError(f"droplets add less than their neighbours get at a reach of {reach}; fit reach 1")
-    covariance, degrees = _covariance(own, weight, errors, freedom)
+    covariance, degrees = _covariance(sensitivity, weight, errors, freedom)
     stds = [float(np.sqrt(each)) for each in (variances.droplets, variances.place)]
     left = errors.error[errors.squares > 0.0]
     unexplained = max(float(np.median(left**2)) / MEDIAN_SQUARE - noise_std**2, 0.0) if left.size else 0.0

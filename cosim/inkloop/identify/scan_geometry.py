@@ -131,13 +131,12 @@ class ScanGeometry:
 
 @dataclass(frozen=True, eq=False)
 class GeometryFit:
-    """Normal equations of a geometry about its present terms. weighted, sensitivity: (8, n) of the predictions to them,
-    with and without the weights of the errors; inverse: (8, 8) of their information.
+    """Normal equations of a geometry about its present terms. weighted: (8, n) sensitivity of the predictions to them,
+    times the weights of the errors; inverse: (8, 8) of their information.
     """
 
     geometry: ScanGeometry
     weighted: NDArray[np.float64]
-    sensitivity: NDArray[np.float64]
     inverse: NDArray[np.float64]
 
     @classmethod
@@ -145,11 +144,7 @@ class GeometryFit:
         """Of (n,) errors with these weights."""
         weighted = sensitivity * weight
         information = weighted @ sensitivity.T + np.diag(geometry.prior_precision)
-        return cls(geometry, weighted, sensitivity, np.asarray(np.linalg.inv(information), np.float64))
-
-    def left_of(self, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the geometry does not explain of another (k, n) sensitivity of the same predictions."""
-        return sensitivity - sensitivity @ self.weighted.T @ self.inverse @ self.sensitivity
+        return cls(geometry, weighted, np.asarray(np.linalg.inv(information), np.float64))
 
     def step(self, error: NDArray[np.float64]) -> NDArray[np.float64]:
         """(8,): change of the terms by (n,) errors, not too long a one [cells]."""

@@ -109,7 +109,8 @@ def test_patterns_of_another_print_are_refused(count: int) -> None:
 
 def test_scans_of_anything_else_are_refused() -> None:
     record, rng = logged(NOISY, layers()), np.random.default_rng(5)
-    for surfaces in (rng.normal(0.0, 5e-6, record.measured.shape), 8e-6 * rng.random(record.measured.shape).cumsum(0)):
+    still = [rng.normal(0.0, 5e-6, record.measured.shape) for _ in range(8)]
+    for surfaces in (*still, 8e-6 * rng.random(record.measured.shape).cumsum(0)):
         assert "its patterns explain" in refusal(replace(record, measured=surfaces))
 
 
