@@ -28,6 +28,7 @@ CLEARLY = 0.1  # of the growth, explained by another hypothesis beyond what is e
 OF_DROPLETS = 0.4  # of the growth that droplets must show: least that is explained (assumed)
 STILL = 0.25  # of what the droplets of other layers add: less is no growth (assumed)
 CERTAIN = 3.0  # standard errors
+NAMED = 5  # layers in a message
 NOMINAL = np.array([[0.2, 0.6, 0.2], [0.6, 4.4, 0.6], [0.2, 0.6, 0.2]]) / 7.6
 """Shares of a droplet by cell, for what droplets must show: Lu et al. 2015, Table I."""
 
@@ -64,7 +65,7 @@ def first_shift(record: PrintRecord) -> NDArray[np.float64]:
     Raises IdentificationError if the scans do not show the patterns of the log: they are turned, a layer apart, did not
     grow, or show something else.
     """
-    read = _explained(record, record.measured)
+    read = _explained(record, record.measured) if record.pattern.any() else None
     if read is None:
         return np.zeros(2)
     problem = _turned(record, read) or _still(record, read) or _unrelated(record, read)
@@ -116,11 +117,11 @@ def _still(record: PrintRecord, read: Explained) -> str:
     still = [layer for layer, (share, error) in shown.items() if share + CERTAIN * error < STILL * usual]
     if not still:
         return ""
-    share = shown[still[0]][0] / usual
+    share = max(shown[still[0]][0] / usual, 0.0)
+    named = ", ".join([*map(str, still[:NAMED]), *["..."] * (len(still) > NAMED)])
     return (
-        f"the scans do not grow in layer {', '.join(map(str, still))}: its droplets show {max(share, 0.0):.0%} of what "
-        "those of other layers show; log the scan after each layer, check that the head has printed, or leave out "
-        "these layers"
+        f"the scans do not grow in layer {named}: the droplets of layer {still[0]} show {share:.0%} of what those of "
+        "other layers show; log the scan after each layer, check that the head has printed, or leave out these layers"
     )
 
 
@@ -189,10 +190,8 @@ def _growths(
     lag: layers by which the scans are late; is_varied: patterns less their mean over the layers.
     """
     layers, (nx, ny) = len(record.pattern), record.shape
-    pattern = np.stack([record.pattern == 1 + m for m in range(record.materials)], axis=1).astype(np.float64)
-    if is_varied:
-        pattern -= pattern.mean(axis=0)
-    padded = np.pad(pattern, ((0, 0), (0, 0), (REACH, REACH), (REACH, REACH)))
+    inks = np.arange(1, record.materials + 1)[:, None, None]
+    usual = np.stack([(record.pattern == ink).mean(axis=0) for ink in inks]) if is_varied else 0.0
     u, w = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, nx), np.linspace(-1, 1, ny), indexing="ij"))
     terms = np.stack([np.ones(u.size), u, w, u * u, u * w, w * w], axis=1)
     numbers = range(max(0, lag), min(layers, layers + lag))
@@ -202,8 +201,9 @@ def _growths(
         cells = cells[:: cells.size // CELLS_MOST + 1]
         if cells.size < 2 * DATUM:
             continue
-        around = sliding_window_view(padded[k - lag], (SIDE, SIDE), axis=(1, 2)).transpose(1, 2, 0, 3, 4)
-        both = np.column_stack([around.reshape(nx * ny, -1)[cells], growth[cells]])
+        drops = np.pad((record.pattern[k - lag] == inks) - usual, ((0, 0), (REACH, REACH), (REACH, REACH)))
+        around = sliding_window_view(drops, (SIDE, SIDE), axis=(1, 2))[:, cells // ny, cells % ny]
+        both = np.column_stack([around.transpose(1, 0, 2, 3).reshape(cells.size, -1), growth[cells]])
         basis = np.linalg.qr(terms[cells])[0]
         both -= basis @ (basis.T @ both)
         yield k + 1, both[:, :-1], both[:, -1]

@@ -61,8 +61,7 @@ def innovations(
     """Every scan after the first against the estimate before it; heights: (materials, 3, 6 or 10) [m].
 
     place_variance: of the place of a displaced reading [cells^2]; correct: False predicts from the measured surface as
-    it is, for scans in register; tangent: with the sensitivity to
-    the geometry, else of no terms.
+    it is, for scans in register; tangent: with the sensitivity to the geometry, else to no terms.
     """
     shape, noise = record.shape, noise_std**2
     reach = {count: reach for reach, count in HEIGHTS_BY_REACH.items()}[heights.shape[1]]

@@ -120,6 +120,7 @@ def test_scans_that_do_not_grow_are_named_with_their_layers() -> None:
     record, noise = logged(NOISY, layers()), np.random.default_rng(1)
     again = record.measured[:3][[0, 1, 2, 2, 2, 2]] + noise.normal(0.0, 1e-6, record.measured.shape)
     assert "the scans do not grow in layer 3, 4, 5:" in refusal(replace(record, measured=again))
+    assert "layer 3, 4, 5, 6, 7, ...:" in refusal(logged(Profiler(frozen_from=3), layers(count=9)))
     for profiler in (Profiler(frozen_from=1), Profiler(zero=True)):
         assert "all scans are the same" in refusal(logged(profiler, layers()))
 
@@ -159,7 +160,8 @@ def test_shift_is_found_to_a_tenth(shape: tuple[int, int], shift: tuple[float, f
     np.testing.assert_allclose(found, shift, atol=0.12)
 
 
-def test_log_of_too_few_readings_is_not_judged() -> None:
+def test_log_of_too_few_readings_or_no_droplets_is_not_judged() -> None:
     record = logged(NOISY, layers())
+    assert not first_shift(replace(record, pattern=np.zeros_like(record.pattern))).any()
     few = np.where(np.random.default_rng(1).random(record.measured.shape) < 0.1, record.measured, np.nan)
     assert not first_shift(replace(record, measured=few)).any()
