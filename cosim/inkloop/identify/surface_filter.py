@@ -23,7 +23,7 @@ from inkloop.identify.scan_geometry import TERMS, ScanGeometry
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 
 FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
-UNSEEN = 1e-6  # [m^2]: variance of a height that was never seen
+UNSEEN = 2e-6  # [m^2]: variance of a height that was never seen, more than of any surface (assumed)
 PLACE_STD = 0.004  # [cells]: least of a displaced reading by what the geometry leaves out, as in the observer
 EXACT = 1e-30  # [m^2]: noise of readings that have none, to divide by
 SOLVED, STEPS_MOST = 1e-3, 20  # of the corrections: share that conjugate gradients leave, and steps
