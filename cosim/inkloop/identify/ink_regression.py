@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
 from inkloop.errors import IdentificationError
-from inkloop.identify.droplet_volume import Freedom, droplet_volumes
+from inkloop.identify.droplet_volume import Freedom, droplet_volumes, improved_heights
 from inkloop.identify.print_record import PrintRecord, first_guess
 from inkloop.identify.scan_geometry import GeometryFit, ScanGeometry
 from inkloop.identify.surface_filter import PLACE_STD, Innovation, innovations
@@ -36,7 +35,6 @@ PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the 
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
 PLACE_STD_FIRST = 0.1  # [cells], to begin with: large, so that walls do not pass for droplets that vary (assumed)
 MEDIAN_SQUARE = 0.455  # of a standard normal distribution
-SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
 ERROR_LEAST = (
     3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
 )
@@ -163,7 +161,7 @@ def identify_ink(
         )
         last, before = heights, variances
         fit = GeometryFit.of(placed[0], errors.sensitivity, weight) if fit_geometry else None
-        heights = _improved(sensitivity, weight, errors.error, heights, freedom)
+        heights = improved_heights(sensitivity, weight, errors.error, heights, freedom)
         moved = 0.0
         if fit:
             step = fit.step(errors.error - (heights - last).ravel() @ sensitivity)
@@ -211,35 +209,6 @@ def _errors(record: PrintRecord, steps: Iterator[Innovation], cells: BoolMap, nu
 def _blocks(shape: tuple[int, int]) -> NDArray[np.int64]:
     i, j = np.indices(shape) // BLOCK
     return np.asarray(i * (shape[1] // BLOCK + 1) + j, np.int64)
-
-
-def _improved(
-    sensitivity: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    error: NDArray[np.float64],
-    heights: NDArray[np.float64],
-    freedom: Freedom,
-) -> NDArray[np.float64]:
-    """Heights of at least 0 with the least weighted squares. Raises IdentificationError where one is not determined."""
-    if error.size == 0:
-        raise IdentificationError("no cell was measured after a layer whose surroundings had been measured before it")
-    total, basis = float(weight.sum()), freedom.basis
-    information = (sensitivity * weight) @ sensitivity.T / total
-    reduced = basis.T @ information @ basis
-    values, vectors = np.linalg.eigh(reduced)
-    if values[0] < SINGULAR * values[-1]:
-        undetermined = vectors[:, values < SINGULAR * values[-1]]
-        mixed = freedom.chosen[(np.abs(undetermined) > 0.1).any(axis=1)]
-        named = ", ".join(f"h{k % heights.shape[1] + 1} of material {'AB'[k // heights.shape[1]]}" for k in mixed)
-        raise IdentificationError(
-            f"the patterns do not separate {named} from the others; print single droplets, stripes and "
-            "checkerboards, or random patterns too"
-        )
-    chosen = heights.ravel()[freedom.chosen]
-    away = heights.ravel() - freedom.heights(chosen)  # of the first guess, which need not conserve
-    free = chosen + np.linalg.solve(reduced, basis.T @ (information @ away + (sensitivity * weight) @ error / total))
-    root = np.linalg.cholesky(reduced).T
-    return freedom.heights(nnls(root, root @ free)[0]).reshape(heights.shape)
 
 
 def _covariance(
