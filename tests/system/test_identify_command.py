@@ -12,6 +12,7 @@ import tomlkit
 from inkloop.cli import main
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
+from inkloop.identify import designs
 from inkloop.identify.candidates import candidates, conserving
 from inkloop.identify.cross_validation import Comparison, compare
 from inkloop.identify.experiments import Plan, perform, plant_scenario
@@ -26,6 +27,8 @@ from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.studies.score.known_inks import surfaces
 from support.logged_print import log, made_up, random_layers
+from support.lying_scans.log import logged
+from support.lying_scans.profiler import Profiler
 from support.places import ROOT
 
 RIVALS = ("Lu, regression", "spherical caps", "Wu, Chiu, fitted", "Young-Laplace")
@@ -131,6 +134,31 @@ def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
 
     assert np.array_equal(printed().measured, printed().measured)
     assert Result.load(tmp_path / "runs" / "layers").stop_reason == "done"
+
+
+def test_displaced_log_gives_its_ink_and_a_sentence_on_screen_and_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop.identify.identification.compare", lambda *_: [])
+    record = logged(Profiler(shift=(0.25, -0.1), noise=0.2), designs.layers(26, 22, 5, 3, margin=4))
+    out = tmp_path / "ink.toml"
+    assert main(["identify", str(log(tmp_path / "print", record)), "--out", str(out), "--no-pictures"]) == 0
+    assert ink_of(out) == pytest.approx([4.4, 0.6, 0.2], abs=0.03)
+    sentence = f"the scans of {tmp_path / 'print'} lie +0.25 cells along x and -0.10 along y"
+    assert sentence in " ".join(capsys.readouterr().out.split())
+    assert f"# Corrected: {sentence}" in out.read_text()
+
+
+def test_log_that_does_not_show_its_patterns_is_refused_and_writes_no_ink(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = logged(Profiler(noise=0.5, turned="turned by 180"), designs.layers(22, 18, 3, 3, margin=4))
+    out = tmp_path / "ink.toml"
+    assert main(["identify", str(log(tmp_path / "print", record)), "--out", str(out)]) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    assert "the scans are turned by 180 degrees: so the droplets explain" in error
+    assert "add 180 to rotation_deg in its print.toml" in error
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

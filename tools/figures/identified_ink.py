@@ -18,6 +18,8 @@ from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.picture import save
 from inkloop.identify.print_record import PrintRecord, noise_of
 from inkloop.identify.run_record import record_of
+from inkloop.identify.scan_geometry import ScanGeometry
+from inkloop.identify.scan_registration import register
 from inkloop.identify.volume_area_coefficients import (
     GROUP,
     LEVEL,
@@ -36,6 +38,17 @@ PAGE = HERE / "identify-an-ink.md"
 RECORD = PAGE.with_suffix(".json")
 PITCH = 263.256e-6
 PRINTS = 20
+SEEDS_DISPLACED, SHAPE_DISPLACED = 5, (40, 34)
+_TURN = float(np.radians(1.0))
+DISPLACED = {
+    "in register": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "shift 0.25 cells along x": (0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "shift 0.25 along x, -0.25 along y": (0.25, -0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "shift that drifts by 0.5 along x": (0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
+    "rotation 1 degree": (0.0, 0.0, 0.0, -_TURN, _TURN, 0.0, 0.0, 0.0),
+    "magnification 2 %": (0.0, 0.0, 0.02, 0.0, 0.0, 0.02, 0.0, 0.0),
+    "all together": (0.25, -0.25, 0.02, -_TURN, _TURN, 0.02, 0.1, 0.1),
+}
 GAINS = ("mv_plus", "mv_minus", "ma_minus")
 """Of Wu and Chiu; the paper's ma_plus is 0."""
 
@@ -65,6 +78,38 @@ def bias() -> Iterator[list[str]]:
             means, worst = error.mean(axis=0), np.abs(error).max(axis=0)
             figures = (f"{m:+.1f} ({w:.1f}) %" for m, w in zip(means, worst, strict=True))
             yield [label, f"{noise * UM_PER_M:g} µm", method, *figures]
+
+
+def displaced() -> Iterator[list[str]]:
+    """What displaced scans do to the ink, with and without their geometry, over prints that differ in noise and
+    patterns.
+    """
+    for label, terms in DISPLACED.items():
+        errors: dict[str, list[NDArray[np.float64]]] = {"as recorded": [], "registered": []}
+        for seed in range(SEEDS_DISPLACED):
+            record = displaced_print(np.array(terms), seed)
+            placed = register(record, 1.0 * M_PER_UM).geometry
+            for way, geometries in (("as recorded", None), ("registered", [placed])):
+                found = identify_ink([record], 1.0 * M_PER_UM, geometries=geometries).heights[0]
+                errors[way].append((found / LayerDeposition().heights[0] - 1.0) * 100)
+        for way, each in errors.items():
+            means, worst = np.mean(each, axis=0), np.abs(each).max(axis=0)
+            yield [label, way, *(f"{m:+.1f} ({w:.1f}) %" for m, w in zip(means, worst, strict=True))]
+
+
+def displaced_print(terms: NDArray[np.float64], seed: int) -> PrintRecord:
+    """Twelve layers on 40 x 34 cells; terms: shift along x and y [cells], linear part (4) [1], and drift along x and y
+    over the print [cells].
+    """
+    record = print_of(designs.layers(*SHAPE_DISPLACED, 12, seed, margin=4), 0.0, seed)
+    half = 0.5 * (np.array(SHAPE_DISPLACED) - 1.0)
+    placed = np.concatenate([terms[:2], terms[2:6] * np.tile(half, 2), 0.5 * terms[6:]])
+    geometry = ScanGeometry(SHAPE_DISPLACED, 12, placed)
+    scans = np.stack(
+        [(geometry.sampling(k) @ scan.ravel()).reshape(scan.shape) for k, scan in enumerate(record.measured)]
+    )
+    noise = np.random.default_rng(seed).normal(0.0, 1.0 * M_PER_UM, scans.shape)
+    return PrintRecord(record.name, record.pitch, record.pattern, scans + noise)
 
 
 def coverage() -> str:
@@ -148,6 +193,7 @@ def plain_means(records: Sequence[PrintRecord], noise: float) -> dict[str, float
 
 PARTS: dict[str, Callable[[], dict[str, Any]]] = {
     "noise": lambda: {"noise": [["print", "noise", "method", "h1", "h2", "h3"], *bias()]},
+    "displaced": lambda: {"displaced": [["scans, noise 1 µm", "taken", "h1", "h2", "h3"], *displaced()]},
     "coverage": lambda: {"coverage": coverage()},
     "plant": plant,
     "closed loop": lambda: {"closed loop": closed_loop()},

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
-from inkloop.identify.ink_regression import first_guess, identify_ink
+from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.one_step import Marks, Model, predictions
-from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.print_record import PrintRecord, first_guess
 from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate
 from inkloop.models import (
     LayerDeposition,
@@ -53,9 +53,8 @@ def candidates(
 
     def regression(reach: int = 1, correct: bool = True, conserve: bool = False) -> Fit:
         def fit(records: Records, cells: Cells) -> Model:
-            options = {"correct": correct, "conserve": conserve}
-            found = identify_ink(records, noise_std, reach=reach, cells=cells, **options).heights
-            return _layers(records, [tuple(float(h) for h in ink) for ink in found])
+            found = identify_ink(records, noise_std, reach=reach, correct=correct, conserve=conserve, cells=cells)
+            return _layers(records, [tuple(float(h) for h in ink) for ink in found.heights])
 
         return fit
 

@@ -46,12 +46,12 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Term
         found = identify(records, nominal, noise, options.seed, show, options.reach)
     for table in tables(found):
         console.print(table)
-    for note in found.notes:
+    for note in (*(f"{place}; this is corrected" for place in found.displaced), *found.notes):
         console.sentence(f"note: {note}")
     write_ink(found, out, date.today())
     pictures = save(found, out.with_suffix(""), options.pictures)
     console.sentence(f"wrote {' and '.join(map(str, (out, *pictures)))}")
-    console.result(file=out, pictures=pictures, notes=list(found.notes))
+    console.result(file=out, pictures=pictures, scans=found.displaced, notes=list(found.notes))
     return 0
 
 

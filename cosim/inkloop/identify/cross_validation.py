@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.candidates import Candidate
-from inkloop.identify.ink_regression import first_guess
 from inkloop.identify.one_step import Marks, Model, Score, predictions, score
-from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.print_record import PrintRecord, first_guess
 
 FOLDS = 4
 CELLS_MIN = 3  # cells along x of a stripe, so that it holds more than borders

@@ -14,8 +14,8 @@ from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
 from inkloop.errors import IdentificationError
-from inkloop.identify.ink_regression import start_surface
 from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.surface_filter import start_surface
 
 SIDES = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]])
 CORNERS = np.array([[1, 0, 1], [0, 0, 0], [1, 0, 1]])

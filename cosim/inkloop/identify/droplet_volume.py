@@ -1,4 +1,4 @@
-"""The volume of a droplet from whole prints, and heights of an ink that are bound to add up to it."""
+"""The volume of a droplet from whole prints, heights that are bound to add up to it, and their least squares."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS
+
+SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +73,36 @@ def droplet_volumes(records: Sequence[PrintRecord], materials: int, reach: int) 
             "and one after layers of each material"
         )
     return np.asarray(np.linalg.lstsq(counted, np.concatenate(growth), rcond=None)[0])
+
+
+def improved_heights(
+    sensitivity: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    error: NDArray[np.float64],
+    heights: NDArray[np.float64],
+    freedom: Freedom,
+) -> NDArray[np.float64]:
+    """Heights of at least 0 [m] with the least weighted squares of errors, which change with them linearly.
+
+    sensitivity: (heights, n) of the predictions; weight, error: (n,) [1/m^2], [m] at the present heights (materials, 3,
+    6 or 10) [m]. Raises IdentificationError where the patterns do not determine one.
+    """
+    if error.size == 0:
+        raise IdentificationError("no cell was measured after a layer whose surroundings had been measured before it")
+    total, basis = float(weight.sum()), freedom.basis
+    information = (sensitivity * weight) @ sensitivity.T / total
+    reduced = basis.T @ information @ basis
+    values, vectors = np.linalg.eigh(reduced)
+    if values[0] < SINGULAR * values[-1]:
+        undetermined = vectors[:, values < SINGULAR * values[-1]]
+        mixed = freedom.chosen[(np.abs(undetermined) > 0.1).any(axis=1)]
+        named = ", ".join(f"h{k % heights.shape[1] + 1} of material {'AB'[k // heights.shape[1]]}" for k in mixed)
+        raise IdentificationError(
+            f"the patterns do not separate {named} from the others; print single droplets, stripes and "
+            "checkerboards, or random patterns too"
+        )
+    chosen = heights.ravel()[freedom.chosen]
+    away = heights.ravel() - freedom.heights(chosen)  # of the first guess, which need not conserve
+    free = chosen + np.linalg.solve(reduced, basis.T @ (information @ away + (sensitivity * weight) @ error / total))
+    root = np.linalg.cholesky(reduced).T
+    return freedom.heights(nnls(root, root @ free)[0]).reshape(heights.shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from inkloop.identify.cross_validation import Comparison, compare
 from inkloop.identify.droplet_protocol import ProtocolEstimate, identify_by_protocol
 from inkloop.identify.ink_regression import InkEstimate, identify_ink
 from inkloop.identify.print_record import PrintRecord, noise_of
+from inkloop.identify.scan_geometry import ScanGeometry
+from inkloop.identify.scan_registration import Registered, register
 from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identify_volume_area
 from inkloop.models import LayerDeposition
 from inkloop.units import UM_PER_M
@@ -25,9 +28,9 @@ GROWTHS_COMPARED = 12_000  # of cells: more separate models no better, but take 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: where the prints hold the
-    drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`; reach: of the plant
-    asked for, 1 for none.
+    """records: in register; noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: where
+    the prints hold the drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`;
+    reach: of the plant asked for, 1 for none; geometries: of the scans of each record as it was logged.
     """
 
     records: tuple[PrintRecord, ...]
@@ -39,6 +42,13 @@ class Identification:
     comparisons: tuple[Comparison, ...]
     notes: tuple[str, ...]
     reach: int = 1
+    geometries: tuple[ScanGeometry, ...] = ()
+
+    @property
+    def displaced(self) -> list[str]:
+        """A sentence for each print whose scans are not in register."""
+        pairs = zip(self.records, self.geometries, strict=False)
+        return [f"the scans of {record.name} {place.describe()}" for record, place in pairs if not place.is_none]
 
     @property
     def plant(self) -> LayerDeposition | None:
@@ -64,8 +74,8 @@ def identify(
 
     reach: 2 or 3 also fits a plant whose droplets reach that many cells far. noise_std: of a reading [m], left out:
     what cells show that no droplet reached. Layers of many droplets give the ink that is written down, if there are
-    any: prints of motifs show what single droplets do, which is not the same on a real plant. Raises
-    IdentificationError.
+    any: prints of motifs show what single droplets do, which is not the same on a real plant. Displaced scans are
+    corrected. Raises IdentificationError, also where scans do not show the patterns of their print.
     """
     _check(records)
     noise = noise_of(list(records)) if noise_std is None else noise_std
@@ -74,8 +84,13 @@ def identify(
             "too few cells lie apart from all droplets to show the noise of the scans; give it (--noise-um), or leave "
             "a margin of three empty cells"
         )
-    dense = tuple(record for record in records if _density(record) >= DENSE) or tuple(records)
-    notes: list[str] = []
+    placed = _registered(records, noise, on_fit)
+    farthest = max(each.geometry.farthest for each in placed)
+    if noise_std is None and farthest > 1.0:  # readings of cells that droplets reach are among those for the noise
+        noise = noise_of(list(records), 2 + math.ceil(farthest)) or noise
+    chosen = [each for each in placed if _density(each.record) >= DENSE] or placed
+    records, dense = [each.record for each in placed], tuple(each.record for each in chosen)
+    notes = [each.note for each in placed if each.note]
     protocol: ProtocolEstimate | None = None
     volume_area: VolumeAreaEstimate | None = None
     try:
@@ -86,7 +101,7 @@ def identify(
         volume_area = identify_volume_area(records, noise, seed)
     except IdentificationError as error:
         notes.append(f"Wu and Chiu's coefficients: {error}")
-    ink = identify_ink(dense, noise)
+    ink = identify_ink([each.recorded for each in chosen], noise, geometries=[each.geometry for each in chosen])
     compared = tuple(record.first(_layers_compared(dense)) for record in dense)
     if any(len(record.pattern) < len(whole.pattern) for record, whole in zip(compared, dense, strict=True)):
         notes.append(f"models are compared over the first {_layers_compared(dense)} layers of each print")
@@ -94,7 +109,25 @@ def identify(
     comparisons = tuple(compare(models, compared, noise, on_fit))
     notes += [f"{c.name}: {c.refusal}" for c in comparisons if c.refusal]
     found = tuple(records), compared, noise, ink, protocol, volume_area, comparisons, tuple(notes)
-    return Identification(*found, reach)
+    return Identification(*found, reach, tuple(each.geometry for each in placed))
+
+
+def _registered(
+    records: Sequence[PrintRecord], noise_std: float, on_fit: Callable[[str, int, int], None] | None
+) -> list[Registered]:
+    """All prints in register. Raises IdentificationError for all whose scans do not show their patterns."""
+    found: list[Registered] = []
+    errors: list[str] = []
+    for number, record in enumerate(records):
+        if on_fit:
+            on_fit("geometry of the scans", number, len(records))
+        try:
+            found.append(register(record, noise_std))
+        except IdentificationError as error:
+            errors.append(str(error))
+    if errors:
+        raise IdentificationError("\n".join(errors))
+    return found
 
 
 def _check(records: Sequence[PrintRecord]) -> None:

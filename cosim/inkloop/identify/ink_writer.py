@@ -30,6 +30,7 @@ def write_ink(found: Identification, path: Path, today: date) -> None:
     for line in (
         f"Ink identified by inkloop {__version__} on {today.isoformat()} from {sources}.",
         f'In a scenario next to this file:  [ink]  file = "{path.name}"',
+        *(f"Corrected: {place}." for place in found.displaced),
     ):
         document.add(tomlkit.comment(line))
     heights, widths = found.ink.heights, found.ink.half_widths

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
-from inkloop.identify.ink_regression import start_surface
 from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.surface_filter import start_surface
 from inkloop.models import (
     LayerDeposition,
     SuperpositionDeposition,

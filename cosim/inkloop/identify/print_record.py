@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.contract import pass_colours
+from inkloop.errors import IdentificationError
 from inkloop.metrology.datum import Datum, level, reference_cells
+from inkloop.units import UM_PER_M
 
 CELLS_MIN = 20  # differences for a standard deviation to 16 % (assumed enough)
 
@@ -86,3 +88,17 @@ def noise_of(records: list[PrintRecord], margin: int = 2) -> float | None:
         differences.append(steps[np.isfinite(steps)])
     found = np.concatenate(differences)
     return float(np.sqrt(np.mean(found**2) / 2.0)) if found.size >= CELLS_MIN else None
+
+
+def first_guess(records: Sequence[PrintRecord]) -> float:
+    """Mean height that a droplet adds to the whole grid [m], for widths to begin with. Raises IdentificationError."""
+    growth = sum(float(np.nansum(np.diff(record.measured, axis=0))) for record in records)
+    droplets = sum(int(np.count_nonzero(record.pattern)) for record in records)
+    if droplets == 0:
+        raise IdentificationError("no layer has a droplet; log the patterns as they were jetted")
+    if growth <= 0.0:
+        raise IdentificationError(
+            f"the surface sank by {-growth / droplets * UM_PER_M:.3g} µm per droplet; expected it to grow; check the "
+            "sign of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
+        )
+    return growth / droplets

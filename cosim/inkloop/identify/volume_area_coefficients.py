@@ -18,9 +18,9 @@ from scipy.ndimage import convolve
 from scipy.special import stdtrit
 
 from inkloop.errors import IdentificationError
-from inkloop.identify.ink_regression import start_surface
 from inkloop.identify.one_step import rms
 from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.surface_filter import start_surface
 from inkloop.models import VolumeAreaDeposition
 from inkloop.units import UM_PER_M
 

@@ -8,9 +8,10 @@ import pytest
 from inkloop.errors import IdentificationError
 from inkloop.identify import designs
 from inkloop.identify.expected_increments import expected_rates, expected_share
-from inkloop.identify.ink_regression import InkEstimate, identify_ink, start_surface
+from inkloop.identify.ink_regression import InkEstimate, identify_ink
 from inkloop.identify.print_record import noise_of
 from inkloop.identify.run_record import record_of
+from inkloop.identify.surface_filter import start_surface
 from inkloop.models import LayerDeposition, YoungLaplaceDeposition
 from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
 from inkloop.printing.run import print_part
