@@ -18,6 +18,8 @@ static const double SAME_SPREAD = 0.1;                      /* [cells^2] within 
 static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
+static const double SHORT_STEP = 0.02,
+                    SHORTER = 0.7;       /* [cells]; times as long each round: beyond an edge nothing pulls */
 static const double CONVERGED = 1e-3;    /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
 enum {
@@ -97,6 +99,7 @@ typedef struct {
     const FitRoom *room;
     size_t shares, count;
     double spread; /* of the spot that the averaged prediction has [cells^2] */
+    double step;   /* half a step of the difference quotients that slopes are [cells] */
     Wall *walls;
     double *values; /* for medians */
 } WallFit;
@@ -130,12 +133,12 @@ static void look_at_walls(const double *x, WallFit *fit) {
         Wall *wall = &fit->walls[k];
         const Spot spot = spot_of(x, (double)(wall->cell / ny), (double)(wall->cell % ny), wall->u, wall->w);
         const Place place = place_of(nx, ny, spot.x, spot.y);
-        const Place up = place_of(nx, ny, spot.x - SLOPE_STEP, spot.y),
-                    left = place_of(nx, ny, spot.x, spot.y - SLOPE_STEP),
-                    down = place_of(nx, ny, spot.x + SLOPE_STEP, spot.y),
-                    right = place_of(nx, ny, spot.x, spot.y + SLOPE_STEP);
-        const double along_x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * SLOPE_STEP);
-        const double along_y = (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * SLOPE_STEP);
+        const Place up = place_of(nx, ny, spot.x - fit->step, spot.y),
+                    left = place_of(nx, ny, spot.x, spot.y - fit->step),
+                    down = place_of(nx, ny, spot.x + fit->step, spot.y),
+                    right = place_of(nx, ny, spot.x, spot.y + fit->step);
+        const double along_x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * fit->step);
+        const double along_y = (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * fit->step);
         const double with_spread = value_at(fit->room->spread_slope, &place);
         const double column[GEOMETRY] = {along_x,           along_y,           along_x * wall->u, along_x * wall->w,
                                          along_y * wall->u, along_y * wall->w, with_spread};
@@ -308,6 +311,7 @@ static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, dou
         double before[FITTED];
         if (fabs(x[SPREAD] - fit->spread) > SAME_SPREAD)
             average_prediction(x[SPREAD], fit);
+        fit->step = fmax(SHORT_STEP, SLOPE_STEP * pow(SHORTER, (double)round));
         look_at_walls(x, fit);
         const double heat = round + COLD_ROUNDS < ROUNDS ? heat_of(fit, prior->covariance) : 1.0;
         equations_of_walls(fit, prior, x, heat, matrix, side);
@@ -408,7 +412,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
                    Registration *registration, InkFit *displaced) {
     const size_t n = learnt_shares(evidence->options), all = SHARE + n,
                  cells = evidence->options->nx * evidence->options->ny;
-    WallFit fit = {.evidence = evidence, .room = room, .shares = n, .spread = -1.0};
+    WallFit fit = {.evidence = evidence, .room = room, .shares = n, .spread = -1.0, .step = SLOPE_STEP};
     WallPrior prior;
     double x[FITTED], covariance[ENTRIES_MAX];
     const double *misfit = is_misfit(in_register) ? in_register->misfit : NULL;

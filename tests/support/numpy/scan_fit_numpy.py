@@ -67,7 +67,7 @@ class View:
     """What a displaced sensor reads on some cells, linear in the unknowns about x."""
 
     def __init__(self, setup: Setup, look: Look, cells: Any, spread: float) -> None:
-        self.setup, self.data, self.cells = setup, look, cells
+        self.setup, self.data, self.cells, self.step = setup, look, cells, c.SLOPE_STEP
         self.average(spread)
 
     def average(self, spread: float) -> None:
@@ -84,8 +84,8 @@ class View:
         def averaged(at: Any) -> Any:
             return sampling(o.shape, *at) @ self.averaged.ravel()
 
-        steps = c.SLOPE_STEP * np.eye(2)[:, :, None]
-        slope = [(averaged(at + step) - averaged(at - step)) / (2.0 * c.SLOPE_STEP) for step in steps]
+        steps = self.step * np.eye(2)[:, :, None]
+        slope = [(averaged(at + step) - averaged(at - step)) / (2.0 * self.step) for step in steps]
         u, w, terms = o.u[cells], o.w[cells], o.terms[:, cells]
         geometry = [*slope, *(each * place for each in slope for place in (u, w)), S @ self.with_spot.ravel()]
         shares = [S @ add.ravel() for add in data.adds[: len(x) - 13]]
@@ -245,6 +245,7 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     for number in range(c.ROUNDS):
         if abs(x[c.SPREAD] - view.spread) > c.SAME_SPREAD:
             view.average(x[c.SPREAD])
+        view.step = max(c.SHORT_STEP, c.SLOPE_STEP * c.SHORTER**number)
         view.look(x)
         hot = view.slopes * shift_variance > 4.0 * view.variance
         is_hot = number + c.COLD < c.ROUNDS and hot.sum() > c.LEAST_CELLS // 2
