@@ -14,7 +14,8 @@ static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01; /* per scan, at the 
 static const double LEAST_STEP = 0.01, STEP_GAIN = 0.3;     /* of the shift [cells]; of what is learnt of it */
 static const double LONGEST_MOVE = 0.7;                     /* of a Gauss-Newton step [cells] */
 static const double LARGEST_SPREAD = 4.0;                   /* [cells^2] */
-static const double SAME_SPREAD = 0.1;                      /* [cells^2] within which readings are linear in the spot */
+static const double SAME_SHARE = 1e-3;                      /* of the ink, under a spot of a cell */
+static const double SAME_SPREAD = 0.02;                     /* [cells^2] within which readings are linear in the spot */
 static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
@@ -98,8 +99,8 @@ typedef struct {
     const ScanEvidence *evidence;
     const FitRoom *room;
     size_t shares, count;
-    double spread; /* of the spot that the averaged prediction has [cells^2] */
-    double step;   /* half a step of the difference quotients that slopes are [cells] */
+    double spread, share[SHARES_MAX]; /* spot [cells^2] and ink that the averaged prediction has */
+    double step;                      /* half a step of the difference quotients that slopes are [cells] */
     Wall *walls;
     double *values; /* for medians */
 } WallFit;
@@ -128,7 +129,7 @@ static void collect_walls(WallFit *fit) {
 static void look_at_walls(const double *x, WallFit *fit) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    const double *averaged = fit->room->averaged;
+    const double *averaged = fit->room->averaged, energy = spot_energy(fit->spread);
     for (size_t k = 0; k < fit->count; k++) {
         Wall *wall = &fit->walls[k];
         const Spot spot = spot_of(x, (double)(wall->cell / ny), (double)(wall->cell % ny), wall->u, wall->w);
@@ -147,22 +148,25 @@ static void look_at_walls(const double *x, WallFit *fit) {
                             (pattern[place.below] > 0 && place.x > 0.0 && place.y < 1.0) ||
                             (pattern[place.right] > 0 && place.x < 1.0 && place.y > 0.0) ||
                             (pattern[place.below + place.right] > 0 && place.x > 0.0 && place.y > 0.0);
-        wall->squares = variance_at(evidence->increments->squares, &place);
+        wall->squares = energy * variance_at(evidence->increments->squares, &place);
         memcpy(wall->column, column, sizeof column);
         datum_terms(wall->u, wall->w, wall->column + DATUM);
         wall->slopes = along_x * along_x + along_y * along_y;
         wall->rest = evidence->scan[wall->cell] - value_at(averaged, &place) - (x[SPREAD] - fit->spread) * with_spread;
         for (size_t k = 0; k < DATUM_TERMS; k++)
             wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
-        const double view = evidence->noise_variance + view_variance(along_x, along_y, with_spread, x[SPREAD]);
-        wall->alone = view + variance_at(evidence->variance, &place) + evidence->droplet_variance * wall->squares;
+        const double view =
+            evidence->noise_variance + view_variance(along_x, along_y, with_spread, x[SPREAD]) +
+            border_variance(nx, ny, evidence->predicted, value_at(averaged, &place), &spot, fit->spread);
+        wall->alone =
+            view + energy * variance_at(evidence->variance, &place) + evidence->droplet_variance * wall->squares;
         wall->variance = view + value_at(evidence->variance, &place) +
                          evidence->droplet_variance * value_at(evidence->increments->squares, &place);
         wall->class = is_own ? OWN : wall->squares > 0.0 ? SPILL : CLASSES;
         for (size_t s = 0; s < fit->shares; s++) {
             const ShareColumn of = share_column(evidence, s);
             wall->column[SHARE + s] = of.factor * value_at(of.map, &place);
-            wall->rest -= (x[SHARE + s] - evidence->known->share[s]) * wall->column[SHARE + s];
+            wall->rest -= (x[SHARE + s] - fit->share[s]) * wall->column[SHARE + s];
         }
     }
 }
@@ -242,12 +246,26 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
             matrix[a * all + b] = matrix[b * all + a];
 }
 
-static void average_prediction(double spread, WallFit *fit) {
-    const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny;
-    fit->spread = fmax(spread, 0.0);
-    means_over_spot(nx, ny, fit->evidence->predicted, fit->spread, fit->room->lists[0], fit->room->averaged);
-    slope_with_spot(nx, ny, fit->evidence->predicted, fit->room->averaged, fit->spread, fit->room->lists[0],
-                    fit->room->spread_slope);
+/* The prediction with other ink, under a spot: x is the fit so far. */
+static void average_prediction(const double *x, WallFit *fit) {
+    const ScanEvidence *evidence = fit->evidence;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    double *predicted = fit->room->lists[1];
+    fit->spread = fmax(x[SPREAD], 0.0);
+    memcpy(fit->share, x + SHARE, fit->shares * sizeof *x);
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        predicted[cell] =
+            evidence->predicted[cell] + (fit->shares > 0 ? share_change(evidence, fit->share, cell) : 0.0);
+    means_over_spot(nx, ny, predicted, fit->spread, fit->room->lists[0], fit->room->averaged);
+    slope_with_spot(nx, ny, predicted, fit->room->averaged, fit->spread, fit->room->lists[0], fit->room->spread_slope);
+}
+
+/* Whether readings are linear from the averaged prediction on: what ink changes is not averaged. */
+static bool is_averaged(const WallFit *fit, const double *x) {
+    double off = 0.0;
+    for (size_t k = 0; k < fit->shares; k++)
+        off = fmax(off, fabs(x[SHARE + k] - fit->share[k]));
+    return fabs(x[SPREAD] - fit->spread) <= SAME_SPREAD && off * fmin(x[SPREAD], 1.0) <= SAME_SHARE;
 }
 
 static void keep_within(size_t shares, const double *before, double *x) {
@@ -309,8 +327,8 @@ static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, dou
     begin_at_best(prior, is_known, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
-        if (fabs(x[SPREAD] - fit->spread) > SAME_SPREAD)
-            average_prediction(x[SPREAD], fit);
+        if (!is_averaged(fit, x))
+            average_prediction(x, fit);
         fit->step = fmax(SHORT_STEP, SLOPE_STEP * pow(SHORTER, (double)round));
         look_at_walls(x, fit);
         const double heat = round + COLD_ROUNDS < ROUNDS ? heat_of(fit, prior->covariance) : 1.0;
@@ -428,7 +446,10 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
         return false;
     fit.values = (double *)(fit.walls + (cells < WALLS_MAX ? cells : WALLS_MAX));
     collect_walls(&fit);
-    average_prediction(registration->estimate[SPREAD], &fit);
+    double start[FITTED] = {0.0};
+    memcpy(start, registration->estimate, sizeof registration->estimate);
+    memcpy(start + SHARE, evidence->known->share, n * sizeof *start);
+    average_prediction(start, &fit);
     if (fit.count >= LEAST_READINGS && prior_of_walls(&fit, registration, misfit, &prior) &&
         solve_walls(&prior, registration->is_displaced, &fit, x, covariance)) {
         const double left = misfit_of(&fit, displaced);

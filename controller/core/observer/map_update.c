@@ -163,8 +163,7 @@ Surprises update_in_register(const MapUpdate *update) {
 
 /* What the readings are off by, weighed, and their weights; and the jumps of cells. */
 static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *averaged,
-                                  const double *spread, const double *changed, double *weight, double *off,
-                                  double *jump) {
+                                  const double *spread, double *weight, double *off, double *jump) {
     const ScanEvidence *evidence = update->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     Surprises count = {0, 0, 0};
@@ -187,10 +186,11 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * SLOPE_STEP);
             const double y = (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * SLOPE_STEP);
             const double with_spread = value_at(update->spread_slope, &place), known = value_at(spread, &place);
-            const double rest =
-                evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place) - value_at(changed, &place);
-            const double error = evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
-                                 variance_of(&row, w) + geometry_variance(update->geometry, x, y, with_spread, u, w);
+            const double rest = evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place);
+            const double error =
+                evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
+                border_variance(nx, ny, evidence->predicted, value_at(averaged, &place), &spot, g[SPREAD]) +
+                variance_of(&row, w) + geometry_variance(update->geometry, x, y, with_spread, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
             const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;
@@ -212,7 +212,7 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
         spread[cell] = process_variance(update, cell);
         changed[cell] = share_change(evidence, update->fit->share, cell);
     }
-    const Surprises count = look_at_readings(update, g, averaged, spread, changed, weight, off, jump);
+    const Surprises count = look_at_readings(update, g, averaged, spread, weight, off, jump);
     if (!reversed(g, nx, ny, back))
         memset(back, 0, sizeof back);
     for (size_t i = 0; i < nx; i++)

@@ -337,8 +337,11 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     double g[GEOMETRY];
     geometry_seen(registration, g);
     if (is_displaced) {
-        means_over_spot(options->nx, options->ny, evidence->predicted, g[SPREAD], work->spare[2], look->room.averaged);
-        slope_with_spot(options->nx, options->ny, evidence->predicted, look->room.averaged, g[SPREAD], work->spare[2],
+        double *expected = work->spare[3];
+        for (size_t cell = 0; cell < options->nx * options->ny; cell++)
+            expected[cell] = evidence->predicted[cell] + share_change(evidence, fit->share, cell);
+        means_over_spot(options->nx, options->ny, expected, g[SPREAD], work->spare[2], look->room.averaged);
+        slope_with_spot(options->nx, options->ny, expected, look->room.averaged, g[SPREAD], work->spare[2],
                         look->room.spread_slope);
     }
     const Surprises found =

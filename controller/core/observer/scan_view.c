@@ -8,6 +8,7 @@
 static const double POINT = 1e-9;      /* [cells^2] below which a spot is a point */
 static const double NARROW = 0.36;     /* [cells^2] up to which a spot reaches the next cells alone */
 static const double SPREAD_STEP = 0.1; /* of a difference quotient [cells^2] */
+static const double BORDER = 4.0;      /* standard deviations of a spot: less than a ten-thousandth lies beyond */
 enum { TAPS_MAX = 5 };                 /* of a spot to each side */
 
 /* Weights of the cells 0, 1, ... away; their variance is that of the spot. Returns the largest distance. */
@@ -25,6 +26,17 @@ static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     for (size_t k = 0; k <= TAPS_MAX; k++)
         weights[k] /= sum;
     return TAPS_MAX;
+}
+
+double spot_energy(double spread) {
+    double weights[TAPS_MAX + 1], sum;
+    if (spread < POINT)
+        return 1.0;
+    const size_t reach = spot_weights(spread, weights);
+    sum = weights[0] * weights[0];
+    for (size_t k = 1; k <= reach; k++)
+        sum += 2.0 * weights[k] * weights[k];
+    return sum * sum;
 }
 
 static INLINED size_t clamped(size_t at, size_t away, bool is_before, size_t count) {
@@ -76,6 +88,33 @@ void slope_with_spot(size_t nx, size_t ny, const double *map, const double *aver
     means_over_spot(nx, ny, map, fmax(spread, 0.0) + SPREAD_STEP, lines, slope);
     for (size_t cell = 0; cell < nx * ny; cell++)
         slope[cell] = (slope[cell] - averaged[cell]) / SPREAD_STEP;
+}
+
+/* Share of a spot that lies so far and more to one side [cells]. */
+static double beyond(double distance, double spread) {
+    return 0.5 * erfc(distance / sqrt(2.0 * spread));
+}
+
+double border_variance(size_t nx, size_t ny, const double *map, double reading, const Spot *spot, double spread) {
+    if (spread < POINT)
+        return 0.0;
+    const double to[4] = {spot->x, (double)nx - 1.0 - spot->x, spot->y, (double)ny - 1.0 - spot->y};
+    double sum = 0.0;
+    for (size_t side = 0; side < 4; side++) {
+        if (!(to[side] < BORDER * sqrt(spread)))
+            continue;
+        const Place border = place_of(nx, ny,
+                                      side == 0   ? 0.0
+                                      : side == 1 ? (double)nx
+                                                  : spot->x,
+                                      side == 2   ? 0.0
+                                      : side == 3 ? (double)ny
+                                                  : spot->y);
+        const double share = beyond(fmax(to[side], 0.0) + 0.5, spread);
+        const double off = share / (1.0 - share) * (reading - value_at(map, &border));
+        sum += off * off;
+    }
+    return sum;
 }
 
 bool reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]) {

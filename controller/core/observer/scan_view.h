@@ -54,11 +54,18 @@ static inline double view_variance(double along_x, double along_y, double with_s
     return place + shape * shape;
 }
 
+/* Variance of a reading whose spot reaches beyond the grid [m^2]: the surface there may continue that of the border, as
+ * means_over_spot has it, or not count. */
+double border_variance(size_t nx, size_t ny, const double *map, double reading, const Spot *spot, double spread);
+
 /* Half a step of the difference quotients that slopes are [cells]. */
 #define SLOPE_STEP 0.3
 
 /* The map averaged over a spot of this variance [cells^2]; `lines` holds a map. */
 void means_over_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged);
+
+/* Share that the average over a spot leaves of the variance of independent errors. */
+double spot_energy(double spread);
 
 /* How that goes with the variance of the spot [m per cells^2]; `lines` and `wider` hold a map. */
 void slope_with_spot(size_t nx, size_t ny, const double *map, const double *averaged, double spread, double *lines,
