@@ -19,7 +19,7 @@ static const double SAME_SPREAD = 0.02;                     /* [cells^2] within 
 static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
-static const double SHORT_STEP = 0.02,
+static const double SHORT_STEP = 0.05,
                     SHORTER = 0.7;       /* [cells]; times as long each round: beyond an edge nothing pulls */
 static const double CONVERGED = 1e-3;    /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
@@ -419,7 +419,8 @@ static void learn(const WallFit *fit, const double *x, const double *covariance,
         registration->steps[k] =
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
-    registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
+    registration->is_displaced =
+        registration->fits > 1 && registration->odds > DECIDED && may_be_displaced(registration);
     memcpy(registration->estimate, x, sizeof registration->estimate);
     for (size_t a = 0; a < GEOMETRY; a++)
         for (size_t b = 0; b < GEOMETRY; b++)

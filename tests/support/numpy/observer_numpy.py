@@ -77,14 +77,15 @@ class Observer:
         of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
         change = look.change(fit.share)
         g = seen(s) if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
-        view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD])
-        view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else s.share]))
+        ink = fit.share if s.is_displaced else s.share
+        view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD], ink)
+        view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else ink]))
         S, J, doubtful, more = view.S, view.J[:, :7], s.covariance, view.own_variance
         if not s.is_displaced:
             J[:, c.SPREAD] = with_spot.ravel()
             likely = may_be / (1.0 + np.exp(-s.odds))
             J, doubtful, more = J * walls.reshape(-1, 1), likely * (doubtful + np.outer(s.g, s.g)), 0.0
-        rest = look.scan - left - (S @ (view.averaged + change).ravel()).reshape(o.shape)
+        rest = look.scan - left - (S @ (view.averaged + change - look.change(ink)).ravel()).reshape(o.shape)
         spread = (S @ known.ravel()).reshape(o.shape)
         of_geometry = np.einsum("ra,ab,rb->r", J, doubtful, J) + more
         error = look.noise + of_datum + of_geometry.reshape(o.shape)
@@ -137,7 +138,7 @@ class Observer:
         s.surprised = np.where(look.valid & ~is_real, times, 0)
         is_told = look.valid & (told != 0.0)
         ends = (~is_big, is_same) if is_robust else (is_back, ~is_big)
-        is_believed = is_big & (is_real | (not is_robust))
+        is_believed = look.valid & is_big & (is_real | (not is_robust))
         is_failed = (look.pattern > 0) & (told < 0.0)  # a droplet that did not come
         counts = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
         return np.where(is_believed | (not is_robust), 1.0, weight), np.where(is_believed, rest**2, 0.0), *counts

@@ -97,19 +97,31 @@ def sampling(shape: Any, x: Any, y: Any) -> Any:
     return np.einsum("ri,rj->rij", *hats).reshape(np.size(x), -1)
 
 
-def blurred(height: Any, spread: float) -> Any:
-    """Averaged over a spot of a variance [cells^2]."""
-    if spread < 1e-9:
-        return height
+def spot_weights(spread: float) -> Any:
+    """Weights of a spot of a variance [cells^2] along a line, with a sum of 1."""
     away = np.arange(-c.TAPS, c.TAPS + 1)
+    if spread < c.POINT:
+        return np.where(away == 0, 1.0, 0.0)
     weights = (
         np.exp(-0.5 * away**2 / spread)
         if spread >= c.NARROW
         else np.interp(np.abs(away), [0, 1, 2], [1 - spread, spread / 2, 0])
     )
+    return weights / weights.sum()
+
+
+def energy(spread: float) -> float:
+    """Share that the average over a spot leaves of the variance of independent errors."""
+    return float(np.sum(spot_weights(spread) ** 2) ** 2)
+
+
+def blurred(height: Any, spread: float) -> Any:
+    """Averaged over a spot."""
+    if spread < c.POINT:
+        return height
     for axis in (0, 1):
         wide = np.pad(height, [(c.TAPS, c.TAPS) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
-        height = np.apply_along_axis(np.convolve, axis, wide, weights / weights.sum(), "valid")
+        height = np.apply_along_axis(np.convolve, axis, wide, spot_weights(spread), "valid")
     return height
 
 

@@ -7,9 +7,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, blurred, central, inverse, misfit, near, sampling, seen, solved
+from support.numpy.observer_setup import (
+    Setup,
+    State,
+    blurred,
+    central,
+    energy,
+    inverse,
+    misfit,
+    near,
+    sampling,
+    seen,
+    solved,
+)
 
 
 @dataclass
@@ -66,14 +79,20 @@ class Look:
 class View:
     """What a displaced sensor reads on some cells, linear in the unknowns about x."""
 
-    def __init__(self, setup: Setup, look: Look, cells: Any, spread: float) -> None:
+    def __init__(self, setup: Setup, look: Look, cells: Any, spread: float, share: Any) -> None:
         self.setup, self.data, self.cells, self.step = setup, look, cells, c.SLOPE_STEP
-        self.average(spread)
+        self.average(spread, share)
 
-    def average(self, spread: float) -> None:
-        self.spread = max(spread, 0.0)
-        self.averaged = blurred(self.data.predicted, self.spread)
-        self.with_spot = (blurred(self.data.predicted, self.spread + c.SPOT_STEP) - self.averaged) / c.SPOT_STEP
+    def average(self, spread: float, share: Any) -> None:
+        self.spread, self.share = max(spread, 0.0), share
+        expected = self.data.predicted + self.data.change(share)
+        self.averaged, self.energy = blurred(expected, self.spread), energy(self.spread)
+        self.with_spot = (blurred(expected, self.spread + c.SPOT_STEP) - self.averaged) / c.SPOT_STEP
+
+    def is_averaged(self, x: Any) -> bool:
+        """Whether readings are linear from the averaged prediction on: what ink changes is not averaged."""
+        off = np.abs(x[13:] - self.share[: len(x) - 13]).max(initial=0.0) * min(x[c.SPREAD], 1.0)
+        return bool(abs(x[c.SPREAD] - self.spread) <= c.SAME_SPREAD and off <= c.SAME_SHARE)
 
     def look(self, x: Any) -> None:
         """Rests, their variances and classes, and the matrix J of what the unknowns change."""
@@ -90,14 +109,29 @@ class View:
         geometry = [*slope, *(each * place for each in slope for place in (u, w)), S @ self.with_spot.ravel()]
         shares = [S @ add.ravel() for add in data.adds[: len(x) - 13]]
         self.J = np.stack([*geometry, *terms, *shares], axis=1)
-        change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - data.state.share[: len(x) - 13]])
+        change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - self.share[: len(x) - 13]])
         self.rest = data.scan[cells] - S @ self.averaged.ravel() - self.J[:, c.SPREAD :] @ change
-        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S**2 @ data.squares.ravel()
+        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, self.energy * S**2 @ data.squares.ravel()
         self.own_variance = c.OF_SLOPE**2 * self.slopes + (c.OF_SPOT * x[c.SPREAD] * self.J[:, c.SPREAD]) ** 2
+        self.own_variance += border_variance(o, data.predicted, S @ self.averaged.ravel(), at, self.spread)
         native = (data.variance + data.of_droplet * data.squares).ravel()
-        self.variance, self.alone = (data.noise + self.own_variance + each @ native for each in (S, S**2))
+        self.variance, self.alone = (data.noise + self.own_variance + each @ native for each in (S, self.energy * S**2))
         is_own = np.any((S > 0.0) & (data.pattern.ravel() > 0), axis=1)
         self.classes = np.where(is_own, 0, np.where(self.squares > 0.0, 1, 2))
+
+
+def border_variance(o: Setup, height: Any, reading: Any, at: Any, spread: float) -> Any:
+    """Variance of readings whose spot reaches beyond the grid, where the surface may continue or not count."""
+    total = np.zeros(np.shape(reading))
+    for axis, end in np.ndindex(2, 2) if spread >= c.POINT else ():
+        last = o.shape[axis] - 1.0
+        away = last - at[axis] if end else at[axis]
+        border = at.copy()
+        border[axis] = end * last
+        share = norm.sf((np.maximum(away, 0.0) + 0.5) / np.sqrt(spread))
+        off = share / (1.0 - share) * (reading - sampling(o.shape, *border) @ height.ravel())
+        total += np.where(away < c.BORDER * np.sqrt(spread), off**2, 0.0)
+    return total
 
 
 def fit_datum(
@@ -213,7 +247,7 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     walls, fit = marked_walls(o, s, look, prior), deepcopy(in_register)
     fit.droplets = 0
     cells = look.valid & walls
-    view = View(o, look, cells, s.g[c.SPREAD])
+    view = View(o, look, cells, s.g[c.SPREAD], s.share)
     if cells.sum() < c.LEAST_CELLS:
         return fit, walls, view.with_spot
     before = np.concatenate([s.g, np.zeros(6), [] if o.model == "off" else s.share])
@@ -243,8 +277,8 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         tried = [x, *(x + np.pad(move, (0, len(x) - 2)) for move in moves)]
         x = tried[int(np.argmin([cost(each) for each in tried]))]
     for number in range(c.ROUNDS):
-        if abs(x[c.SPREAD] - view.spread) > c.SAME_SPREAD:
-            view.average(x[c.SPREAD])
+        if not view.is_averaged(x):
+            view.average(x[c.SPREAD], s.share if o.model == "off" else x[13:])
         view.step = max(c.SHORT_STEP, c.SLOPE_STEP * c.SHORTER**number)
         view.look(x)
         hot = view.slopes * shift_variance > 4.0 * view.variance
@@ -285,5 +319,5 @@ def learn_geometry(s: State, x: Any, covariance: Any, left: float, gained: float
     if len(s.misfits) > 1 and may_be:
         steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
         s.steps = np.maximum(steps, c.LEAST_STEP**2)
-    s.is_displaced = s.odds > c.DECIDED and may_be
+    s.is_displaced = len(s.misfits) > 1 and s.odds > c.DECIDED and may_be
     s.g, s.covariance = x[:7].copy(), covariance[:7, :7].copy()

@@ -108,7 +108,7 @@ CASES = {
     "foreign droplets": Case(around=5e-7),
     "droplets a little foreign": Case(around=2.5e-7, registered=False),
     "foreign droplets, too weak": Case(volume=0.45, around=1e-6, registered=False),
-    "foreign droplets, exact": Case(15, 13, noise=0.0, around=5e-7),
+    "foreign droplets, exact": Case(15, 13, noise=0.0, around=5e-7, cancels=1e-8),
     "one cell heaps up": Case(heap=9e-6, registered=False),
     "dead row, scans as they are": Case(layers=12, row=4, registered=False),
     "dead row, shifted": Case(15, 15, layers=12, row=4, shift=(0.6, -0.7)),
