@@ -140,8 +140,9 @@ class Observer:
         ends = (~is_big, is_same) if is_robust else (is_back, ~is_big)
         is_believed = look.valid & is_big & (is_real | (not is_robust))
         is_failed = (look.pattern > 0) & (told < 0.0)  # a droplet that did not come
-        counts = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
-        return np.where(is_believed | (not is_robust), 1.0, weight), np.where(is_believed, rest**2, 0.0), *counts
+        vanished, lasted = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
+        weight, jump = np.where(is_believed | (not is_robust), 1.0, weight), np.where(is_believed, rest**2, 0.0)
+        return weight, jump, vanished, lasted
 
     def dead(self, before: State, look: Look, is_seen: Any, rest: Any, variance: Any) -> Any:
         """Evidence that nothing comes, against a weak droplet."""
