@@ -154,8 +154,9 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
 def planned_ahead(controller: Any) -> tuple[bool, int]:
     """Whether the plant is a foreign one, and the layers of the last plan that jet."""
     assert isinstance(controller, LayerController)
-    state = controller._state
-    return state.estimate.figures.is_foreign, int(state.plan.any(axis=(1, 2)).sum())
+    step, state = controller._step, controller._state
+    estimate = controller._estimator.estimate(step.estimate_in(state))
+    return estimate.figures.is_foreign, int(step.plan_in(state).any(axis=(1, 2)).sum())
 
 
 def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:

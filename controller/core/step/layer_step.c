@@ -121,8 +121,8 @@ int32_t step_plan(const LayerStep *step, const void *before, void *after, double
         return CORE_NO_MEMORY;
     const ProblemMaps maps = {memory, memory + cells, (uint16_t *)(memory + 2 * cells)};
     uint8_t *dead = (uint8_t *)(maps.choices + layers * cells);
-    (void)mark_dead(&estimate, cells, dead);
-    const PlanSurface surface = {estimate.height, estimate.variance, dead, estimate.capped, &figures};
+    mark_dead(&estimate, cells, dead);
+    const SurfaceToPlan surface = {estimate.height, estimate.variance, dead, estimate.capped, &figures};
     const HorizonProblem problem = layer_problem(step, &surface, scan, &maps);
     PlanWork work = plan_work(step, scan);
     work.last = last_plan(before);

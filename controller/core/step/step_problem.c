@@ -9,7 +9,7 @@ static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std
 static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
 static const double NO_LIMIT = 1.0;       /* [m], of the overshoot: the largest value means none */
 
-static void allow_droplets(const LayerStep *step, const PlanSurface *surface, int32_t layer, size_t layers,
+static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer, size_t layers,
                            uint16_t *choices) {
     const LayerControllerVariables *v = step->values;
     const InkRegions regions = ink_regions(step);
@@ -37,7 +37,7 @@ static void weigh_cells(const LayerStep *step, double *weight) {
 
 /* What the surface is not to exceed, over the part only: spill outside would forbid every droplet at the edge. After
  * one more layer, full and on a flat surface, the next scan comes. */
-static void limit_cells(const LayerStep *step, const PlanSurface *surface, double *ceiling) {
+static void limit_cells(const LayerStep *step, const SurfaceToPlan *surface, double *ceiling) {
     const LayerControllerVariables *v = step->values;
     double squares = 0.0;
     for (int32_t k = 0; k < *v->inks; k++) {
@@ -61,7 +61,7 @@ static void add_kinds(const LayerStep *step, const Ink ink[INKS_MAX], HorizonPro
     }
 }
 
-HorizonProblem layer_problem(const LayerStep *step, const PlanSurface *surface, int32_t layer,
+HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
                              const ProblemMaps *maps) {
     const LayerControllerVariables *v = step->values;
     const EstimateFigures *figures = surface->figures;
@@ -92,9 +92,7 @@ HorizonProblem layer_problem(const LayerStep *step, const PlanSurface *surface, 
     return problem;
 }
 
-size_t mark_dead(const SurfaceEstimate *estimate, size_t cells, uint8_t *dead) {
-    size_t count = 0;
+void mark_dead(const SurfaceEstimate *estimate, size_t cells, uint8_t *dead) {
     for (size_t cell = 0; cell < cells; cell++)
-        count += dead[cell] = estimate->dead_evidence[cell] >= DEAD_EVIDENCE;
-    return count;
+        dead[cell] = estimate->dead_evidence[cell] >= DEAD_EVIDENCE;
 }

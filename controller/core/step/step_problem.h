@@ -12,7 +12,7 @@ typedef struct {
     const uint8_t *dead;            /* cells whose droplets bring nothing: tried again in some layers */
     const uint8_t *capped;          /* cells that are given no more ink */
     const EstimateFigures *figures; /* of which ink, droplet_std and is_foreign count */
-} PlanSurface;
+} SurfaceToPlan;
 
 /* What a problem points to: maps of nx * ny, and choices of horizon * nx * ny. */
 typedef struct {
@@ -22,9 +22,10 @@ typedef struct {
 
 /* The problem of the layers that follow layer number `layer`; it points into the surface, into the options and into the
  * maps, of which it fills those that it needs. */
-HorizonProblem layer_problem(const LayerStep *step, const PlanSurface *surface, int32_t layer, const ProblemMaps *maps);
+HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
+                             const ProblemMaps *maps);
 
-/* The cells that count as dead in an estimate; returns their number. */
-size_t mark_dead(const SurfaceEstimate *estimate, size_t cells, uint8_t *dead);
+/* The cells that count as dead in an estimate. */
+void mark_dead(const SurfaceEstimate *estimate, size_t cells, uint8_t *dead);
 
 #endif

@@ -12,12 +12,12 @@ from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.layer_problems import LayerProblems
 from inkloop_controller.model.regions import InkRegions, nominal_layer_height
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, SearchStatus
 from inkloop_controller.problem.options import Count, Option
 
 
@@ -64,22 +64,13 @@ class StochasticGreedy:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
         check_single_pass(job)
-        self._job, self._model, self._alpha = job, LayerModel.of(job), Criterion(alpha=alpha).alpha_of(1)
-        self._choices = DropletChoices(job, region_test="surface")
+        self._model = LayerModel.of(job)
+        self._problems = one_layer(job, DropletChoices(job, region_test="surface"), alpha)
         self._batch, self._iterations_max = batch, iterations_max
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
-        job = self._job
-        problem = HorizonProblem(
-            estimate.height,
-            job.target_height,
-            job.mask,
-            self._choices.allowed(estimate.height, 1),
-            self._choices.kinds(estimate.inks),
-            self._alpha,
-        )
-        key = random_key(job, layer)
+        problem, key = self._problems.problem(estimate, layer), int(self._problems.work(layer).seed)
         found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
         idle = bindings.objective(problem, no_droplets(problem))
         if found.objective.value >= idle.value:
@@ -87,6 +78,12 @@ class StochasticGreedy:
         predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
         status = PlanStatus.REPAIRED if found.status is SearchStatus.DONE else PlanStatus.BUDGET
         return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", found.sweeps)
+
+
+def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
+    """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
+    plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
+    return LayerProblems(job, plain, choices, ahead=1, horizon=1)
 
 
 def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:

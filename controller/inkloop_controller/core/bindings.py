@@ -16,7 +16,6 @@ from inkloop_controller.core.structs import (
     AfterSweep,
     InkRegionsStruct,
     InkStruct,
-    JettedLayerStruct,
     ObjectiveStruct,
     ProblemStruct,
     ReportStruct,
@@ -54,6 +53,7 @@ __all__ = [
     "objective",
     "paper_search",
     "search",
+    "split",
 ]
 
 _NO_MEMORY = 4
@@ -183,6 +183,14 @@ def ink_choices(
     return choices
 
 
+def split(layer: IntMap, inks: int) -> tuple[IntMap, IntMap]:
+    """A layer of a plan (nx, ny) as pattern, 0 none, 1 material A, 2 material B, and drops per site, 1 for none."""
+    droplets = laid_out("layer", layer, "i4", np.shape(layer))
+    pattern, level = np.empty(layer.shape, np.int32), np.empty(layer.shape, np.int32)
+    library().inkloop_pattern(pointer(droplets), layer.size, inks, pointer(pattern), pointer(level))
+    return pattern, level
+
+
 def problem_struct(problem: HorizonProblem) -> ProblemStruct:
     """The problem for C; its arrays must stay alive as long."""
     kinds = [InkStruct(kind.h1, kind.h2, kind.h3) for kind in problem.kinds]
@@ -255,18 +263,6 @@ def laid_out(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -
     if error:
         raise ValueError(error)
     return np.ascontiguousarray(array)
-
-
-def layer_struct(pattern: IntMap, order: Sequence[int], factor: FloatMap | None, threads: int = 1) -> JettedLayerStruct:
-    """A jetted layer for C; its arrays, in C order, must stay alive as long. threads: to look at it with."""
-    return JettedLayerStruct(
-        *pattern.shape,
-        pointer(pattern),
-        None if factor is None else pointer(factor),
-        4 if len(order) else 1,
-        (ctypes.c_int32 * 4)(*order),
-        threads,
-    )
 
 
 def ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:

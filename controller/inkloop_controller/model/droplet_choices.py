@@ -7,9 +7,9 @@ from typing import Annotated
 
 import numpy as np
 
-from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller.model.regions import InkRegions, RegionTest
-from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
+from inkloop.component import BoolMap, Job
+from inkloop_controller.model.regions import RegionTest
+from inkloop_controller.problem.horizon_problem import KINDS_MAX
 from inkloop_controller.problem.options import Option
 
 DEAD_NOZZLES = Option(
@@ -23,9 +23,8 @@ NOZZLE_PITCH = Option(
 
 
 class DropletChoices:
-    """The kinds of droplets of a job, and where each may fall in the coming layers.
+    """Which droplets may fall on a cell: of the ink of its region, in the sizes of the head, from nozzles that jet.
 
-    A kind is an ink in a drop size: kind (level - 1) * inks + ink, where level droplets fall at once (grey heads).
     drop_levels: largest level; dead_nozzles: nozzles that jet nothing, of nozzle_pitch in all: cell (i, j) is jetted by
     nozzle j modulo nozzle_pitch (0: as many nozzles as the grid has columns).
     Raises ValueError, all errors in one sentence, for invalid values.
@@ -57,30 +56,6 @@ class DropletChoices:
         ]
         if errors:
             raise ValueError("; ".join(errors))
-        self._job, self._drop_levels = job, drop_levels
-        self.regions = InkRegions(job, region_test)
         alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
+        self.region_test, self.drop_levels = region_test, drop_levels
         self.jettable: BoolMap = job.mask & alive
-
-    def kinds(self, inks: Sequence[Ink]) -> tuple[Ink, ...]:
-        """Height that a droplet of each kind adds, for these inks."""
-        return tuple(
-            Ink(level * ink.h1, level * ink.h2, level * ink.h3)
-            for level in range(1, self._drop_levels + 1)
-            for ink in inks
-        )
-
-    def allowed(self, height: FloatMap, layers: int) -> ChoiceMaps:
-        """(layers, nx, ny): bit k is set where a droplet of kind k may fall, for the layers on the surface [m]."""
-        inks = self.regions.choices(height, layers)
-        levels = sum(1 << (level * len(self._job.inks)) for level in range(self._drop_levels))
-        return np.where(self.jettable, inks * levels, 0).astype(np.uint16)
-
-    def split(self, layer: IntMap) -> tuple[IntMap, IntMap]:
-        """A layer of a plan (nx, ny) as pattern (0 none, 1 material A, 2 material B) and drops per site (0 none)."""
-        inks = len(self._job.inks)
-        jetted = layer > 0
-        if self._drop_levels == 1:  # a layer is its own pattern: one map less
-            return layer, jetted.astype(np.int32)
-        pattern = np.where(jetted, (layer - 1) % inks + 1, 0).astype(np.int32)
-        return pattern, np.where(jetted, (layer - 1) // inks + 1, 0).astype(np.int32)

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated, TypeAlias
 
-import numpy as np
-
-from inkloop.component import BoolMap, FloatMap
 from inkloop_controller.problem.options import NotNegative, Option
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
@@ -35,9 +32,6 @@ OVERSHOOT = Option(
     absent="1 + 1.2 `droplet_std`",
 )
 OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
-CAUTION = 1.2  # overshoot above 1 for a droplet_std of 1 (by trial)
-CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
-NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
 
 @dataclass(frozen=True)
@@ -89,34 +83,10 @@ class Criterion:
             return float(self.alpha)
         return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
 
-    def overshoot_for(self, droplet_std: float) -> float:
-        """What a metre above the target costs, where droplets vary by `droplet_std`."""
-        return 1.0 + CAUTION * droplet_std if self.overshoot is None else self.overshoot
-
-    def ceiling(self, target: FloatMap, height_std: FloatMap, part: BoolMap) -> FloatMap | None:
-        """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`.
-
-        It holds over the part only: spill outside would forbid every droplet at the edge.
-        """
-        if self.overshoot_limit == inf:
-            return None
-        return np.where(part, target + self.overshoot_limit - self.chance_margin * height_std, NO_CEILING_M)
-
-    def weight(self, part: BoolMap) -> FloatMap:
-        """(nx, ny) weight of each cell's error."""
-        return np.where(part, 1.0, np.where(fringe(part), self.fringe_weight, 0.0))
-
     def _weights(self) -> list[float]:
         if isinstance(self.alpha, int | float):
             return [float(self.alpha)]
         return [weight for _, weight in self.alpha]
-
-
-def fringe(part: BoolMap) -> BoolMap:
-    """(nx, ny) the cells next to the part, by a side or a corner."""
-    framed = np.pad(part, 1)
-    near = [framed[i : i + part.shape[0], j : j + part.shape[1]] for i in range(3) for j in range(3)]
-    return np.asarray(np.logical_or.reduce(near) & ~part, np.bool_)
 
 
 def _is_number(alpha: AlphaSchedule) -> bool:
