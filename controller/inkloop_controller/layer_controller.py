@@ -40,11 +40,12 @@ class LayerController:
             raise ValueError(f'on_doubt is {on_doubt!r}; needs "stop" or "continue"')
         self._planner, self._estimator = planner, estimator
         self._state: Block
+        self._outputs: Values | None
         self._step = estimator.step.with_options(on_doubt=on_doubt)
         shape = self._step.shape
         self.inputs = tuple(each.port(shape) for each in variables().values() if each.causality == "input")
         self.outputs = (
-            *(_shown(each.port(shape)) for each in variables().values() if each.causality == "output"),
+            *(_without_bound(each.port(shape)) for each in variables().values() if each.causality == "output"),
             Port("bound_confidence", start=1.0),
             Port("gap", start=nan),
         )
@@ -53,7 +54,7 @@ class LayerController:
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start again; commands count from the number of layers printed by now."""
         self._begin_again(int(inputs[LAYERS_PRINTED]))
-        return dict(self._outputs)
+        return self._shown()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Answer a new scan of the layer commanded last, or the scan that stopped the print, once a person has looked.
@@ -63,7 +64,7 @@ class LayerController:
         """
         if self._step.is_due(inputs, self._state):
             self._answer(inputs)
-        return dict(self._outputs)
+        return self._shown()
 
     def terminate(self) -> None:
         """Nothing is held open."""
@@ -87,35 +88,36 @@ class LayerController:
             raise ComponentError(
                 f"layer controller: the state to be restored is of a grid ({nx}, {ny}); needs {self._step.shape}"
             )
-        self._show(state)
+        self._state, self._outputs = state, None
 
     def _begin_again(self, layers_printed: int) -> None:
-        self._show(self._step.new_state(getattr(self._planner, "horizon", 1), layers_printed))
+        layers = getattr(self._planner, "horizon", 1)
+        self._state, self._outputs = self._step.new_state(layers, layers_printed), None
 
     def _answer(self, inputs: Mapping[str, Any]) -> None:
         scanned, scan = perf_counter(), int(inputs[LAYERS_SCANNED])
         _check_scan(scan, inputs[MEASURED_HEIGHT], inputs[VALID], self._step.shape)
         measured, valid = self._estimator.scan(inputs[MEASURED_HEIGHT], inputs[VALID])
         state, lacks_plan = self._step.begin(measured, valid, self._state)
-        self._state = state  # where planning fails, it is begun again from the estimate
+        self._state, self._outputs = state, None  # where planning fails, it is begun again from the estimate
         if lacks_plan:
             estimate, last = self._estimator.estimate(self._step.estimate_in(state)), self._step.plan_in(state)
             plan = self._planner.plan(estimate, scan, last, perf_counter() - scanned)
-            state = self._step.take(state, plan.plan, _figures_of(plan, perf_counter() - scanned))
-        self._show(state)
+            self._state = self._step.take(state, plan.plan, _figures_of(plan, perf_counter() - scanned))
 
-    def _show(self, state: Block) -> None:
-        """The state and its outputs."""
-        self._state = state
-        figures, outputs = self._step.figures_in(state), dict(self._step.outputs(state))
-        if not outputs["bound_valid"]:
-            outputs["bound"] = np.asarray(nan)
-        outputs["bound_confidence"] = np.asarray(figures.bound_confidence)
-        outputs["gap"] = np.asarray(gap_of(figures.objective.value, figures.bound))
-        self._outputs = outputs
+    def _shown(self) -> Values:
+        """The outputs of the state, made once."""
+        if self._outputs is None:
+            figures, outputs = self._step.figures_in(self._state), dict(self._step.outputs(self._state))
+            if not outputs["bound_valid"]:
+                outputs["bound"] = np.asarray(nan)
+            outputs["bound_confidence"] = np.asarray(figures.bound_confidence)
+            outputs["gap"] = np.asarray(gap_of(figures.objective.value, figures.bound))
+            self._outputs = outputs
+        return dict(self._outputs)
 
 
-def _shown(port: Port) -> Port:
+def _without_bound(port: Port) -> Port:
     """Without a bound there is no number for it."""
     return Port(port.name, port.unit, port.shape, port.dtype, nan) if port.name == "bound" else port
 

@@ -97,7 +97,7 @@ static Outcome do_step(Instance *instance, double start_time, double end_time) {
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cells_of(&step));
     if (!step_is_due(&step, kept))
         return ACCEPTED;
-    void *after = calloc(1, size); /* a state repeats bit by bit */
+    void *after = malloc(size);
     if (!after)
         return refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cells_of(&step));
     Outcome outcome = answer(instance, &step, kept, after, began);

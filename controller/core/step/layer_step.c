@@ -78,6 +78,7 @@ int32_t step_begin(const LayerStep *step, const void *before, void *after) {
     *head = *(const StateHead *)before;
     SurfaceEstimate estimate = state_estimate(after);
     memcpy(state_plan(after), last_plan(before), (size_t)head->layers * cells * sizeof(int32_t));
+    state_plan(after)[-1] = state_plan(after)[-2] = 0; /* nothing may lie between the maps and the plan */
     if (head->estimated < *step->values->layers_scanned && !looked_at) {
         if (!estimate_scan(step, before, &estimate))
             return STEP_NO_MEMORY;

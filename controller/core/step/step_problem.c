@@ -9,7 +9,8 @@ static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std
 static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
 static const double NO_LIMIT = 1.0;       /* [m], of the overshoot: the largest value means none */
 
-static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer, size_t layers,
+/* The droplets that may fall on the cells in the layer that comes `ahead` layers later than the next one. */
+static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, size_t ahead, bool dead_are_tried,
                            uint16_t *choices) {
     const LayerControllerVariables *v = step->values;
     const InkRegions regions = ink_regions(step);
@@ -17,12 +18,11 @@ static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, 
     unsigned levels = 0;
     for (int32_t level = 0; level < *v->drop_levels; level++)
         levels |= 1u << (level * *v->inks);
-    for (size_t place = 0; place < layers * cells; place++) {
-        const size_t cell = place % cells;
-        const bool is_tried = place < cells && is_probe((int64_t)layer + 1);
+    for (size_t cell = 0; cell < cells; cell++) {
         const bool is_reached = v->mask[cell] && v->jettable[cell] && !surface->capped[cell];
-        const unsigned inks = inks_for(&regions, cell, surface->height[cell], place / cells);
-        choices[place] = is_reached && (!surface->dead[cell] || is_tried) ? (uint16_t)(inks * levels) : 0;
+        const bool is_jetted = is_reached && (!surface->dead[cell] || dead_are_tried);
+        const unsigned inks = is_jetted ? inks_for(&regions, cell, surface->height[cell], ahead) : 0;
+        choices[cell] = (uint16_t)(inks * levels);
     }
 }
 
@@ -82,7 +82,9 @@ HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface
                               .droplet_std = droplet_std,
                               .passes = *v->passes};
     add_kinds(step, figures->ink, &problem);
-    allow_droplets(step, surface, layer, problem.layers, maps->choices);
+    for (size_t ahead = 0; ahead < problem.layers; ahead++)
+        allow_droplets(step, surface, ahead, ahead == 0 && is_probe((int64_t)layer + 1),
+                       maps->choices + ahead * cells_of(step));
     if (is_limited)
         limit_cells(step, surface, maps->ceiling);
     if (has_fringe)

@@ -53,11 +53,11 @@ bool is_stopped(const LayerStep *step, const void *state);
 
 /* Material of a droplet of a plan, 1 or 2, and how many drops make it; 0 and 1 for none. */
 static inline int32_t material_of(int32_t droplet, int32_t inks) {
-    return droplet == 0 ? 0 : 1 + (droplet - 1) % inks;
+    return droplet <= inks ? droplet : 1 + (droplet - 1) % inks; /* single drops are of no number but their ink's */
 }
 
 static inline int32_t drops_of(int32_t droplet, int32_t inks) {
-    return droplet == 0 ? 1 : 1 + (droplet - 1) / inks;
+    return droplet <= inks ? 1 : 1 + (droplet - 1) / inks;
 }
 
 #endif

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, Ink, Job, Values
-from inkloop.contract import LAYER_UNKNOWN, LAYERS_PRINTED, LAYERS_SCANNED, LOOKED_AT, MEASURED_HEIGHT, VALID
+from inkloop.contract import (
+    DROP_LEVEL,
+    LAYER_UNKNOWN,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    LOOKED_AT,
+    MEASURED_HEIGHT,
+    VALID,
+)
 from inkloop.geometry import Columns
 from inkloop_controller.core.bindings import answered, pointer
 from inkloop_controller.core.library import library
@@ -68,7 +76,7 @@ class LayerStep:
 
     def new_state(self, layers: int, layers_printed: int) -> Block:
         """The state before the first scan, with room for a plan of `layers`."""
-        state = np.zeros(self._size(layers), np.uint8)
+        state = np.empty(self._size(layers), np.uint8)
         library().inkloop_state_start(self.struct, layers, layers_printed, pointer(state))
         return state
 
@@ -108,25 +116,30 @@ class LayerStep:
         self._values[MEASURED_HEIGHT], self._values[VALID] = measured, valid
         for name in (MEASURED_HEIGHT, VALID):
             self._point(name)
-        after = np.zeros_like(before)
+        after = np.empty_like(before)
         code = answered(library().inkloop_step_begin(self.struct, pointer(before), pointer(after)))
         return after, code == _PLAN
 
     def take(self, state: Block, plan: IntPlan, figures: PlanFiguresStruct) -> Block:
         """The state with a plan (layers, nx, ny): the same one, changed, or another one for as many layers."""
         layers = len(plan)
-        after = state if self.layers_of(state) == layers else np.zeros(self._size(layers), np.uint8)
+        after = state if self.layers_of(state) == layers else np.empty(self._size(layers), np.uint8)
         library().inkloop_step_take(self.struct, pointer(state), pointer(plan), layers, figures, pointer(after))
         return after
 
     def outputs(self, state: Block) -> Values:
         """The outputs of a state by name, in arrays of their own."""
-        named = {name: each for name, each in variables().items() if each.causality == "output"}
-        for name, each in named.items():
-            self._values[name] = np.empty(self.shape if each.shape == "grid" else (), each.dtype)
-            self._point(name)
+        found = {
+            name: np.empty(self.shape if each.shape == "grid" else (), each.dtype)
+            for name, each in variables().items()
+            if each.causality == "output"
+        }
+        for name, place in found.items():
+            self._pointers[self._places[name]] = place.ctypes.data
         library().inkloop_step_outputs(self.struct, pointer(state))
-        return {name: self._values[name] for name in named}
+        if (found[DROP_LEVEL] == 1).all():  # of most prints: a map without memory of its own
+            found[DROP_LEVEL] = np.broadcast_to(np.int32(1), self.shape)
+        return found
 
     def _size(self, layers: int) -> int:
         return int(library().inkloop_state_size(self.shape[0] * self.shape[1], layers))
