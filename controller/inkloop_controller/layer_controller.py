@@ -15,10 +15,11 @@ from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, VA
 from inkloop.errors import ComponentError
 from inkloop_controller.core.layer_step import Block
 from inkloop_controller.core.structs import ObjectiveStruct, PlanFiguresStruct
-from inkloop_controller.core.variables import variables
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner, PlanStatus, gap_of
 from inkloop_controller.problem.arrays import is_finite
+from inkloop_controller.problem.options import errors_of
+from inkloop_controller.problem.variables import variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
 """What follows where the scans do not show what was printed."""
@@ -36,8 +37,9 @@ class LayerController:
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
-        if on_doubt not in ("stop", "continue"):
-            raise ValueError(f'on_doubt is {on_doubt!r}; needs "stop" or "continue"')
+        errors = errors_of(on_doubt=on_doubt)
+        if errors:
+            raise ValueError("; ".join(errors))
         self._planner, self._estimator = planner, estimator
         self._state: Block
         self._outputs: Values | None

@@ -19,12 +19,13 @@ from inkloop.contract import (
     MEASURED_HEIGHT,
     VALID,
 )
+from inkloop.errors import InkloopError
 from inkloop.geometry import Columns
 from inkloop_controller.core.bindings import answered, pointer
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import LayerStepStruct, PlanFiguresStruct
-from inkloop_controller.core.variables import variables
 from inkloop_controller.problem.horizon_problem import IntPlan
+from inkloop_controller.problem.variables import variables
 
 Block = NDArray[np.uint8]
 """Bytes of a state, or of an estimate."""
@@ -49,6 +50,8 @@ class LayerStep:
         take_as_read: bool = False,
         **options: Any,
     ) -> None:
+        if len(variables()) != library().inkloop_variables():
+            raise InkloopError("variables.toml is not of the same build as the core; run make, or pip install again")
         self.shape = job.nx, job.ny
         self._made_of = {"job": job, "jettable": jettable, "columns": columns, "threads": threads, **options}
         self._made_of["take_as_read"] = take_as_read

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import IntFlag
-from typing import Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.core.bindings import answered, checked, ink_pair, laid_out, pointer
@@ -17,36 +16,10 @@ from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import FiguresStruct
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.options import Length, Option
+from inkloop_controller.problem.options import declared, default, errors_of
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
-
-INK_MODELS = get_args(InkModel)
-
-SENSOR_NOISE = Option(
-    unit="um",
-    meaning="standard deviation of a reading; 0: readings are exact",
-    absent="estimated from the cells that are not printed",
-    form=Length | None,
-)
-REGISTERED = Option(
-    meaning="find shift, rotation, magnification and spot of the scans, and correct scans for them once they explain "
-    "what was read; false where fiducials register the profiler: then what is found is the placement of droplets"
-)
-FLAT_GROUND = Option(
-    meaning="layer 0 is flat, of height 0: the first scan shows how the profiler is levelled",
-    absent="where the scenario has no `[substrate]`",
-    form=bool | None,
-)
-VOLUME_LEAST = Option(
-    meaning="least volume of the droplets, as a share of the nominal one, that is believed; less stops the print",
-    form=Annotated[float, Field(ge=0.01, le=1.0)],
-)
-VOLUME_MOST = Option(
-    meaning="largest volume of the droplets that is believed; more stops the print",
-    form=Annotated[float, Field(ge=1.0, le=100.0)],
-)
 
 
 class UntrustedReason(IntFlag):
@@ -201,50 +174,32 @@ class HeightEstimator:
         self,
         job: Job,
         *,
-        adapt_ink: Annotated[InkModel, Option()] = "scale",
-        sensor_noise_std: Annotated[float | None, SENSOR_NOISE] = None,
-        sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
-        untrusted_layers: Annotated[int, Option()] = 5,
-        register_scans: Annotated[bool, REGISTERED] = True,
-        flat_ground: Annotated[bool | None, FLAT_GROUND] = None,
-        volume_least: Annotated[float, VOLUME_LEAST] = 0.5,
-        volume_most: Annotated[float, VOLUME_MOST] = 1.25,
+        adapt_ink: Annotated[InkModel, declared("adapt_ink")] = default("adapt_ink"),
+        sensor_noise_std: Annotated[float | None, declared("sensor_noise_std")] = default("sensor_noise_std"),
+        sensor_resolution: Annotated[float, declared("sensor_resolution")] = default("sensor_resolution"),
+        untrusted_layers: Annotated[int, declared("untrusted_layers")] = default("untrusted_layers"),
+        register_scans: Annotated[bool, declared("register_scans")] = default("register_scans"),
+        flat_ground: Annotated[bool | None, declared("flat_ground")] = default("flat_ground"),
+        volume_least: Annotated[float, declared("volume_least")] = default("volume_least"),
+        volume_most: Annotated[float, declared("volume_most")] = default("volume_most"),
         drop_levels: int = 1,
         take_as_read: bool = False,
         threads: int = 1,
     ) -> None:
-        errors = []
-        if adapt_ink not in INK_MODELS:
-            errors.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
-        if sensor_noise_std is not None and not 0.0 <= sensor_noise_std < np.inf:
-            errors.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
-        if not 0.0 <= sensor_resolution < np.inf:
-            errors.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
-        if threads < 1:
-            errors.append(f"threads is {threads}; needs at least 1")
-        if untrusted_layers < 0:
-            errors.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
-        if not 0.01 <= volume_least <= 1.0 <= volume_most <= 100.0:
-            errors.append(
-                f"volume_least is {volume_least} and volume_most {volume_most}; needs shares of the nominal volume of "
-                "0.01 to 1 and of 1 to 100"
-            )
+        options: dict[str, Any] = {
+            "adapt_ink": adapt_ink,
+            "sensor_noise_std": sensor_noise_std,
+            "sensor_resolution": sensor_resolution,
+            "untrusted_layers": untrusted_layers,
+            "register_scans": register_scans,
+            "flat_ground": job.height_start is None if flat_ground is None else flat_ground,
+            "volume_least": volume_least,
+            "volume_most": volume_most,
+        }
+        errors = errors_of(**options, threads=threads)
         if errors:
             raise ValueError("; ".join(errors))
-        self.step = LayerStep(
-            job,
-            threads=threads,
-            take_as_read=take_as_read,
-            adapt_ink=adapt_ink,
-            sensor_noise_std=sensor_noise_std,
-            sensor_resolution=sensor_resolution,
-            untrusted_layers=untrusted_layers,
-            register_scans=register_scans,
-            flat_ground=job.height_start is None if flat_ground is None else flat_ground,
-            volume_least=volume_least,
-            volume_most=volume_most,
-            drop_levels=drop_levels,
-        )
+        self.step = LayerStep(job, threads=threads, take_as_read=take_as_read, drop_levels=drop_levels, **options)
         self._shape, self._inks = (job.nx, job.ny), len(job.inks)
 
     def first(self, measured: FloatMap, valid: BoolMap, layer: int = 0) -> Estimate:

@@ -10,16 +10,7 @@ import numpy as np
 from inkloop.component import BoolMap, Job
 from inkloop_controller.model.regions import RegionTest
 from inkloop_controller.problem.horizon_problem import KINDS_MAX
-from inkloop_controller.problem.options import Option
-
-DEAD_NOZZLES = Option(
-    meaning="nozzles that jet nothing and are excluded from the plans; neighbours still spill there. Cells that stay "
-    "empty are also found during the print"
-)
-NOZZLE_PITCH = Option(
-    meaning="nozzles of the head: cell (i, j) belongs to nozzle j modulo this number; 0: one for each column. Give "
-    "the printer the same value"
-)
+from inkloop_controller.problem.options import declared, default, errors_of
 
 
 class DropletChoices:
@@ -34,21 +25,19 @@ class DropletChoices:
         self,
         job: Job,
         *,
-        region_test: Annotated[RegionTest, Option()] = "middle",
-        drop_levels: Annotated[int, Option()] = 1,
-        dead_nozzles: Annotated[Sequence[int], DEAD_NOZZLES] = (),
-        nozzle_pitch: Annotated[int, NOZZLE_PITCH] = 0,
+        region_test: Annotated[RegionTest, declared("region_test")] = default("region_test"),
+        drop_levels: Annotated[int, declared("drop_levels")] = default("drop_levels"),
+        dead_nozzles: Annotated[Sequence[int], declared("dead_nozzles")] = (),
+        nozzle_pitch: Annotated[int, declared("nozzle_pitch")] = default("nozzle_pitch"),
     ) -> None:
         nozzles = nozzle_pitch or job.ny
-        errors = []
+        errors = errors_of(region_test=region_test, nozzle_pitch=nozzle_pitch)
         if job.mask.shape != (job.nx, job.ny):
             errors.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
         if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:
             errors.append(
                 f"drop_levels is {drop_levels} with {len(job.inks)} inks; needs 1 to {KINDS_MAX // len(job.inks)}"
             )
-        if nozzle_pitch < 0:
-            errors.append(f"nozzle_pitch is {nozzle_pitch}; needs a number of nozzles, or 0 for one per column")
         errors += [
             f"dead_nozzles has {nozzle}; needs nozzles 0 to {nozzles - 1}"
             for nozzle in dead_nozzles

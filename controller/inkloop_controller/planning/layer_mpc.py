@@ -21,8 +21,8 @@ from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import PLAIN, Criterion
-from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntMap, IntPlan, SearchProgress
-from inkloop_controller.problem.options import Option
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress
+from inkloop_controller.problem.options import declared, default, errors_of
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -31,12 +31,6 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "slp", "ipopt", "highs", "none"]
 
-HORIZON = Option(meaning="layers that are planned ahead, 1 to 5, whatever `finish` says", absent="by `finish`")
-RELAXATION = Option(
-    meaning='start of the search: projected gradients in C, or by CasADi `"slp"` (linear programs one after the other, '
-    'some hundred cells), `"ipopt"` (small grids) and `"highs"` (`horizon` = 1, `alpha` = 1), or `"none"`'
-)
-CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 SOLVER_SHARE = 0.5  # of a time limit that the relaxation by a solver may take (assumed)
 
@@ -72,18 +66,18 @@ class LayerMpc:
         job: Job,
         *,
         criterion: Criterion = PLAIN,
-        finish: Annotated[Finish, Option()] = "even",
-        horizon: Annotated[int | None, HORIZON] = None,
+        finish: Annotated[Finish, declared("finish")] = default("finish"),
+        horizon: Annotated[int | None, declared("horizon")] = default("horizon"),
         choices: DropletChoices | None = None,
-        relaxation: Annotated[Relaxation, RELAXATION] = "gradient",
+        relaxation: Annotated[Relaxation, declared("relaxation")] = default("relaxation"),
         work: Work = DEFAULT_WORK,
-        certified: Annotated[bool, CERTIFIED] = False,
+        certified: Annotated[bool, declared("certified")] = default("certified"),
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        ending, given = ending_of(finish), horizon
-        horizon = ending.horizon if horizon is None else horizon
-        if not 1 <= horizon <= HORIZON_MAX:
-            raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
+        errors = errors_of(finish=finish, horizon=horizon, relaxation=relaxation)
+        if errors:
+            raise ValueError("; ".join(errors))
+        given, horizon = horizon, ending_of(finish).horizon if horizon is None else horizon
         if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(
                 f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"

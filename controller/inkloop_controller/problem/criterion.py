@@ -4,34 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
 from typing import Annotated, TypeAlias
 
-from inkloop_controller.problem.options import NotNegative, Option
+from inkloop_controller.problem.options import declared, default, errors_of
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
 
-ALPHA = Option(
-    meaning="weight of the mean error against the standard deviation, 0 to 1, or a schedule: `[[1, 0.5], [40, 1.0]]` "
-    "is 0.5 from layer 1 and 1.0 from layer 40 on. Below about 0.1 a print may never begin or never end",
-    form=float | list[tuple[int, float]],
-)
-LAYER_WORTH = Option(
-    meaning="what each layer must gain to be printed, whatever `finish` says, as a share of the height of a full layer "
-    "of the smallest drops; 0: every layer that gains anything",
-    absent="by `finish`",
-)
-DROPLET_STD = Option(
-    meaning="standard deviation of a droplet's volume, as a share of it: what the last droplets leave to chance "
-    "counts; 0: plans go by the predicted surface alone",
-    absent="as learnt",
-)
-OVERSHOOT = Option(
-    meaning="cost of a height above the target relative to the same height below it: jetted ink cannot be removed",
-    absent="1 + 1.2 `droplet_std`",
-)
-OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
+ALPHA = declared("alpha", form=float | list[tuple[int, float]])
 
 
 @dataclass(frozen=True)
@@ -50,30 +30,18 @@ class Criterion:
     Raises ValueError, all errors in one sentence, for invalid values.
     """
 
-    alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
-    overshoot: Annotated[float | None, OVERSHOOT] = None
-    overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
-    chance_margin: Annotated[float, Option()] = 0.0
-    fringe_weight: Annotated[float, Option()] = 0.0
-    droplet_std: Annotated[float | None, DROPLET_STD] = None
-    layer_worth: Annotated[float | None, LAYER_WORTH] = None
+    alpha: Annotated[AlphaSchedule, ALPHA] = default("alpha")
+    overshoot: Annotated[float | None, declared("overshoot")] = default("overshoot")
+    overshoot_limit: Annotated[float, declared("overshoot_limit")] = default("overshoot_limit")
+    chance_margin: Annotated[float, declared("chance_margin")] = default("chance_margin")
+    fringe_weight: Annotated[float, declared("fringe_weight")] = default("fringe_weight")
+    droplet_std: Annotated[float | None, declared("droplet_std")] = default("droplet_std")
+    layer_worth: Annotated[float | None, declared("layer_worth")] = default("layer_worth")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
-        errors = [
-            f"alpha is {weight}; needs a weight between 0 (evenness only) and 1 (height only)"
-            for weight in self._weights()
-            if not 0.0 <= weight <= 1.0
-        ]
-        if self.overshoot is not None and not 0.0 < self.overshoot < inf:
-            errors.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
-        errors += [
-            f"{name} is {getattr(self, name)}; needs a value of at least 0"
-            for name in ("overshoot_limit", "chance_margin", "layer_worth", "droplet_std")
-            if (value := getattr(self, name)) is not None and not value >= 0.0
-        ]
-        if not 0.0 <= self.fringe_weight <= 1.0:
-            errors.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
+        errors = [error for weight in self._weights() for error in errors_of(alpha=weight)]
+        errors += errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"})
         if errors:
             raise ValueError("; ".join(errors))
 

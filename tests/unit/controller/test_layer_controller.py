@@ -179,7 +179,7 @@ def test_state_of_another_grid_is_refused() -> None:
     earlier = io.BytesIO()
     np.savez(earlier, plan=np.zeros((1, JOB.nx, JOB.ny), np.int32), layer_command=0)
     for wrong in (b"nonsense", b"", bytes(damaged), earlier.getvalue()):
-        with pytest.raises(ComponentError, match="is no state of it.*begin the print again"):
+        with pytest.raises(ComponentError, match=r"is no state of it.*begin the print again"):
             LayerMpcController(JOB).restore(wrong)
 
 

@@ -180,5 +180,5 @@ def test_volumes_that_are_believed_are_those_that_were_asked_for() -> None:
     for _ in range(5):
         bench.print(bench.full_pattern())
     assert bench.estimate.figures.stop == UntrustedReason.VOLUME
-    with pytest.raises(ValueError, match=r"volume_least is 1\.5 and volume_most 1\.25"):
+    with pytest.raises(ValueError, match=r"volume_least is 1\.5; needs a share of the nominal volume of 0\.01 to 1"):
         HeightEstimator(bench.job, volume_least=1.5)
