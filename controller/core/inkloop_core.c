@@ -77,11 +77,6 @@ int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, i
     return diffuse_droplets(problem, droplets, INFINITY, plan);
 }
 
-void inkloop_ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers,
-                         int32_t *choices) {
-    ink_choices(regions, cells, height, layers, choices);
-}
-
 int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
     return plan_shortest(problem, work, plan, report);
 }

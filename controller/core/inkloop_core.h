@@ -9,7 +9,6 @@
 
 #include "horizon_planner.h"
 #include "horizon_problem.h"
-#include "ink_regions.h"
 #include "layer_step.h"
 #include "shortest_plan.h"
 #include "step_problem.h"
@@ -58,11 +57,6 @@ INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem,
 
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
-
-/* Bit 0 where the first ink belongs on each cell in each of the coming layers (layers * cells), bit 1 where the second
- * (ink_regions.h). */
-INKLOOP_CORE_API void inkloop_ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers,
-                                          int32_t *choices);
 
 /* The best plan found for a problem, of no more layers than are worth it (shortest_plan.h). */
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,

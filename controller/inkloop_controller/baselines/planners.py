@@ -13,7 +13,6 @@ from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.layer_problems import LayerProblems
-from inkloop_controller.model.regions import InkRegions, nominal_layer_height
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
@@ -32,14 +31,14 @@ class OpenLoop:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
-        self._job, self._regions = job, InkRegions(job, "middle")
+        self._job, self._problems = job, one_layer(job, DropletChoices(job), alpha=1.0)
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
         lacking = layer < self._layers
         nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
-        pattern = np.where(lacking, 1 + self._regions.materials(nominal_surface), 0).astype(np.int32)
+        pattern = np.where(lacking, 1 + self._problems.materials(nominal_surface), 0).astype(np.int32)
         status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
         return judged(self._job, estimate, layer, pattern, status, "full layer")
 
@@ -84,6 +83,12 @@ def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
     """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
     plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
     return LayerProblems(job, plain, choices, ahead=1, horizon=1)
+
+
+def nominal_layer_height(job: Job) -> float:
+    """Height of a full layer [m]; where the job has a region, the mean over its inks."""
+    inks = job.inks if job.region is not None else job.inks[:1]
+    return sum(ink.layer_height for ink in inks) / len(inks)
 
 
 def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:

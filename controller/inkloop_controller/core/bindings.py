@@ -14,7 +14,6 @@ from inkloop.component import FloatMap, Ink
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import (
     AfterSweep,
-    InkRegionsStruct,
     InkStruct,
     ObjectiveStruct,
     ProblemStruct,
@@ -48,7 +47,6 @@ __all__ = [
     "SearchProgress",
     "SearchResult",
     "SearchStatus",
-    "ink_choices",
     "layer",
     "objective",
     "paper_search",
@@ -157,30 +155,6 @@ def layer(
         pointer(after),
     )
     return after
-
-
-def ink_choices(
-    offsets: NDArray[np.int64],
-    bottoms: FloatMap,
-    tops: FloatMap,
-    height: FloatMap,
-    layers: int,
-    step: float,
-    test: int,
-) -> IntMap:
-    """(layers, nx, ny): 1, 2 or 3 (either) for the ink of each cell, by intervals of height for the first ink.
-
-    offsets, bottoms, tops: as in `inkloop.geometry.Columns`; height: (nx, ny) [m]; step: what a layer adds [m]; test:
-    REGION_... of ink_regions.h.
-    """
-    cells = height.size
-    surface = checked("height", height, "f8", height.shape)
-    spans = checked("offsets", offsets, "i8", (cells + 1,))
-    ends = [np.ascontiguousarray(values) for values in (bottoms, tops)]
-    choices = np.empty((layers, *height.shape), np.int32)
-    regions = InkRegionsStruct(pointer(spans), pointer(ends[0]), pointer(ends[1]), step, test)
-    library().inkloop_ink_choices(regions, cells, pointer(surface), layers, pointer(choices))
-    return choices
 
 
 def split(layer: IntMap, inks: int) -> tuple[IntMap, IntMap]:

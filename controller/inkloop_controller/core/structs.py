@@ -177,36 +177,6 @@ class RelaxationReportStruct(ctypes.Structure):
     _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
 
 
-class InkRegionsStruct(ctypes.Structure):
-    """`InkRegions` of ink_regions.h."""
-
-    _fields_ = (
-        ("offsets", ctypes.POINTER(ctypes.c_int64)),
-        ("bottoms", REALS),
-        ("tops", REALS),
-        ("step", ctypes.c_double),
-        ("test", ctypes.c_int32),
-    )
-
-
-class FiguresStruct(ctypes.Structure):
-    """`EstimateFigures` of surface_estimate.h."""
-
-    _fields_ = (
-        ("ink", InkStruct * 2),
-        ("volume", ctypes.c_double),
-        ("droplet_std", ctypes.c_double),
-        ("noise_std", ctypes.c_double),
-        ("ground", ctypes.c_double * 3),
-        *((name, ctypes.c_double) for name in ("surprise", "blind_share", "excess", "rise")),
-        *((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std")),
-        *((name, ctypes.c_double) for name in ("rotation", "magnification", "stop_figure")),
-        *((name, ctypes.c_int64) for name in ("reasons", "stop", "stop_layer", "transform")),
-        *((name, ctypes.c_int64) for name in ("unseen_cells", "dead_cells", "capped_cells", "excess_cell")),
-        *((name, ctypes.c_int64) for name in ("rise_cell", "is_displaced", "is_foreign", "scans")),
-    )
-
-
 class SurfaceToPlanStruct(ctypes.Structure):
     """`SurfaceToPlan` of step_problem.h."""
 
@@ -215,7 +185,7 @@ class SurfaceToPlanStruct(ctypes.Structure):
         ("variance", REALS),
         ("dead", MARKS),
         ("capped", MARKS),
-        ("figures", ctypes.POINTER(FiguresStruct)),
+        ("figures", ctypes.c_void_p),
     )
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from inkloop.component import BoolMap, Job
-from inkloop_controller.model.regions import RegionTest
 from inkloop_controller.problem.horizon_problem import KINDS_MAX
 from inkloop_controller.problem.options import declared, default, errors_of
+
+RegionTest: TypeAlias = Literal["middle", "surface", "either"]
+"""Where a cell is asked for its ink: half a layer above the surface; on it, as the paper has it; or at both ends of the
+layer, either ink being right where they differ. The middle halves the error of the printed geometry."""
 
 
 class DropletChoices:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.component import Ink, Job
+from inkloop.component import FloatMap, Ink, Job
 from inkloop.geometry import Columns
 from inkloop_controller.core.bindings import checked, laid_out, pointer
 from inkloop_controller.core.layer_step import LayerStep
@@ -16,7 +16,9 @@ from inkloop_controller.core.structs import PlanWorkStruct, ProblemMapsStruct, P
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.horizon_problem import ChoiceMaps, HorizonProblem, IntMap
+
+_INK_B = 2  # choices where ink B alone may fall, in single drops
 
 
 class LayerProblems:
@@ -53,27 +55,19 @@ class LayerProblems:
             **options,
         )
 
+    def materials(self, height: FloatMap) -> IntMap:
+        """(nx, ny) index of the ink that belongs on each cell of the part, on a surface `height` [m]: 0 A, 1 B."""
+        *_, choices = self._filled(Estimate.exact(height, self._job.inks), 0)
+        return np.asarray(choices[0] == _INK_B, np.int32)
+
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
         """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
-        shape = self._step.shape
-        height = checked("height", estimate.height, "f8", shape)
-        variance = laid_out("height_variance", estimate.height_variance, "f8", shape)
-        dead, capped = (laid_out("marks", marks, "?", shape) for marks in (estimate.dead, estimate.capped))
-        self._step.set("alpha", self._criterion.alpha_of(layer + 1))
-        figures = estimate.figures.struct(estimate.inks)
-        ceiling, weight = np.empty(shape), np.empty(shape)
-        choices = np.empty((self._ahead, *shape), np.uint16)
-        surface = SurfaceToPlanStruct(
-            pointer(height), pointer(variance), pointer(dead), pointer(capped), ctypes.pointer(figures)
-        )
-        found = ProblemStruct()
-        room = ProblemMapsStruct(pointer(ceiling), pointer(weight), pointer(choices))
-        library().inkloop_layer_problem(self._step.struct, surface, layer, room, found)
+        found, ceiling, weight, choices = self._filled(estimate, layer)
         return HorizonProblem(
-            height=height,
+            height=estimate.height,
             target=self._job.target_height,
             part=self._job.mask,
-            choices=choices[: found.layers],
+            choices=choices,
             kinds=tuple(Ink(kind.h1, kind.h2, kind.h3) for kind in found.kind[: found.kinds]),
             alpha=found.alpha,
             weight=weight if found.weight else None,
@@ -83,6 +77,24 @@ class LayerProblems:
             droplet_std=found.droplet_std,
             colours=tuple(tuple(order) for order in found.colours[: found.layers]) if found.passes > 1 else (),
         )
+
+    def _filled(self, estimate: Estimate, layer: int) -> tuple[ProblemStruct, FloatMap, FloatMap, ChoiceMaps]:
+        """The problem of C, and its maps of ceiling, weight and choices; what it does not need is not filled."""
+        shape = self._step.shape
+        height = checked("height", estimate.height, "f8", shape)
+        variance = laid_out("height_variance", estimate.height_variance, "f8", shape)
+        dead, capped = (laid_out("marks", marks, "?", shape) for marks in (estimate.dead, estimate.capped))
+        self._step.set("alpha", self._criterion.alpha_of(layer + 1))
+        figures = estimate.figures.struct(estimate.inks)
+        ceiling, weight = np.empty(shape), np.empty(shape)
+        choices = np.empty((self._ahead, *shape), np.uint16)
+        surface = SurfaceToPlanStruct(
+            pointer(height), pointer(variance), pointer(dead), pointer(capped), ctypes.addressof(figures)
+        )
+        found = ProblemStruct()
+        room = ProblemMapsStruct(pointer(ceiling), pointer(weight), pointer(choices))
+        library().inkloop_layer_problem(self._step.struct, surface, layer, room, found)
+        return found, ceiling, weight, choices[: found.layers]
 
     def work(self, layer: int) -> PlanWorkStruct:
         """The work that the plan after layer number `layer` may take."""

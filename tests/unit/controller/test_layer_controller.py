@@ -14,7 +14,8 @@ from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_plan import LayerPlan

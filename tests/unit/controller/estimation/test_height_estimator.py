@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, EstimateFigures, HeightEstimator
+from inkloop_controller.estimation.estimate_figures import EstimateFigures
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
 from support.numpy import lu_numpy

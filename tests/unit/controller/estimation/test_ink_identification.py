@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block
 

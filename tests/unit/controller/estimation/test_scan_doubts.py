@@ -11,12 +11,8 @@ import pytest
 
 from inkloop.component import Ink, Job, Status
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.estimation.height_estimator import (
-    TRANSFORMS,
-    Estimate,
-    HeightEstimator,
-    UntrustedReason,
-)
+from inkloop_controller.estimation.estimate_figures import TRANSFORMS, UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long

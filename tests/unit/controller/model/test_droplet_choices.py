@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
+from inkloop_controller.baselines.planners import nominal_layer_height
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.model.regions import InkRegions, nominal_layer_height
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from support.closed_loop import block
 from support.half_spaces import Below
+from support.ink_choices import ink_choices
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
@@ -42,12 +43,12 @@ def test_regions_of_later_layers_lie_a_nominal_layer_higher_each(test: Any, expe
     job = two_inks(0.0)
     step = nominal_layer_height(job)
     job = two_inks(1.4 * step)
-    assert InkRegions(job, test).choices(np.zeros((6, 6)), 3)[:, 3, 3].tolist() == expected
+    assert ink_choices(job, test, np.zeros((6, 6)), 3)[:, 3, 3].tolist() == expected
 
 
 def test_ends_of_the_layer_are_asked_about_where_either_ink_is_right() -> None:
     step = nominal_layer_height(two_inks(0.0))
-    assert (InkRegions(two_inks(0.5 * step), "either").choices(np.zeros((6, 6)), 1) == 3).all()
+    assert (ink_choices(two_inks(0.5 * step), "either", np.zeros((6, 6)), 1) == 3).all()
 
 
 def test_grey_kinds_are_multiples_of_the_inks() -> None:

@@ -15,11 +15,11 @@ from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse
-from inkloop_controller.estimation.height_estimator import Estimate, EstimateFigures
+from inkloop_controller.estimation.estimate_figures import EstimateFigures
+from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.layer_problems import LayerProblems
-from inkloop_controller.model.regions import InkRegions
 from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
@@ -31,6 +31,7 @@ from inkloop_controller.problem.work import Work
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
+from support.ink_choices import ink_choices
 from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
 from support.problem_plans import best_plan
 
@@ -600,8 +601,8 @@ def test_material_is_asked_for_half_a_layer_above_the_surface() -> None:
     half_layer = (7.6e-6 + 6.7e-6) / 4
     for test, surface in (("middle", 10e-6 - half_layer), ("surface", 10e-6)):
         shape = (job.nx, job.ny)
-        assert (InkRegions(job, test).materials(np.full(shape, surface - 1e-9)) == 1).all()  # type: ignore[arg-type]
-        assert (InkRegions(job, test).materials(np.full(shape, surface + 1e-9)) == 0).all()  # type: ignore[arg-type]
+        assert (ink_choices(job, test, np.full(shape, surface - 1e-9), 1) == 2).all()  # type: ignore[arg-type]
+        assert (ink_choices(job, test, np.full(shape, surface + 1e-9), 1) == 1).all()  # type: ignore[arg-type]
 
 
 def test_region_is_asked_in_metres_from_the_first_cell() -> None:
@@ -616,7 +617,7 @@ def test_region_is_asked_in_metres_from_the_first_cell() -> None:
             return ((np.full_like(x, -np.inf), np.full_like(x, np.inf)),)
 
     job = block(4 + 5, 4 + 2, inks=INKS, region=Asked())
-    InkRegions(job, "middle")
+    LayerMpc(job)
     i, j = np.indices((9, 6))
     np.testing.assert_allclose(asked[0], i * job.pitch)
     np.testing.assert_allclose(asked[1], j * job.pitch)
