@@ -21,7 +21,7 @@ from inkloop.contract import (
 )
 from inkloop.errors import InkloopError
 from inkloop.geometry import Columns
-from inkloop_controller.core.bindings import answered, pointer
+from inkloop_controller.core.bindings import answered, laid_out, pointer
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import LayerStepStruct, PlanFiguresStruct
 from inkloop_controller.problem.horizon_problem import IntPlan
@@ -124,10 +124,14 @@ class LayerStep:
         return after, code == _PLAN
 
     def take(self, state: Block, plan: IntPlan, figures: PlanFiguresStruct) -> Block:
-        """The state with a plan (layers, nx, ny): the same one, changed, or another one for as many layers."""
-        layers = len(plan)
+        """The state with a plan (layers, nx, ny): the same one, changed, or another one for as many layers.
+
+        Raises ValueError for a plan of another grid, or of no layer.
+        """
+        layers = max(1, len(plan))
+        droplets = laid_out("plan", plan, "i4", (layers, *self.shape))
         after = state if self.layers_of(state) == layers else np.empty(self._size(layers), np.uint8)
-        library().inkloop_step_take(self.struct, pointer(state), pointer(plan), layers, figures, pointer(after))
+        library().inkloop_step_take(self.struct, pointer(state), pointer(droplets), layers, figures, pointer(after))
         return after
 
     def outputs(self, state: Block) -> Values:

@@ -107,6 +107,16 @@ def test_state_takes_a_plan_of_another_number_of_layers_with_the_same_estimate()
     np.testing.assert_array_equal(step.estimate_in(longer), step.estimate_in(state))
 
 
+@pytest.mark.parametrize("shape", [(0, 12, 11), (1, 11, 12), (2, 12, 10)])
+def test_plan_of_another_grid_or_of_no_layer_is_refused_and_the_state_is_left(shape: tuple[int, ...]) -> None:
+    step = LayerStep(JOB)
+    state, _ = printed(step, 1)
+    before = state.copy()
+    with pytest.raises(ValueError, match="plan has shape"):
+        step.take(state, np.zeros(shape, np.int32), plan_figures())
+    np.testing.assert_array_equal(state, before)
+
+
 def test_bytes_of_another_grid_or_size_are_no_state() -> None:
     step, other = LayerStep(JOB), LayerStep(block(11, 12))
     state = step.new_state(2, 0)
