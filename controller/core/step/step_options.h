@@ -8,13 +8,12 @@
 #include "surface_estimate.h"
 
 /* Options, inputs and outputs are the variables of fmus/layer_controller/variables.toml, each where its owner keeps it:
- * an FMU in its block of memory, Python in arrays. */
+ * an FMU in its block of memory, Python in arrays. The region of the first ink comes as columns (ink_regions.h), NULL:
+ * there is none; region_bottom, region_top and region_intervals are its form in an FMU, and are not looked at. */
 typedef struct {
     const LayerControllerVariables *values;
-    const int64_t
-        *region_offsets;          /* the region of the first ink (ink_regions.h); NULL: there is none. region_bottom, */
-    const double *region_bottoms; /* region_top and region_intervals are its form in an FMU, and are not looked at */
-    const double *region_tops;
+    const int64_t *region_offsets;
+    const double *region_bottoms, *region_tops;
     int32_t threads;      /* 1 or more; no bit depends on it */
     int32_t take_as_read; /* nothing is estimated: heights are what was read */
 } LayerStep;

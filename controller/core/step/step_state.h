@@ -6,11 +6,9 @@
 #include "horizon_planner.h"
 #include "step_options.h"
 
-enum { PLAN_FIXED = 6 }; /* besides PLAN_...: settled without an objective, before the print or by a rule */
-
 /* What is reported of a plan. */
 typedef struct {
-    int32_t status;   /* PLAN_..., 0: its objective is the bound */
+    int32_t status;   /* PLAN_...; 0: its objective is the bound, 6: settled by a rule, without an objective */
     int32_t left_out; /* LEFT_..., and 16: the certificate */
     int64_t sweeps;
     Objective objective;     /* [m] */
