@@ -10,7 +10,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.target_table import Figure
-from inkloop_controller.estimation.height_estimator import UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from support.lying_scans.case import Case
 from support.lying_scans.cases import CASES
 from support.lying_scans.rig import DONE, STOPPED, Outcome, print_cases

@@ -6,8 +6,10 @@
 #include "error_diffusion.h"
 #include "horizon_solver.h"
 #include "layer_surface.h"
+#include "observer.h"
 #include "paper_search.h"
 #include "relaxed_surface.h"
+#include "step_outputs.h"
 
 int32_t inkloop_core_interface(void) {
     return CORE_INTERFACE;
@@ -75,11 +77,6 @@ int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, i
     return diffuse_droplets(problem, droplets, INFINITY, plan);
 }
 
-void inkloop_ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers,
-                         int32_t *choices) {
-    ink_choices(regions, cells, height, layers, choices);
-}
-
 int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
     return plan_shortest(problem, work, plan, report);
 }
@@ -88,27 +85,105 @@ void inkloop_finish(int32_t finish, Finish *chosen) {
     *chosen = finish_of(finish);
 }
 
+size_t inkloop_variables(void) {
+    return sizeof(LayerControllerVariables) / sizeof(void *);
+}
+
+size_t inkloop_estimate_size(size_t cells) {
+    return estimate_size(cells);
+}
+
 size_t inkloop_knowledge_size(void) {
     return sizeof(Knowledge);
 }
 
-int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
-                               const uint8_t *valid, SurfaceEstimate *estimate) {
-    return estimate_first(options, layer, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;
+int32_t inkloop_estimate_first(const LayerStep *step, int32_t layer, const double *measured, const uint8_t *valid,
+                               void *estimate) {
+    const EstimatorOptions options = estimator_options(step);
+    SurfaceEstimate first = estimate_in(estimate, cells_of(step));
+    return estimate_first(&options, layer, measured, valid, &first) ? CORE_DONE : CORE_NO_MEMORY;
 }
 
-int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+int32_t inkloop_estimate_next(const LayerStep *step, const void *before, const int32_t *pattern, const double *factor,
                               int32_t number, int32_t is_unknown, const double *measured, const uint8_t *valid,
-                              SurfaceEstimate *after) {
-    const bool is_done = estimate_next(options, before, layer, number, is_unknown != 0, measured, valid, after);
+                              void *after) {
+    const EstimatorOptions options = estimator_options(step);
+    const SurfaceEstimate known = estimate_in((void *)before, cells_of(step));
+    SurfaceEstimate next = estimate_in(after, cells_of(step));
+    int32_t order[4];
+    layer_colours(step, number, order);
+    const JettedLayer layer = {.nx = options.nx,
+                               .ny = options.ny,
+                               .pattern = pattern,
+                               .factor = factor,
+                               .passes = *step->values->passes,
+                               .order = order,
+                               .threads = (size_t)step->threads};
+    const bool is_done = estimate_next(&options, &known, &layer, number, is_unknown != 0, measured, valid, &next);
     return is_done ? CORE_DONE : CORE_NO_MEMORY;
 }
 
-void inkloop_estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate,
-                              EstimateFigures *figures) {
-    *figures = estimate_figures(options, estimate);
+void inkloop_estimate_figures(const LayerStep *step, void *estimate, EstimateFigures *figures, uint8_t *dead) {
+    const EstimatorOptions options = estimator_options(step);
+    const SurfaceEstimate known = estimate_in(estimate, cells_of(step));
+    *figures = estimate_figures(&options, &known);
+    mark_dead(&known, cells_of(step), dead);
 }
 
-void inkloop_trust_again(SurfaceEstimate *estimate, size_t cells) {
-    trust_again(estimate, cells);
+void inkloop_trust_again(void *estimate, size_t cells) {
+    SurfaceEstimate known = estimate_in(estimate, cells);
+    trust_again(&known, cells);
+}
+
+size_t inkloop_state_head_size(void) {
+    return sizeof(StateHead);
+}
+
+size_t inkloop_state_size(size_t cells, size_t layers) {
+    return state_size(cells, layers);
+}
+
+size_t inkloop_state_layers(const LayerStep *step, const void *state, size_t size) {
+    return state_layers(step, state, size);
+}
+
+void inkloop_state_start(const LayerStep *step, size_t layers, int32_t layers_printed, void *state) {
+    state_start(step, layers, layers_printed, state);
+}
+
+void inkloop_state_plan(const void *state, PlanFigures *figures) {
+    *figures = ((const StateHead *)state)->plan;
+}
+
+int32_t inkloop_step_is_due(const LayerStep *step, const void *state) {
+    return step_is_due(step, state);
+}
+
+int32_t inkloop_step_begin(const LayerStep *step, const void *before, void *after) {
+    return step_begin(step, before, after);
+}
+
+void inkloop_step_take(const LayerStep *step, const void *before, const int32_t *plan, size_t layers,
+                       const PlanFigures *figures, void *after) {
+    step_take(step, before, plan, layers, figures, after);
+}
+
+void inkloop_step_outputs(const LayerStep *step, const void *state) {
+    step_outputs(step, state);
+}
+
+void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer, const ProblemMaps *maps,
+                           HorizonProblem *problem) {
+    *problem = layer_problem(step, surface, layer, maps);
+}
+
+void inkloop_plan_work(const LayerStep *step, int32_t layer, PlanWork *work) {
+    *work = plan_work(step, layer);
+}
+
+void inkloop_pattern(const int32_t *layer, size_t cells, int32_t inks, int32_t *pattern, int32_t *drop_level) {
+    for (size_t cell = 0; cell < cells; cell++) {
+        pattern[cell] = material_of(layer[cell], inks);
+        drop_level[cell] = drops_of(layer[cell], inks);
+    }
 }

@@ -9,9 +9,9 @@
 
 #include "horizon_planner.h"
 #include "horizon_problem.h"
-#include "ink_regions.h"
-#include "observer.h"
+#include "layer_step.h"
 #include "shortest_plan.h"
+#include "step_problem.h"
 
 #if defined(_WIN32)
 #define INKLOOP_CORE_API __declspec(dllexport)
@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 16 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 17 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -58,11 +58,6 @@ INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem,
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
 
-/* Bit 0 where the first ink belongs on each cell in each of the coming layers (layers * cells), bit 1 where the second
- * (ink_regions.h). */
-INKLOOP_CORE_API void inkloop_ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers,
-                                          int32_t *choices);
-
 /* The best plan found for a problem, of no more layers than are worth it (shortest_plan.h). */
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
                                       PlanReport *report);
@@ -70,22 +65,49 @@ INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanW
 /* The horizons and the worth of a layer for a FINISH_.... */
 INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
 
-/* Size of what an estimate holds besides its maps [bytes]; it has no addresses and no padding. */
+/* Number of the variables that a LayerStep points to, in the order of variables.toml. */
+INKLOOP_CORE_API size_t inkloop_variables(void);
+
+/* Size of an estimate with all that it points to, in one block [bytes]: knowledge, then the maps in the order of
+ * SurfaceEstimate; the knowledge alone. */
+INKLOOP_CORE_API size_t inkloop_estimate_size(size_t cells);
 INKLOOP_CORE_API size_t inkloop_knowledge_size(void);
 
-/* The estimate after the first scan, and after each one that follows a layer (observer.h). CORE_DONE or CORE_NO_MEMORY.
- */
-INKLOOP_CORE_API int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
-                                                const uint8_t *valid, SurfaceEstimate *estimate);
-INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
-                                               const JettedLayer *layer, int32_t number, int32_t is_unknown,
-                                               const double *measured, const uint8_t *valid, SurfaceEstimate *after);
+/* The estimate after the first scan, and after each one that follows a layer (observer.h), in blocks. pattern, factor:
+ * see JettedLayer. CORE_DONE or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_estimate_first(const LayerStep *step, int32_t layer, const double *measured,
+                                                const uint8_t *valid, void *estimate);
+INKLOOP_CORE_API int32_t inkloop_estimate_next(const LayerStep *step, const void *before, const int32_t *pattern,
+                                               const double *factor, int32_t number, int32_t is_unknown,
+                                               const double *measured, const uint8_t *valid, void *after);
 
-/* Figures of an estimate that are reported, and that a plan needs besides the surface. */
-INKLOOP_CORE_API void inkloop_estimate_figures(const EstimatorOptions *options, const SurfaceEstimate *estimate,
-                                               EstimateFigures *figures);
+/* Figures of an estimate that are reported, and that a plan needs besides the surface; the cells that count as dead. */
+INKLOOP_CORE_API void inkloop_estimate_figures(const LayerStep *step, void *estimate, EstimateFigures *figures,
+                                               uint8_t *dead);
 
 /* A person has looked: the print goes on, and the next scan is taken as it is. */
-INKLOOP_CORE_API void inkloop_trust_again(SurfaceEstimate *estimate, size_t cells);
+INKLOOP_CORE_API void inkloop_trust_again(void *estimate, size_t cells);
+
+/* The state of a controller and its step (step_state.h, layer_step.h, step_outputs.h). A state begins with its head. */
+INKLOOP_CORE_API size_t inkloop_state_head_size(void);
+INKLOOP_CORE_API size_t inkloop_state_size(size_t cells, size_t layers);
+INKLOOP_CORE_API size_t inkloop_state_layers(const LayerStep *step, const void *state, size_t size);
+INKLOOP_CORE_API void inkloop_state_start(const LayerStep *step, size_t layers, int32_t layers_printed, void *state);
+INKLOOP_CORE_API void inkloop_state_plan(const void *state, PlanFigures *figures);
+INKLOOP_CORE_API int32_t inkloop_step_is_due(const LayerStep *step, const void *state);
+INKLOOP_CORE_API int32_t inkloop_step_begin(const LayerStep *step, const void *before, void *after);
+INKLOOP_CORE_API void inkloop_step_take(const LayerStep *step, const void *before, const int32_t *plan, size_t layers,
+                                        const PlanFigures *figures, void *after);
+INKLOOP_CORE_API void inkloop_step_outputs(const LayerStep *step, const void *state);
+
+/* The problem of the layers that follow a layer, and the work that their plan may take (step_problem.h,
+ * step_options.h). */
+INKLOOP_CORE_API void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
+                                            const ProblemMaps *maps, HorizonProblem *problem);
+INKLOOP_CORE_API void inkloop_plan_work(const LayerStep *step, int32_t layer, PlanWork *work);
+
+/* Pattern and drops of a layer of a plan, as they are printed. */
+INKLOOP_CORE_API void inkloop_pattern(const int32_t *layer, size_t cells, int32_t inks, int32_t *pattern,
+                                      int32_t *drop_level);
 
 #endif

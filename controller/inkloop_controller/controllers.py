@@ -14,20 +14,18 @@ from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import Planner
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.options import Option, arguments, made_of
+from inkloop_controller.problem.options import arguments, declared, default, made_of
 from inkloop_controller.problem.work import Work
 
 T = TypeVar("T")
 
 
-ON_DOUBT = Option(meaning='where the scans do not show what was printed: "stop" the print, or "continue", untrusted')
-
-
-def _on_doubt(*, on_doubt: Annotated[OnDoubt, ON_DOUBT] = "stop") -> OnDoubt:
+def on_doubt_option(*, on_doubt: Annotated[OnDoubt, declared("on_doubt")] = default("on_doubt")) -> OnDoubt:
+    """The option of LayerController itself."""
     return on_doubt
 
 
-@made_of(LayerMpc, Criterion, DropletChoices, Work, HeightEstimator, _on_doubt)
+@made_of(LayerMpc, Criterion, DropletChoices, Work, HeightEstimator, on_doubt_option)
 def LayerMpcController(job: Job, **options: object) -> LayerController:
     """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator.
 
@@ -55,7 +53,7 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
     )
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
-    return LayerController(job, planner, estimator, _on_doubt(**arguments(_on_doubt, options)))
+    return LayerController(job, planner, estimator, on_doubt_option(**arguments(on_doubt_option, options)))
 
 
 @made_of(OpenLoop)

@@ -241,21 +241,28 @@ def c_library(
     return library
 
 
-def _library_path(package: str, name: str, variable: str) -> Path:
-    """An editable install leaves the sources in place and puts built files next to NumPy."""
-    named = os.environ.get(variable)
-    if named:
-        if not Path(named).is_file():
-            raise InkloopError(f"{variable} is {named!r}: no such file; unset it to take the installed library")
-        return Path(named)
-    suffixes = {"win32": ".dll", "darwin": ".dylib"}
-    file_name = ("" if sys.platform == "win32" else "lib") + name + suffixes.get(sys.platform, ".so")
+def installed_file(package: str, name: str) -> Path:
+    """A file that the build makes or installs next to the modules of `package`. Raises InkloopError if it is missing.
+
+    An editable install leaves the sources in place and puts built files next to NumPy.
+    """
     own = files(package)
     folders = [own] if isinstance(own, Path) else []
     folders += [Path(sysconfig.get_path(scheme), *package.split(".")) for scheme in ("platlib", "purelib")]
-    places = [folder / file_name for folder in folders]
+    places = [folder / name for folder in folders]
     found = next((place for place in places if place.is_file()), None)
     if found is None:
         looked = ", ".join(str(place) for place in places)
         raise InkloopError(f"{name} is not installed (looked for {looked}); run make, or pip install inkloop")
     return found
+
+
+def _library_path(package: str, name: str, variable: str) -> Path:
+    """The library that the environment names, else the installed one."""
+    named = os.environ.get(variable)
+    if named:
+        if not Path(named).is_file():
+            raise InkloopError(f"{variable} is {named!r}: no such file; unset it to take the installed library")
+        return Path(named)
+    prefix, suffix = {"win32": ("", ".dll"), "darwin": ("lib", ".dylib")}.get(sys.platform, ("lib", ".so"))
+    return installed_file(package, f"{prefix}{name}{suffix}")

@@ -8,10 +8,6 @@ typedef struct {
     double bottom, top; /* bottom <= z < top */
 } Interval;
 
-bool has_region(const LayerControllerVariables *v) {
-    return *v->inks == 2 && *v->has_region;
-}
-
 /* The intervals of a cell, ascending, those that touch or overlap joined; returns their number. */
 static size_t intervals_of(const LayerControllerVariables *v, size_t cell, Interval found[INTERVALS_MAX]) {
     const size_t cells = (size_t)(*v->nx * *v->ny);
@@ -35,12 +31,12 @@ static size_t intervals_of(const LayerControllerVariables *v, size_t cell, Inter
     return joined;
 }
 
-bool region_columns(Instance *instance, const LayerControllerVariables *v, InkRegions *regions) {
+bool add_region(Instance *instance, LayerStep *step) {
+    const LayerControllerVariables *v = step->values;
     const size_t cells = (size_t)(*v->nx * *v->ny);
     Interval found[INTERVALS_MAX];
     size_t total = 0;
-    *regions = (InkRegions){.offsets = NULL};
-    if (!has_region(v))
+    if (*v->inks == 1 || !*v->has_region)
         return true;
     for (size_t cell = 0; cell < cells; cell++)
         total += intervals_of(v, cell, found);
@@ -48,7 +44,6 @@ bool region_columns(Instance *instance, const LayerControllerVariables *v, InkRe
     if (!offsets)
         return false;
     double *bottoms = (double *)(offsets + cells + 1), *tops = bottoms + total;
-    *regions = (InkRegions){.offsets = offsets, .bottoms = bottoms, .tops = tops};
     offsets[0] = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         const size_t count = intervals_of(v, cell, found);
@@ -58,5 +53,8 @@ bool region_columns(Instance *instance, const LayerControllerVariables *v, InkRe
         }
         offsets[cell + 1] = offsets[cell] + (int64_t)count;
     }
+    step->region_offsets = offsets;
+    step->region_bottoms = bottoms;
+    step->region_tops = tops;
     return true;
 }

@@ -1,61 +1,17 @@
-"""Whole prints of the shipped scenarios by the controller FMU and by the one in Python: the same layers, bit by bit."""
+"""What a master may do to the controller FMU between steps, and the one in Python by options: the same layers."""
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from inkloop.component import Status
 from inkloop.components import catalog
 from inkloop_controller.model.layer_model import LayerModel
-from support import prints
 from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import EVERY_FORM, OK, Driver
-from support.places import SCENARIOS
-
-FOLDER = SCENARIOS
-OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
-QUICK = ("tilted-substrate", "two-materials")
-FIRST_LAYERS = ("pipe-junction", "surface-tension", "tilted-substrate", "two-materials")  # show as much
-
-
-def planned_by_mpc(path: Path) -> bool:
-    """The scenario's controller is LayerMpc, and nothing of it is a device."""
-    tables = tomllib.loads(path.read_text(encoding="utf-8"))["components"]
-    kinds = {name: table["kind"] for name, table in tables.items()}
-    return kinds["controller"] == "LayerMpc" and not any(kind.startswith("hardware.") for kind in kinds.values())
-
-
-OTHERS = [path.stem for path in sorted(FOLDER.glob("*.toml")) if planned_by_mpc(path) and path.stem not in QUICK]
-
-
-def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
-    limit = [("run.layers_max", 6)] if name in FIRST_LAYERS else []
-    dataset = prints.printed(name, ("seed", 1), *limit, *overrides).dataset
-    return dataset.drop_vars([variable for variable in OF_PYTHON_ALONE if variable in dataset])
-
-
-def assert_same_print(name: str, form: str) -> None:
-    native = printed(name, ("components.controller", {"kind": "LayerController", "fmi": form}))
-    xr.testing.assert_identical(native.drop_attrs(), printed(name).drop_attrs())
-
-
-@pytest.mark.system
-@pytest.mark.parametrize("name", QUICK)
-def test_scenario_is_printed_alike(name: str) -> None:
-    assert_same_print(name, "fmi3")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("form", ["fmi3", "fmi2"])
-@pytest.mark.parametrize("name", OTHERS)
-def test_every_scenario_is_printed_alike(name: str, form: str) -> None:
-    assert_same_print(name, form)
 
 
 def layer_by_layer(controller: Any, fmu: Driver, alphas: dict[int, float]) -> int:

@@ -24,9 +24,9 @@ from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, export_fmu, find
 from inkloop.geometry import Columns, Cuboid, PipeJunction, cell_centers
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop_controller.model.regions import InkRegions
 from support.closed_loop import block
 from support.fmus.fmu_driver import ERROR, FORMS, OK, Driver
+from support.ink_choices import ink_choices
 from support.sheets import Sheets
 
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -133,7 +133,7 @@ def test_controller_that_lacks_an_interval_plans_another_print(scenario: Path) -
         sheet = Columns.of_shape(Sheets([FIVE.bottoms[lacking]], 6.1e-6, 2e-3), 9, 8, job.pitch)
         less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, job.region - sheet)
         at = np.full((9, 8), FIVE.bottoms[lacking])
-        assert (InkRegions(less, "middle").choices(at, 1) != InkRegions(job, "middle").choices(at, 1)).any()
+        assert (ink_choices(less, "middle", at, 1) != ink_choices(job, "middle", at, 1)).any()
 
 
 @pytest.mark.parametrize("region", [PIPES, Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6), FIVE])
@@ -159,7 +159,7 @@ def test_inks_of_a_surface_are_those_of_the_region_there(test: Any) -> None:
     shift = step / 2.0 if test == "middle" else 0.0
     for edge in (*np.random.default_rng(1).uniform(-5e-6, 70e-6, (20, 20, 20)), *(edge - shift for edge in edges)):
         for height in (edge, np.nextafter(edge, 1.0), np.nextafter(edge, -1.0)):
-            for ahead, found in enumerate(InkRegions(job, test).choices(height, 3)):
+            for ahead, found in enumerate(ink_choices(job, test, height, 3)):
                 low = height + ahead * step
                 if test == "either":
                     here, above = FIVE.contains(x, y, low), FIVE.contains(x, y, low + step)
@@ -173,7 +173,7 @@ def test_columns_are_the_region_that_they_were_made_of() -> None:
     jobs = [block(inks=TWO_INKS, region=region) for region in (FIVE, Columns.of_shape(FIVE, 10, 9, 263.256e-6))]
     shape = jobs[0].nx, jobs[0].ny
     for height in np.random.default_rng(2).uniform(0.0, 60e-6, (20, *shape)):
-        whole, columns = (InkRegions(job, "either").choices(height, 2) for job in jobs)
+        whole, columns = (ink_choices(job, "either", height, 2) for job in jobs)
         np.testing.assert_array_equal(columns, whole)
 
 

@@ -18,7 +18,6 @@ from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.planning.horizon_planner import best_plan
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import Criterion
@@ -26,6 +25,7 @@ from inkloop_controller.problem.horizon_problem import IntPlan
 from inkloop_controller.problem.work import DEFAULT_WORK, Work
 from support.examples import examples
 from support.numpy.plan_starts_numpy import best_of, shifted
+from support.problem_plans import best_plan
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ROUNDING = 1e-13  # [m]
@@ -193,10 +193,10 @@ def test_without_time_the_plan_is_the_better_of_nothing_and_the_first_one(case: 
 @settings(max_examples=examples(200))
 def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case) -> None:
     plan, problem, job = case.planned(), case.mpc().problem(case.estimate, case.layer), case.job
-    model, split = replace(LayerModel.of(job), inks=case.estimate.inks), DropletChoices(job, **case.options).split
+    model = replace(LayerModel.of(job), inks=case.estimate.inks)
     height = case.estimate.height
     for ahead, layer in enumerate(plan.plan):
-        pattern, level = split(layer)
+        pattern, level = bindings.split(layer, len(job.inks))
         height = model.layer(height, pattern, case.layer + 1 + ahead, level.astype(np.float64))
         if ahead == 0:
             np.testing.assert_array_equal(plan.predicted_height, height)

@@ -59,7 +59,7 @@ DOORS = {
     **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
 ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
-CORE_LEVELS = {"problem": 0, "model": 1, "observer": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}
+CORE_LEVELS = {"problem": 0, "model": 1, "observer": 2, "search": 2, "relaxation": 2, "planner": 3, "step": 4, "": 5}
 """Groups of controller/core; the last is inkloop_core."""
 
 COMMON_FILES = ("red_zones", "storage", "values", "snapshot", "lifecycle", "fmi2_component", "fmi3_component")

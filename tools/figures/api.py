@@ -117,7 +117,7 @@ def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any]) -> str:
 def _annotation(annotation: object) -> str:
     """As written, without the mark of an option of scenarios."""
     text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
-    return re.sub(r"^Annotated\[(.+), (?:[A-Z_]+|Option\(.*\))\]$", r"\1", text)
+    return re.sub(r"^Annotated\[(.+), (?:[A-Z_]+|(?:Option|declared)\(.*\))\]$", r"\1", text)
 
 
 def _first_paragraph(entry: object) -> str:

@@ -1,7 +1,7 @@
 """Rows of options in scenario.md and sweep-settings.md, one table for each class.
 
-The rows of `LayerMpc` and its parts come from the options that the class marks; a class that gives no meaning has that
-of the parameter in fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
+The rows of `LayerMpc` and its parts come from the options that the class marks, whose texts stand in
+fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ import re
 from typing import TypeAlias
 
 from pydantic.fields import FieldInfo
-from tools.figures.pages import DOCS, ROOT, Texts, table
+from tools.figures.pages import DOCS, Texts, table
 
-from inkloop.components.fmu_parameters import options_of_controller_fmu
 from inkloop.components.port_tables import PortTable
 from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
-from inkloop.fmu_writer import definition
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.studies.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
 from inkloop.tables.metrology import MetrologyTable
@@ -26,13 +24,12 @@ from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
-from inkloop_controller.controllers import ON_DOUBT
+from inkloop_controller.controllers import on_doubt_option
 from inkloop_controller.problem.options import Keyword, keywords
 
 PAGE = DOCS / "reference" / "scenario.md"
 STUDY_PAGE = DOCS / "how-to" / "sweep-settings.md"
 STUDY_TABLES = (SampleTable, SeedsTable, OptimiseTable, KeepTable)
-DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
 TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, MetrologyTable, *PARTS)}
@@ -56,10 +53,8 @@ def run() -> None:
 
 def texts() -> Texts:
     """The rows as the classes have them."""
-    model = definition.load(DEFINITION.read_text(encoding="utf-8"), DEFINITION)
-    meanings = {variable.name: variable.description for variable in model.variables}
-    rows = {name: [row_of_keyword(each, meanings) for each in keywords(marked)] for name, marked in MARKED.items()}
-    rows["HeightEstimator"].append(row("on_doubt", default("stop", ""), with_code(ON_DOUBT.meaning or "")))
+    rows = {name: [row_of_keyword(each) for each in keywords(marked)] for name, marked in MARKED.items()}
+    rows["HeightEstimator"] += map(row_of_keyword, keywords(on_doubt_option))
     for name, fields in TABLES.items():
         rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
     study = {
@@ -73,11 +68,9 @@ def texts() -> Texts:
     return {PAGE: own, STUDY_PAGE: study}
 
 
-def row_of_keyword(keyword: Keyword, meanings: dict[str, str]) -> Row:
+def row_of_keyword(keyword: Keyword) -> Row:
     """The row of a marked option."""
-    (name,) = options_of_controller_fmu({keyword.argument: None})
-    text = keyword.option.meaning or with_code(meanings[name])
-    return row(keyword.key, default(keyword.default, keyword.option.absent), text)
+    return row(keyword.key, default(keyword.default, keyword.option.absent), with_code(keyword.option.meaning))
 
 
 def row_of_field(key: str, field: FieldInfo) -> Row:

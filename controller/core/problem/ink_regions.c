@@ -23,9 +23,3 @@ uint16_t inks_for(const InkRegions *regions, size_t cell, double height, size_t 
     const double asked = bottom + (regions->test == REGION_MIDDLE ? regions->step / 2.0 : 0.0);
     return is_inside(regions, cell, asked) ? FIRST : SECOND;
 }
-
-void ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers, int32_t *choices) {
-    for (size_t ahead = 0; ahead < layers; ahead++)
-        for (size_t cell = 0; cell < cells; cell++)
-            choices[ahead * cells + cell] = inks_for(regions, cell, height[cell], ahead);
-}

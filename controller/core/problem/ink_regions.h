@@ -25,7 +25,4 @@ typedef struct {
 /* Bit 0 where the first ink belongs on a cell `ahead` layers after a surface `height` [m], bit 1 where the second. */
 uint16_t inks_for(const InkRegions *regions, size_t cell, double height, size_t ahead);
 
-/* The same for all cells of a surface in each of the coming layers: layers * cells. */
-void ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers, int32_t *choices);
-
 #endif

@@ -7,14 +7,13 @@ from typing import Annotated
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
-from inkloop_controller.baselines.planners import judged
+from inkloop_controller.baselines.planners import judged, one_layer
 from inkloop_controller.core.droplet_relaxation import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.droplet_choices import DropletChoices, RegionTest
 from inkloop_controller.model.layer_model import ink_maps
-from inkloop_controller.model.regions import InkRegions, RegionTest
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 from inkloop_controller.problem.options import Length, Option
 
 REACH = 2  # cells: footprints of droplets that far apart still overlap
@@ -38,11 +37,12 @@ class CohenLipson:
     ) -> None:
         if threshold is not None and not threshold >= 0.0:
             raise ValueError(f"threshold is {threshold}; needs a height of at least 0")
-        self._job, self._threshold, self._regions = job, threshold, InkRegions(job, region_test)
+        self._job, self._threshold = job, threshold
+        self._problems = one_layer(job, DropletChoices(job, region_test=region_test), alpha=1.0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """All droplets that the greedy choice drops on the surface; DONE if that is none."""
-        material = self._regions.materials(estimate.height)
+        material = self._problems.materials(estimate.height)
         dropped = self.droplets(estimate.height, ink_maps(estimate.inks, material))
         pattern = np.where(dropped, 1 + material, 0).astype(np.int32)
         return _judged(self._job, estimate, layer, pattern, "greedy choice")
@@ -74,17 +74,15 @@ class ErrorDiffusion:
     """Error diffusion of what is lacking, in layers: each cell's rounding is made good by its neighbours."""
 
     def __init__(self, job: Job, *, region_test: Annotated[RegionTest, Option()] = "middle") -> None:
-        self._job, self._choices = job, DropletChoices(job, region_test=region_test)
+        self._job = job
+        self._problems = one_layer(job, DropletChoices(job, region_test=region_test), alpha=1.0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """Droplets as dense as the share of a layer that is lacking; DONE if that is none."""
-        job, choices = self._job, self._choices.allowed(estimate.height, 1)
-        problem = HorizonProblem(
-            estimate.height, job.target_height, job.mask, choices, self._choices.kinds(estimate.inks), alpha=1.0
-        )
-        h1, h2, h3 = ink_maps(estimate.inks, self._choices.regions.materials(estimate.height))
+        job, problem = self._job, self._problems.problem(estimate, layer)
+        h1, h2, h3 = ink_maps(estimate.inks, self._problems.materials(estimate.height))
         lacking = (job.target_height - estimate.height) / (h1 + 4.0 * h2 + 4.0 * h3)
-        pattern = diffuse(problem, np.where(choices > 0, lacking, 0.0))[0]
+        pattern = diffuse(problem, np.where(problem.choices > 0, lacking, 0.0))[0]
         return _judged(job, estimate, layer, pattern, "error diffusion")
 
 

@@ -12,12 +12,11 @@ from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.regions import InkRegions, nominal_layer_height
+from inkloop_controller.model.layer_problems import LayerProblems
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, SearchStatus
 from inkloop_controller.problem.options import Count, Option
 
 
@@ -32,14 +31,14 @@ class OpenLoop:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
-        self._job, self._regions = job, InkRegions(job, "middle")
+        self._job, self._problems = job, one_layer(job, DropletChoices(job), alpha=1.0)
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
         lacking = layer < self._layers
         nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
-        pattern = np.where(lacking, 1 + self._regions.materials(nominal_surface), 0).astype(np.int32)
+        pattern = np.where(lacking, 1 + self._problems.materials(nominal_surface), 0).astype(np.int32)
         status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
         return judged(self._job, estimate, layer, pattern, status, "full layer")
 
@@ -64,22 +63,13 @@ class StochasticGreedy:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
         check_single_pass(job)
-        self._job, self._model, self._alpha = job, LayerModel.of(job), Criterion(alpha=alpha).alpha_of(1)
-        self._choices = DropletChoices(job, region_test="surface")
+        self._model = LayerModel.of(job)
+        self._problems = one_layer(job, DropletChoices(job, region_test="surface"), alpha)
         self._batch, self._iterations_max = batch, iterations_max
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
-        job = self._job
-        problem = HorizonProblem(
-            estimate.height,
-            job.target_height,
-            job.mask,
-            self._choices.allowed(estimate.height, 1),
-            self._choices.kinds(estimate.inks),
-            self._alpha,
-        )
-        key = random_key(job, layer)
+        problem, key = self._problems.problem(estimate, layer), int(self._problems.work(layer).seed)
         found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
         idle = bindings.objective(problem, no_droplets(problem))
         if found.objective.value >= idle.value:
@@ -87,6 +77,18 @@ class StochasticGreedy:
         predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
         status = PlanStatus.REPAIRED if found.status is SearchStatus.DONE else PlanStatus.BUDGET
         return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", found.sweeps)
+
+
+def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
+    """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
+    plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
+    return LayerProblems(job, plain, choices, ahead=1, horizon=1)
+
+
+def nominal_layer_height(job: Job) -> float:
+    """Height of a full layer [m]; where the job has a region, the mean over its inks."""
+    inks = job.inks if job.region is not None else job.inks[:1]
+    return sum(ink.layer_height for ink in inks) / len(inks)
 
 
 def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:

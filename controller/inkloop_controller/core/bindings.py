@@ -14,9 +14,7 @@ from inkloop.component import FloatMap, Ink
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import (
     AfterSweep,
-    InkRegionsStruct,
     InkStruct,
-    JettedLayerStruct,
     ObjectiveStruct,
     ProblemStruct,
     ReportStruct,
@@ -49,11 +47,11 @@ __all__ = [
     "SearchProgress",
     "SearchResult",
     "SearchStatus",
-    "ink_choices",
     "layer",
     "objective",
     "paper_search",
     "search",
+    "split",
 ]
 
 _NO_MEMORY = 4
@@ -159,28 +157,12 @@ def layer(
     return after
 
 
-def ink_choices(
-    offsets: NDArray[np.int64],
-    bottoms: FloatMap,
-    tops: FloatMap,
-    height: FloatMap,
-    layers: int,
-    step: float,
-    test: int,
-) -> IntMap:
-    """(layers, nx, ny): 1, 2 or 3 (either) for the ink of each cell, by intervals of height for the first ink.
-
-    offsets, bottoms, tops: as in `inkloop.geometry.Columns`; height: (nx, ny) [m]; step: what a layer adds [m]; test:
-    REGION_... of ink_regions.h.
-    """
-    cells = height.size
-    surface = checked("height", height, "f8", height.shape)
-    spans = checked("offsets", offsets, "i8", (cells + 1,))
-    ends = [np.ascontiguousarray(values) for values in (bottoms, tops)]
-    choices = np.empty((layers, *height.shape), np.int32)
-    regions = InkRegionsStruct(pointer(spans), pointer(ends[0]), pointer(ends[1]), step, test)
-    library().inkloop_ink_choices(regions, cells, pointer(surface), layers, pointer(choices))
-    return choices
+def split(layer: IntMap, inks: int) -> tuple[IntMap, IntMap]:
+    """A layer of a plan (nx, ny) as pattern, 0 none, 1 material A, 2 material B, and drops per site, 1 for none."""
+    droplets = laid_out("layer", layer, "i4", np.shape(layer))
+    pattern, level = np.empty(layer.shape, np.int32), np.empty(layer.shape, np.int32)
+    library().inkloop_pattern(pointer(droplets), layer.size, inks, pointer(pattern), pointer(level))
+    return pattern, level
 
 
 def problem_struct(problem: HorizonProblem) -> ProblemStruct:
@@ -255,18 +237,6 @@ def laid_out(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -
     if error:
         raise ValueError(error)
     return np.ascontiguousarray(array)
-
-
-def layer_struct(pattern: IntMap, order: Sequence[int], factor: FloatMap | None, threads: int = 1) -> JettedLayerStruct:
-    """A jetted layer for C; its arrays, in C order, must stay alive as long. threads: to look at it with."""
-    return JettedLayerStruct(
-        *pattern.shape,
-        pointer(pattern),
-        None if factor is None else pointer(factor),
-        4 if len(order) else 1,
-        (ctypes.c_int32 * 4)(*order),
-        threads,
-    )
 
 
 def ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:

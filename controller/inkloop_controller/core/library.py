@@ -10,32 +10,31 @@ from inkloop_controller.core.structs import (
     INTEGERS,
     MARKS,
     REALS,
-    EstimateStruct,
-    EstimatorOptionsStruct,
-    FiguresStruct,
     FinishStruct,
-    InkRegionsStruct,
     InkStruct,
-    JettedLayerStruct,
+    LayerStepStruct,
     ObjectiveStruct,
+    PlanFiguresStruct,
     PlanReportStruct,
     PlanWorkStruct,
+    ProblemMapsStruct,
     ProblemStruct,
     RelaxationOptionsStruct,
     RelaxationReportStruct,
     ReportStruct,
     SearchOptionsStruct,
+    SurfaceToPlanStruct,
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 16  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 17  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 
 _PROBLEM = ctypes.POINTER(ProblemStruct)
-_ESTIMATOR = ctypes.POINTER(EstimatorOptionsStruct)
-_ESTIMATE = ctypes.POINTER(EstimateStruct)
-_LAYER = ctypes.POINTER(JettedLayerStruct)
+_STEP = ctypes.POINTER(LayerStepStruct)
+_BLOCK = MARKS
+_FIGURES = ctypes.POINTER(PlanFiguresStruct)
 _REPORT = ctypes.POINTER(ReportStruct)
 _ENTRY_POINTS = {
     "inkloop_layer": (
@@ -55,10 +54,6 @@ _ENTRY_POINTS = {
         ctypes.c_int32,
         (_PROBLEM, ctypes.POINTER(PlanWorkStruct), INTEGERS, ctypes.POINTER(PlanReportStruct)),
     ),
-    "inkloop_ink_choices": (
-        None,
-        (ctypes.POINTER(InkRegionsStruct), ctypes.c_size_t, REALS, ctypes.c_size_t, INTEGERS),
-    ),
     "inkloop_finish": (None, (ctypes.c_int32, ctypes.POINTER(FinishStruct))),
     "inkloop_relax": (
         ctypes.c_int32,
@@ -66,14 +61,31 @@ _ENTRY_POINTS = {
     ),
     "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, REALS, ctypes.c_double, REALS, REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, REALS, INTEGERS)),
+    "inkloop_variables": (ctypes.c_size_t, ()),
+    "inkloop_estimate_size": (ctypes.c_size_t, (ctypes.c_size_t,)),
     "inkloop_knowledge_size": (ctypes.c_size_t, ()),
-    "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, ctypes.c_int32, REALS, MARKS, _ESTIMATE)),
+    "inkloop_estimate_first": (ctypes.c_int32, (_STEP, ctypes.c_int32, REALS, MARKS, _BLOCK)),
     "inkloop_estimate_next": (
         ctypes.c_int32,
-        (_ESTIMATOR, _ESTIMATE, _LAYER, ctypes.c_int32, ctypes.c_int32, REALS, MARKS, _ESTIMATE),
+        (_STEP, _BLOCK, INTEGERS, REALS, ctypes.c_int32, ctypes.c_int32, REALS, MARKS, _BLOCK),
     ),
-    "inkloop_estimate_figures": (None, (_ESTIMATOR, _ESTIMATE, ctypes.POINTER(FiguresStruct))),
-    "inkloop_trust_again": (None, (_ESTIMATE, ctypes.c_size_t)),
+    "inkloop_estimate_figures": (None, (_STEP, _BLOCK, ctypes.c_void_p, MARKS)),
+    "inkloop_trust_again": (None, (_BLOCK, ctypes.c_size_t)),
+    "inkloop_state_head_size": (ctypes.c_size_t, ()),
+    "inkloop_state_size": (ctypes.c_size_t, _GRID),
+    "inkloop_state_layers": (ctypes.c_size_t, (_STEP, _BLOCK, ctypes.c_size_t)),
+    "inkloop_state_start": (None, (_STEP, ctypes.c_size_t, ctypes.c_int32, _BLOCK)),
+    "inkloop_state_plan": (None, (_BLOCK, _FIGURES)),
+    "inkloop_step_is_due": (ctypes.c_int32, (_STEP, _BLOCK)),
+    "inkloop_step_begin": (ctypes.c_int32, (_STEP, _BLOCK, _BLOCK)),
+    "inkloop_step_take": (None, (_STEP, _BLOCK, INTEGERS, ctypes.c_size_t, _FIGURES, _BLOCK)),
+    "inkloop_step_outputs": (None, (_STEP, _BLOCK)),
+    "inkloop_layer_problem": (
+        None,
+        (_STEP, ctypes.POINTER(SurfaceToPlanStruct), ctypes.c_int32, ctypes.POINTER(ProblemMapsStruct), _PROBLEM),
+    ),
+    "inkloop_plan_work": (None, (_STEP, ctypes.c_int32, ctypes.POINTER(PlanWorkStruct))),
+    "inkloop_pattern": (None, (INTEGERS, ctypes.c_size_t, ctypes.c_int32, INTEGERS, INTEGERS)),
 }
 
 

@@ -126,6 +126,39 @@ class PlanReportStruct(ctypes.Structure):
     )
 
 
+class PlanFiguresStruct(ctypes.Structure):
+    """`PlanFigures` of step_state.h."""
+
+    _fields_ = (
+        ("status", ctypes.c_int32),
+        ("left_out", ctypes.c_int32),
+        ("sweeps", ctypes.c_int64),
+        ("objective", ObjectiveStruct),
+        ("bound", ctypes.c_double),
+        ("bound_confidence", ctypes.c_double),
+        ("seconds", ctypes.c_double),
+    )
+
+
+class LayerStepStruct(ctypes.Structure):
+    """`LayerStep` of step_options.h."""
+
+    _fields_ = (
+        ("values", ctypes.c_void_p),
+        ("region_offsets", ctypes.POINTER(ctypes.c_int64)),
+        ("region_bottoms", REALS),
+        ("region_tops", REALS),
+        ("threads", ctypes.c_int32),
+        ("take_as_read", ctypes.c_int32),
+    )
+
+
+class ProblemMapsStruct(ctypes.Structure):
+    """`ProblemMaps` of step_problem.h."""
+
+    _fields_ = (("ceiling", REALS), ("weight", REALS), ("choices", _CHOICES))
+
+
 class FinishStruct(ctypes.Structure):
     """`Finish` of shortest_plan.h."""
 
@@ -144,93 +177,15 @@ class RelaxationReportStruct(ctypes.Structure):
     _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
 
 
-class InkRegionsStruct(ctypes.Structure):
-    """`InkRegions` of ink_regions.h."""
-
-    _fields_ = (
-        ("offsets", ctypes.POINTER(ctypes.c_int64)),
-        ("bottoms", REALS),
-        ("tops", REALS),
-        ("step", ctypes.c_double),
-        ("test", ctypes.c_int32),
-    )
-
-
-class InkPriorStruct(ctypes.Structure):
-    """`InkPrior` of surface_estimate.h."""
-
-    _fields_ = (("inks", ctypes.c_size_t), ("nominal", InkStruct * 2), ("model", ctypes.c_int32))
-
-
-class EstimatorOptionsStruct(ctypes.Structure):
-    """`EstimatorOptions` of surface_estimate.h."""
-
-    _fields_ = (
-        ("nx", ctypes.c_size_t),
-        ("ny", ctypes.c_size_t),
-        ("part", MARKS),
-        ("target", REALS),
-        ("ink", InkPriorStruct),
-        ("drop_levels", ctypes.c_int32),
-        ("flat_ground", ctypes.c_int32),
-        ("take_as_read", ctypes.c_int32),
-        ("register_scans", ctypes.c_int32),
-        ("unseen_layers", ctypes.c_int32),
-        ("noise_variance", ctypes.c_double),
-        ("steps_variance", ctypes.c_double),
-        ("first_variance", ctypes.c_double),
-        ("volume_least", ctypes.c_double),
-        ("volume_most", ctypes.c_double),
-    )
-
-
-class EstimateStruct(ctypes.Structure):
-    """`SurfaceEstimate` of surface_estimate.h."""
+class SurfaceToPlanStruct(ctypes.Structure):
+    """`SurfaceToPlan` of step_problem.h."""
 
     _fields_ = (
         ("height", REALS),
         ("variance", REALS),
-        ("ledger", REALS),
-        ("last", REALS),
-        ("surprise", REALS),
-        ("dead_evidence", REALS),
-        ("unseen", INTEGERS),
-        ("last_valid", MARKS),
-        ("surprised", MARKS),
+        ("dead", MARKS),
         ("capped", MARKS),
-        ("known", MARKS),
-    )
-
-
-class FiguresStruct(ctypes.Structure):
-    """`EstimateFigures` of surface_estimate.h."""
-
-    _fields_ = (
-        ("ink", InkStruct * 2),
-        ("volume", ctypes.c_double),
-        ("droplet_std", ctypes.c_double),
-        ("noise_std", ctypes.c_double),
-        ("ground", ctypes.c_double * 3),
-        *((name, ctypes.c_double) for name in ("surprise", "blind_share", "excess", "rise")),
-        *((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std")),
-        *((name, ctypes.c_double) for name in ("rotation", "magnification", "stop_figure")),
-        *((name, ctypes.c_int64) for name in ("reasons", "stop", "stop_layer", "transform")),
-        *((name, ctypes.c_int64) for name in ("unseen_cells", "dead_cells", "capped_cells", "excess_cell")),
-        *((name, ctypes.c_int64) for name in ("rise_cell", "is_displaced", "is_foreign", "scans")),
-    )
-
-
-class JettedLayerStruct(ctypes.Structure):
-    """`JettedLayer` of droplet_increments.h."""
-
-    _fields_ = (
-        ("nx", ctypes.c_size_t),
-        ("ny", ctypes.c_size_t),
-        ("pattern", INTEGERS),
-        ("factor", REALS),
-        ("passes", ctypes.c_int32),
-        ("order", INTEGERS),
-        ("threads", ctypes.c_size_t),
+        ("figures", ctypes.c_void_p),
     )
 
 

@@ -14,7 +14,6 @@ from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import AfterSweep, FinishStruct, PlanReportStruct, PlanWorkStruct
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
-from inkloop_controller.problem.work import Work
 
 RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 """Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""
@@ -65,40 +64,28 @@ class FoundPlan:
 
 def best_plan(
     problem: HorizonProblem,
-    work: Work,
+    work: PlanWorkStruct,
     *,
     relaxed: RelaxedStart = "gradient",
     last: IntPlan,
-    layer_worth: float,
-    seed: int,
     seconds_max: float,
     after_sweep: Callable[[SearchProgress], bool] | None = None,
 ) -> FoundPlan:
     """The best plan found (controller/core/planner/shortest_plan.h); its first layer is not empty unless all are.
 
-    last: (layers, nx, ny) the last plan, of any number of layers; of another grid it is not used; layer_worth: what a
-    layer must gain (Criterion); seed: of the annealing, 64 bits; seconds_max: guard by the clock, instead of that of
-    `work`; after_sweep: sees each sweep of a repair, True ends them, as does Ctrl-C.
+    work: what it may take (plan_work.h); last: (layers, nx, ny) the last plan, of any number of layers; that of another
+    grid is not used; seconds_max: guard by the clock, instead of that of `work`; after_sweep: sees each sweep of a
+    repair, True ends them, as does Ctrl-C.
     """
     asked, is_given = AfterSweep(after_sweep), isinstance(relaxed, np.ndarray)
     droplets = checked("relaxed", relaxed, "f8", problem.choices.shape) if isinstance(relaxed, np.ndarray) else None
     rest = _usable(problem, last)
-    options = PlanWorkStruct(
-        relaxation=_RELAX_GIVEN if is_given else _RELAX_HERE if relaxed == "gradient" else _RELAX_NOTHING,
-        relaxed=None if droplets is None else pointer(droplets),
-        last=None if rest is None else pointer(rest),
-        last_layers=len(last),
-        layer_worth=layer_worth,
-        sweeps=work.sweeps,
-        annealing_sweeps=-1 if work.annealing_sweeps is None else work.annealing_sweeps,
-        iterations=work.iterations,
-        seed=seed,
-        seconds_max=seconds_max,
-        threads=work.threads,
-        after_sweep=asked.callback,
-    )
+    work.relaxation = _RELAX_GIVEN if is_given else _RELAX_HERE if relaxed == "gradient" else _RELAX_NOTHING
+    work.relaxed = None if droplets is None else pointer(droplets)
+    work.last = None if rest is None else pointer(rest)
+    work.last_layers, work.seconds_max, work.after_sweep = len(last), seconds_max, asked.callback
     plan, report = np.empty(problem.choices.shape, np.int32), PlanReportStruct()
-    answered(library().inkloop_plan(problem_struct(problem), options, pointer(plan), report))
+    answered(library().inkloop_plan(problem_struct(problem), work, pointer(plan), report))
     asked.was_interrupted()
     return FoundPlan(
         plan=plan,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from math import inf, nan
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from inkloop.component import FloatMap, Job
-from inkloop_controller.estimation.height_estimator import Estimate, is_probe
+from inkloop_controller.core.bindings import split
+from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.layer_problems import LayerProblems
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
-from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
-from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
-from inkloop_controller.problem.options import Option
+from inkloop_controller.problem.criterion import PLAIN, Criterion
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress
+from inkloop_controller.problem.options import declared, default, errors_of
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -28,12 +31,6 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "slp", "ipopt", "highs", "none"]
 
-HORIZON = Option(meaning="layers that are planned ahead, 1 to 5, whatever `finish` says", absent="by `finish`")
-RELAXATION = Option(
-    meaning='start of the search: projected gradients in C, or by CasADi `"slp"` (linear programs one after the other, '
-    'some hundred cells), `"ipopt"` (small grids) and `"highs"` (`horizon` = 1, `alpha` = 1), or `"none"`'
-)
-CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 SOLVER_SHARE = 0.5  # of a time limit that the relaxation by a solver may take (assumed)
 
@@ -69,19 +66,18 @@ class LayerMpc:
         job: Job,
         *,
         criterion: Criterion = PLAIN,
-        finish: Annotated[Finish, Option()] = "even",
-        horizon: Annotated[int | None, HORIZON] = None,
+        finish: Annotated[Finish, declared("finish")] = default("finish"),
+        horizon: Annotated[int | None, declared("horizon")] = default("horizon"),
         choices: DropletChoices | None = None,
-        relaxation: Annotated[Relaxation, RELAXATION] = "gradient",
+        relaxation: Annotated[Relaxation, declared("relaxation")] = default("relaxation"),
         work: Work = DEFAULT_WORK,
-        certified: Annotated[bool, CERTIFIED] = False,
+        certified: Annotated[bool, declared("certified")] = default("certified"),
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        ending = ending_of(finish)
-        foreign_horizon = ending.foreign_horizon if horizon is None else horizon
-        horizon = ending.horizon if horizon is None else horizon
-        if not 1 <= horizon <= HORIZON_MAX:
-            raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
+        errors = errors_of(finish=finish, horizon=horizon, relaxation=relaxation)
+        if errors:
+            raise ValueError("; ".join(errors))
+        given, horizon = horizon, ending_of(finish).horizon if horizon is None else horizon
         if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(
                 f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
@@ -91,14 +87,22 @@ class LayerMpc:
                 f"relaxation is 'highs' with horizon {horizon}, alpha {criterion.alpha} and {job.passes} pass(es) "
                 "of a layer; needs horizon = 1, alpha = 1 and 1 pass: set these, or relaxation = 'slp'"
             )
-        self._job, self._criterion, self._horizon, self._foreign_horizon = job, criterion, horizon, foreign_horizon
-        self._layer_worth = ending.layer_worth if criterion.layer_worth is None else criterion.layer_worth
-        self._choices = choices or DropletChoices(job)
-        self._relaxation, self._work, self._certified = relaxation, work, certified
+        self.horizon = horizon
         has_bound = certified or relaxation == "highs"  # of the predicted surface
-        self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
+        self._relaxation, self._certified, self._time_limit = relaxation, certified, work.time_limit
+        self._problems = LayerProblems(
+            job,
+            replace(criterion, droplet_std=0.0) if has_bound else criterion,
+            choices or DropletChoices(job),
+            ahead=horizon,
+            threads=work.threads,
+            finish=finish,
+            horizon=given,
+            sweeps_max=work.sweeps,
+            annealing_sweeps=work.annealing_sweeps,
+            iterations=work.iterations,
+        )
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
-        self._weight = criterion.weight(job.mask) if criterion.fringe_weight > 0.0 else None
         self._programs: dict[
             tuple[bool, int], HorizonProgram | SequentialProgram
         ] = {}  # without alpha the deviation falls out; layers
@@ -109,54 +113,28 @@ class LayerMpc:
 
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
         """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
-        job, horizon = self._job, self._foreign_horizon if estimate.figures.is_foreign else self._horizon
-        numbers = range(layer + 1, layer + 1 + horizon)
-        if estimate.height.shape != (job.nx, job.ny):
-            raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
-        choices = self._choices.allowed(estimate.height, horizon)
-        choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
-        choices[:, estimate.capped] = 0
-        droplet_std = estimate.figures.droplet_std if self._droplet_std is None else self._droplet_std
-        return HorizonProblem(
-            height=estimate.height,
-            target=job.target_height,
-            part=job.mask,
-            choices=choices,
-            kinds=self._choices.kinds(estimate.inks),
-            alpha=self._criterion.alpha_of(layer + 1),
-            weight=self._weight,
-            overshoot=self._criterion.overshoot_for(droplet_std),
-            ceiling=self._ceiling(estimate),
-            ceiling_cost=CEILING_COST,
-            droplet_std=droplet_std,
-            colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
-        )
+        return self._problems.problem(estimate, layer)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The best plan found; DONE if that is to print nothing. elapsed: time since the scan [s]."""
-        watch, problem = Stopwatch(self._work.time_limit - elapsed), self.problem(estimate, layer)
+        watch, problem = Stopwatch(self._time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
         found = best_plan(
             problem,
-            self._work,
+            self._problems.work(layer),
             relaxed=relaxed.droplets,
             last=last,
-            layer_worth=self._layer_worth,
-            seed=random_key(self._job, layer),
             seconds_max=watch.remaining,
             after_sweep=self._after_sweep,
         )
         is_uncertified = self._certified and watch.remaining == 0.0
         bound, confidence = self._bound(problem, found.plan, relaxed.bound, watch)
         is_proven = found.objective.value - bound <= PROVEN * problem.kinds[0].layer_height
-        pattern, drop_level = self._choices.split(found.plan[0])
-        model = replace(self._model, inks=estimate.inks)
         return LayerPlan(
-            plan=_of_layers(found.plan, self._horizon),
-            pattern=pattern,
-            drop_level=drop_level,
+            plan=_of_layers(found.plan, self.horizon),
+            inks=len(estimate.inks),
             objective=found.objective,
-            predict=lambda: model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
+            predict=partial(self._predicted, estimate, found.plan[0], layer + 1),
             status=PlanStatus.OPTIMAL if is_proven and found.status is not PlanStatus.DONE else found.status,
             start=found.start,
             sweeps=found.sweeps,
@@ -166,11 +144,11 @@ class LayerMpc:
             left_out=found.left_out | relaxed.left_out | (LeftOut.CERTIFICATE if is_uncertified else LeftOut.NOTHING),
         )
 
-    def _ceiling(self, estimate: Estimate) -> FloatMap | None:
-        if self._criterion.overshoot_limit == inf:
-            return None
-        height_std = np.sqrt(estimate.predicted_variance)
-        return self._criterion.ceiling(self._job.target_height, height_std, self._job.mask)
+    def _predicted(self, estimate: Estimate, droplets: IntMap, number: int) -> FloatMap:
+        """The surface after layer `number` of these droplets of a plan (nx, ny)."""
+        pattern, level = split(droplets, len(estimate.inks))
+        model = replace(self._model, inks=estimate.inks)
+        return model.layer(estimate.height, pattern, number, level.astype(np.float64))
 
     def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:
         """Where to round from; nowhere if there is no relaxation, or its engine has failed."""
@@ -182,7 +160,7 @@ class LayerMpc:
             solved = self._program(problem).solve(problem, even_droplets(problem))
         if solved.solved:
             return _Relaxed(solved.droplets, solved.bound)
-        is_late = self._work.time_limit < inf
+        is_late = self._time_limit < inf
         usable = solved.droplets if self._relaxation == "slp" else None  # its droplets are never worse than the start
         return _Relaxed(usable, left_out=LeftOut.RELAXATION if is_late else LeftOut.NOTHING)
 
@@ -201,7 +179,7 @@ class LayerMpc:
         from inkloop_controller.program.program import HorizonProgram
         from inkloop_controller.program.sequential_program import SequentialProgram
 
-        kind, seconds_max = (problem.alpha == 1.0, len(problem.choices)), SOLVER_SHARE * self._work.time_limit
+        kind, seconds_max = (problem.alpha == 1.0, len(problem.choices)), SOLVER_SHARE * self._time_limit
         if kind not in self._programs:
             assert self._relaxation in ("slp", "ipopt", "highs")
             self._programs[kind] = (
@@ -215,8 +193,3 @@ class LayerMpc:
 def _of_layers(plan: IntPlan, layers: int) -> IntPlan:
     """With empty layers after its own; the plan itself where it has as many."""
     return plan if len(plan) == layers else np.pad(plan, ((0, layers - len(plan)), (0, 0), (0, 0)))
-
-
-def random_key(job: Job, layer: int) -> int:
-    """Key of the random numbers of one layer's search, 64 bits: the job's seed above, the layer below."""
-    return (job.seed * 2**32 + layer) % 2**64

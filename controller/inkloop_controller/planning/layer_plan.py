@@ -13,6 +13,7 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.units import UM_PER_M
+from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, Objective
 
@@ -47,20 +48,27 @@ class LeftOut(IntFlag):
 PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
 
 
+def gap_of(objective: float, bound: float) -> float:
+    """How far an objective may be above the best one, as a share of it; NaN without a bound."""
+    if not isfinite(bound):
+        return nan
+    excess = max(0.0, objective - bound)
+    return excess / objective if objective > 0.0 else (0.0 if excess == 0.0 else inf)
+
+
 @dataclass(frozen=True, eq=False)
 class LayerPlan:
     """The plan for the coming layers, and how good it is.
 
-    plan: (layers, nx, ny), 0 nothing, 1 + kind of droplet; pattern: (nx, ny) its first layer, 0 none, 1 material A,
-    2 material B; drop_level: (nx, ny) drops per site of it; objective of the surface after the last layer [m];
+    plan: (layers, nx, ny), 0 nothing, 1 + kind of droplet, where kind (drops - 1) * inks + ink is one ink in one size;
+    inks: how many there are; objective of the surface after the last layer [m];
     predict: calculates `predicted_height`, which no print needs; start: the candidate that won; bound: no plan can have
     a lower objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by
     phase; left_out: by a time limit.
     """
 
     plan: IntPlan
-    pattern: IntMap
-    drop_level: IntMap
+    inks: int
     objective: Objective
     predict: Callable[[], FloatMap]
     status: PlanStatus
@@ -75,9 +83,22 @@ class LayerPlan:
     def of_pattern(
         cls, pattern: IntMap, objective: Objective, predicted: FloatMap, status: PlanStatus, start: str, sweeps: int = 0
     ) -> LayerPlan:
-        """The plan of one layer that is a pattern of single drops."""
-        level = (pattern > 0).astype(np.int32)
-        return cls(pattern[None], pattern, level, objective, lambda: predicted, status, start, sweeps)
+        """The plan of one layer that is a pattern of single drops of one or two inks."""
+        return cls(pattern[None], 2, objective, lambda: predicted, status, start, sweeps)
+
+    @property
+    def pattern(self) -> IntMap:
+        """(nx, ny) the first layer: 0 none, 1 material A, 2 material B."""
+        return self._first[0]
+
+    @property
+    def drop_level(self) -> IntMap:
+        """(nx, ny) the drops that each droplet of the first layer is made of; 0 where nothing is jetted."""
+        return np.where(self.pattern > 0, self._first[1], 0).astype(np.int32)
+
+    @cached_property
+    def _first(self) -> tuple[IntMap, IntMap]:
+        return split(self.plan[0], self.inks)
 
     @cached_property
     def predicted_height(self) -> FloatMap:
@@ -87,10 +108,7 @@ class LayerPlan:
     @property
     def gap(self) -> float:
         """How far the objective may be above the best one, as a share of it; NaN without a bound."""
-        if not isfinite(self.bound):
-            return nan
-        excess = max(0.0, self.objective.value - self.bound)
-        return excess / self.objective.value if self.objective.value > 0.0 else (0.0 if excess == 0.0 else inf)
+        return gap_of(self.objective.value, self.bound)
 
     def plot(self) -> Figure:
         """A picture (matplotlib) of the droplets of each planned layer, and the surface expected after the first."""

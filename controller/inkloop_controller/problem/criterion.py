@@ -4,40 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
 from typing import Annotated, TypeAlias
 
-import numpy as np
-
-from inkloop.component import BoolMap, FloatMap
-from inkloop_controller.problem.options import NotNegative, Option
+from inkloop_controller.problem.options import declared, default, errors_of
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
 
-ALPHA = Option(
-    meaning="weight of the mean error against the standard deviation, 0 to 1, or a schedule: `[[1, 0.5], [40, 1.0]]` "
-    "is 0.5 from layer 1 and 1.0 from layer 40 on. Below about 0.1 a print may never begin or never end",
-    form=float | list[tuple[int, float]],
-)
-LAYER_WORTH = Option(
-    meaning="what each layer must gain to be printed, whatever `finish` says, as a share of the height of a full layer "
-    "of the smallest drops; 0: every layer that gains anything",
-    absent="by `finish`",
-)
-DROPLET_STD = Option(
-    meaning="standard deviation of a droplet's volume, as a share of it: what the last droplets leave to chance "
-    "counts; 0: plans go by the predicted surface alone",
-    absent="as learnt",
-)
-OVERSHOOT = Option(
-    meaning="cost of a height above the target relative to the same height below it: jetted ink cannot be removed",
-    absent="1 + 1.2 `droplet_std`",
-)
-OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
-CAUTION = 1.2  # overshoot above 1 for a droplet_std of 1 (by trial)
-CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
-NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
+ALPHA = declared("alpha", form=float | list[tuple[int, float]])
 
 
 @dataclass(frozen=True)
@@ -56,30 +30,18 @@ class Criterion:
     Raises ValueError, all errors in one sentence, for invalid values.
     """
 
-    alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
-    overshoot: Annotated[float | None, OVERSHOOT] = None
-    overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
-    chance_margin: Annotated[float, Option()] = 0.0
-    fringe_weight: Annotated[float, Option()] = 0.0
-    droplet_std: Annotated[float | None, DROPLET_STD] = None
-    layer_worth: Annotated[float | None, LAYER_WORTH] = None
+    alpha: Annotated[AlphaSchedule, ALPHA] = default("alpha")
+    overshoot: Annotated[float | None, declared("overshoot")] = default("overshoot")
+    overshoot_limit: Annotated[float, declared("overshoot_limit")] = default("overshoot_limit")
+    chance_margin: Annotated[float, declared("chance_margin")] = default("chance_margin")
+    fringe_weight: Annotated[float, declared("fringe_weight")] = default("fringe_weight")
+    droplet_std: Annotated[float | None, declared("droplet_std")] = default("droplet_std")
+    layer_worth: Annotated[float | None, declared("layer_worth")] = default("layer_worth")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
-        errors = [
-            f"alpha is {weight}; needs a weight between 0 (evenness only) and 1 (height only)"
-            for weight in self._weights()
-            if not 0.0 <= weight <= 1.0
-        ]
-        if self.overshoot is not None and not 0.0 < self.overshoot < inf:
-            errors.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
-        errors += [
-            f"{name} is {getattr(self, name)}; needs a value of at least 0"
-            for name in ("overshoot_limit", "chance_margin", "layer_worth", "droplet_std")
-            if (value := getattr(self, name)) is not None and not value >= 0.0
-        ]
-        if not 0.0 <= self.fringe_weight <= 1.0:
-            errors.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
+        errors = [error for weight in self._weights() for error in errors_of(alpha=weight)]
+        errors += errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"})
         if errors:
             raise ValueError("; ".join(errors))
 
@@ -89,34 +51,10 @@ class Criterion:
             return float(self.alpha)
         return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
 
-    def overshoot_for(self, droplet_std: float) -> float:
-        """What a metre above the target costs, where droplets vary by `droplet_std`."""
-        return 1.0 + CAUTION * droplet_std if self.overshoot is None else self.overshoot
-
-    def ceiling(self, target: FloatMap, height_std: FloatMap, part: BoolMap) -> FloatMap | None:
-        """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`.
-
-        It holds over the part only: spill outside would forbid every droplet at the edge.
-        """
-        if self.overshoot_limit == inf:
-            return None
-        return np.where(part, target + self.overshoot_limit - self.chance_margin * height_std, NO_CEILING_M)
-
-    def weight(self, part: BoolMap) -> FloatMap:
-        """(nx, ny) weight of each cell's error."""
-        return np.where(part, 1.0, np.where(fringe(part), self.fringe_weight, 0.0))
-
     def _weights(self) -> list[float]:
         if isinstance(self.alpha, int | float):
             return [float(self.alpha)]
         return [weight for _, weight in self.alpha]
-
-
-def fringe(part: BoolMap) -> BoolMap:
-    """(nx, ny) the cells next to the part, by a side or a corner."""
-    framed = np.pad(part, 1)
-    near = [framed[i : i + part.shape[0], j : j + part.shape[1]] for i in range(3) for j in range(3)]
-    return np.asarray(np.logical_or.reduce(near) & ~part, np.bool_)
 
 
 def _is_number(alpha: AlphaSchedule) -> bool:

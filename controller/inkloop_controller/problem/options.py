@@ -18,11 +18,12 @@ from pydantic import Field
 
 from inkloop.component import Job
 from inkloop.units import UNITS
+from inkloop_controller.problem.variables import options
 
 T = TypeVar("T")
-NotNegative = Annotated[float, Field(ge=0.0)]
+_WRITTEN = {"m": "um", "s": "s", "1": ""}
+"""Unit in a scenario of a variable by its own."""
 Length = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
 """Limits that are reported with the key and the number of the scenario, not with those in SI further inside."""
 
@@ -32,14 +33,35 @@ class Option:
     """Marks a keyword argument as an option: `Annotated[float, Option("um")]`; the class gives its default in SI.
 
     unit: of the number in a scenario, suffix of its key; "" for a pure number. meaning: for the page of the scenario
-    file; "": that of the parameter of LayerController.fmu. absent: what the page gives as default if that is no value;
-    form: type and limits in a scenario; None: as annotated.
+    file. absent: what the page gives as default if that is no value; form: type and limits in a scenario; None: as
+    annotated.
     """
 
     unit: str = ""
     meaning: str = ""
     absent: str = "none"
     form: Any = None
+
+
+def declared(name: str, form: Any = None) -> Option:
+    """The option that variables.toml declares; a number with a unit has its lower limit in a scenario already."""
+    found = options()[name]
+    unit = _WRITTEN[found.unit]
+    if unit and form is None:
+        least = Field(gt=found.least) if found.is_above_least else Field(ge=found.least)
+        form = Annotated[float, least, Field(allow_inf_nan=found.unlimited)]
+        form = form | None if found.absent else form
+    return Option(unit, found.scenario or found.description, found.absent or "none", form)
+
+
+def default(name: str) -> Any:
+    """The default of an option that variables.toml declares."""
+    return options()[name].default
+
+
+def errors_of(**given: Any) -> list[str]:
+    """The errors of values by the names of variables.toml."""
+    return [error for name, value in given.items() for error in options()[name].errors(value)]
 
 
 @dataclass(frozen=True)
@@ -78,9 +100,9 @@ def _keywords(part: Callable[..., object]) -> Iterator[Keyword]:
         yield Keyword(name, f"{name}_{option.unit}" if option.unit else name, annotation, default, option)
 
 
-def arguments(part: Callable[..., object], options: Mapping[str, Any]) -> dict[str, Any]:
+def arguments(part: Callable[..., object], written: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a class in SI that are among the options of a scenario."""
-    given = {keyword: options.get(keyword.key) for keyword in keywords(part)}
+    given = {keyword: written.get(keyword.key) for keyword in keywords(part)}
     return {keyword.argument: keyword.value(value) for keyword, value in given.items() if value is not None}
 
 

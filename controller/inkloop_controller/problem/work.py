@@ -9,20 +9,8 @@ from math import inf
 from time import perf_counter
 from typing import Annotated
 
-from inkloop_controller.problem.options import Option, Positive
-
-ANNEALING_SWEEPS = Option(
-    meaning="of simulated annealing before one more repair: 50 for a single layer, up to 200 for a small plan of "
-    "several, none for large ones",
-    absent="by size",
-)
-THREADS = Option(meaning="of the plan and of the estimate after a scan; both are the same for any number")
-TIME_LIMIT = Option(
-    unit="s",
-    meaning="limit on the clock from the scan to the pattern; the best plan so far is printed. If it takes effect, a "
-    "run is no longer the same on every machine",
-    form=Positive,
-)
+from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.variables import options
 
 
 @dataclass(frozen=True)
@@ -36,21 +24,15 @@ class Work:
     Raises ValueError, all errors in one sentence, for invalid budgets.
     """
 
-    sweeps: Annotated[int, Option()] = 30
-    annealing_sweeps: Annotated[int | None, ANNEALING_SWEEPS] = None
-    iterations: Annotated[int, Option()] = 10
-    threads: Annotated[int, THREADS] = 1
-    time_limit: Annotated[float, TIME_LIMIT] = inf
+    sweeps: Annotated[int, declared("sweeps_max")] = default("sweeps_max")
+    annealing_sweeps: Annotated[int | None, declared("annealing_sweeps")] = default("annealing_sweeps")
+    iterations: Annotated[int, declared("iterations")] = default("iterations")
+    threads: Annotated[int, declared("threads")] = default("threads")
+    time_limit: Annotated[float, declared("time_limit")] = default("time_limit")
 
     def __post_init__(self) -> None:
-        least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}
-        errors = [
-            f"{name} is {getattr(self, name)}; needs at least {bound}"
-            for name, bound in least.items()
-            if (value := getattr(self, name)) is not None and value < bound
-        ]
-        if not self.time_limit > 0.0:
-            errors.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
+        given = {name: value for name, value in vars(self).items() if name != "sweeps"}
+        errors = options()["sweeps_max"].errors(self.sweeps, "sweeps") + errors_of(**given)
         if errors:
             raise ValueError("; ".join(errors))
 

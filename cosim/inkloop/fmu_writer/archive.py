@@ -123,10 +123,8 @@ def _binaries(name: str, options: argparse.Namespace) -> dict[str, bytes]:
 def _write_variables(options: argparse.Namespace) -> None:
     model = definition.load(options.definition.read_text("utf-8"), options.definition)
     options.out.mkdir(parents=True, exist_ok=True)
-    header, table = c_tables.file_names(model)
-    write_text(options.out / header, c_tables.header(model))
-    write_text(options.out / table, c_tables.source(model))
-    write_text(options.out / "fmu_model.c", c_tables.fmu_model(model))
+    for name, text in {**c_tables.files(model), "fmu_model.c": c_tables.fmu_model(model)}.items():
+        write_text(options.out / name, text)
 
 
 def _write_emulated(options: argparse.Namespace) -> None:

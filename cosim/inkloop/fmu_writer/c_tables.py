@@ -12,18 +12,42 @@ _WRITTEN_BY_KERNEL = ("output", "state", "scratch")
 _ORIGIN = "/* Written from variables.toml; change that. */"
 
 
-def file_names(model: ModelDefinition) -> tuple[str, str]:
-    """Of header and table; each model has its own, so that several stand in one binary."""
+def files(model: ModelDefinition) -> dict[str, str]:
+    """Names and texts of the files of a model; each model has its own names, so that several stand in one binary."""
     name = _snake(model.name)
-    return f"{name}_variables.h", f"{name}_variables.c"
+    texts = {"values.h": values_header(model), "variables.h": header(model), "variables.c": source(model)}
+    return {f"{name}_{end}": text for end, text in texts.items()}
+
+
+def values_header(model: ModelDefinition) -> str:
+    """The struct of pointers to the values of all variables, which needs nothing of the interface of FMUs."""
+    name = _snake(model.name)
+    guard = f"INKLOOP_{name.upper()}_VALUES_H"
+    fields = (f"    {_pointer(v)}{v.name};" for v in model.variables)
+    return "\n".join(
+        [
+            _ORIGIN,
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            "#include <stdbool.h>",
+            "#include <stdint.h>",
+            "",
+            "typedef struct {",
+            *fields,
+            f"}} {model.name}Variables;",
+            "",
+            "#endif",
+            "",
+        ]
+    )
 
 
 def header(model: ModelDefinition) -> str:
-    """The header: the model, the numbers of its variables, and a struct of pointers into an instance."""
+    """The header: the model, the numbers of its variables, and the struct of pointers into an instance."""
     name = _snake(model.name)
     guard = f"INKLOOP_{name.upper()}_VARIABLES_H"
     numbers = (f"    {_number(model, v)}," for v in model.variables)
-    fields = (f"    {_pointer(v)}{v.name};" for v in model.variables)
     binds = (f"        .{v.name} = values_of(instance, {_number(model, v)})," for v in model.variables)
     return "\n".join(
         [
@@ -32,6 +56,7 @@ def header(model: ModelDefinition) -> str:
             f"#define {guard}",
             "",
             '#include "kernel.h"',
+            f'#include "{name}_values.h"',
             "",
             f"extern const Model {name.upper()};",
             f"extern const VariableTable {name.upper()}_VARIABLES;",
@@ -39,10 +64,6 @@ def header(model: ModelDefinition) -> str:
             "enum {",
             *numbers,
             "};",
-            "",
-            "typedef struct {",
-            *fields,
-            f"}} {model.name}Variables;",
             "",
             f"static inline {model.name}Variables {name}_variables(Instance *instance) {{",
             f"    return ({model.name}Variables){{",
@@ -62,7 +83,7 @@ def source(model: ModelDefinition) -> str:
     return "\n".join(
         [
             _ORIGIN,
-            f'#include "{file_names(model)[0]}"',
+            f'#include "{_snake(model.name)}_variables.h"',
             "",
             "#include <math.h>",
             "",
@@ -83,7 +104,7 @@ def fmu_model(model: ModelDefinition) -> str:
         [
             _ORIGIN,
             '#include "lifecycle.h"',
-            f'#include "{file_names(model)[0]}"',
+            f'#include "{_snake(model.name)}_variables.h"',
             "",
             f"const Model *const FMU_MODEL = &{_snake(model.name).upper()};",
             "",

@@ -25,7 +25,8 @@ class VariableDefinition:
     `along` is the structural parameter that says how many maps; None: one.
     `initial_from` names what the value at the start is computed from; `declared` the enumeration; a parameter that
     `is_tunable` may be set between steps. `emulated`: the member of the emulator's WorldOptions (world.h) that holds
-    this parameter; None: the emulator does not have it.
+    this parameter; None: the emulator does not have it. `absent`, `unlimited`, `needs`, `scenario`: of the option in
+    Python (inkloop_controller.problem.variables), without meaning for an FMU.
     """
 
     name: str
@@ -43,6 +44,10 @@ class VariableDefinition:
     initial_from: str | None = None
     is_tunable: bool = False
     emulated: str | None = None
+    absent: str = ""
+    unlimited: bool = False
+    needs: str = ""
+    scenario: str = ""
 
     @property
     def is_grid(self) -> bool:

@@ -14,7 +14,8 @@ from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_plan import LayerPlan
@@ -109,22 +110,24 @@ def test_restored_controller_continues_with_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("options", [{"horizon": 1}, {"horizon": 2, "drop_levels": 2}])
-def test_state_holds_no_map_twice_and_one_of_earlier_versions_is_read(options: dict[str, Any]) -> None:
-    """Earlier ones held pattern and drop level of every print."""
+def test_outputs_of_a_restored_state_are_those_it_was_saved_with(options: dict[str, Any]) -> None:
     controller, resumed = (started(LayerMpcController(JOB, **options)) for _ in range(2))
     shown = answer(controller, FLAT, 0, 0)
-    saved = controller.save()  # type: ignore[attr-defined]
-    stored = dict(np.load(io.BytesIO(saved)))
-    assert ("pattern" in stored) is (options["horizon"] == 2)
-    assert stored["drop_level"].shape == (FLAT.shape if (shown["drop_level"] != 1).any() else ())
     assert (shown["drop_level"] != 1).any() == (options["horizon"] == 2)
-    buffer = io.BytesIO()
-    np.savez(buffer, **stored | {name: shown[name] for name in ("pattern", "drop_level")})
-    for state in (saved, buffer.getvalue()):
-        resumed.restore(state)  # type: ignore[attr-defined]
-        found = answer(resumed, FLAT, 0, 0)  # answered already
-        for name in shown:
-            np.testing.assert_array_equal(found[name], shown[name], err_msg=name)
+    resumed.restore(controller.save())  # type: ignore[attr-defined]
+    found = answer(resumed, FLAT, 0, 0)  # answered already
+    for name in shown:
+        np.testing.assert_array_equal(found[name], shown[name], err_msg=name)
+
+
+def test_outputs_of_a_step_stay_as_they_are_in_later_steps() -> None:
+    controller = started(LayerMpcController(JOB))
+    shown = answer(controller, FLAT, 0, 0)
+    copies = {name: np.copy(value) for name, value in shown.items()}
+    later = answer(controller, JOB.target_height / 2.0, 1, 1)
+    assert (later["estimated_height"] != shown["estimated_height"]).any()
+    for name in shown:
+        np.testing.assert_array_equal(shown[name], copies[name], err_msg=name)
 
 
 class Watched:
@@ -172,8 +175,13 @@ def test_state_of_another_grid_is_refused() -> None:
     other = LayerMpcController(block(7, 7))
     with pytest.raises(ComponentError, match=r"of a grid \(7, 7\); needs \(10, 9\)"):
         LayerMpcController(JOB).restore(other.save())
-    with pytest.raises(ComponentError, match="is no state of it"):
-        LayerMpcController(JOB).restore(b"nonsense")
+    damaged = bytearray(LayerMpcController(JOB).save())
+    damaged[-1] ^= 1
+    earlier = io.BytesIO()
+    np.savez(earlier, plan=np.zeros((1, JOB.nx, JOB.ny), np.int32), layer_command=0)
+    for wrong in (b"nonsense", b"", bytes(damaged), earlier.getvalue()):
+        with pytest.raises(ComponentError, match=r"is no state of it.*begin the print again"):
+            LayerMpcController(JOB).restore(wrong)
 
 
 def test_height_that_is_no_number_is_refused_where_it_is_marked_valid() -> None:
@@ -330,7 +338,7 @@ def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
         ({"valid": np.ones((3, 4), np.bool_)}, "valid of scan 0 has shape (3, 4); needs (10, 9)"),
         ({"measured_height": np.where(np.arange(9) == 7, np.nan, FLAT)}, "is nan at cell (0, 7) of scan 0"),
         ({"measured_height": np.where(np.arange(9) == 7, 12.0, FLAT)}, "is 12 at cell (0, 7) of scan 0"),
-        ({"measured_height": np.where(np.arange(9) == 7, -1.1, FLAT)}, "needs a height in metres, within 1 m"),
+        ({"measured_height": np.where(np.arange(9) == 7, -1.1, FLAT)}, "needs a height in metres, within 0.4 m"),
     ],
 )
 def test_scan_that_is_none_is_refused_and_nothing_is_lost(change: dict[str, Any], message: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from support.fmus.controller_values import controller_values
 from support.places import ROOT
 
 CORE = ROOT / "controller" / "core"
@@ -35,8 +36,20 @@ def run(driver: Path, core: Path, folder: Path) -> subprocess.CompletedProcess[s
     sources = [path for path in sorted(core.rglob("*.c")) if path.name not in ELSEWHERE]
     program = folder / driver.stem
     sources.append(FMUS / "layer_deposition" / "layer_map.c")
-    places = sorted({f"-I{path.parent}" for path in (*sources, FMUS / "deposition" / "cell_colour.h")})
-    command: list[str | Path] = ["gcc", *FLAGS, *WARNINGS, *places, driver, *sources, "-lm", "-lpthread", "-o", program]
+    places = sorted({f"-I{path.parent}" for path in (*sources, FMUS / "deposition" / "pass_colour.h")})
+    command: list[str | Path] = [
+        "gcc",
+        *FLAGS,
+        *WARNINGS,
+        *places,
+        f"-I{controller_values()}",
+        driver,
+        *sources,
+        "-lm",
+        "-lpthread",
+        "-o",
+        program,
+    ]
     subprocess.run(command, check=True)
     settings = {"TSAN_OPTIONS": "halt_on_error=1"}
     return subprocess.run([program], env=os.environ | settings, capture_output=True, text=True, check=False)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, EstimateFigures, HeightEstimator
+from inkloop_controller.estimation.estimate_figures import EstimateFigures
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
 from support.numpy import lu_numpy
@@ -122,11 +122,11 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_u
         assert estimate.height[5, 6] == pytest.approx(surface[5, 6], abs=1e-9)
         assert estimate.height_variance[9, 12] > first.height_variance[9, 12]
         assert estimate.state["unseen"][5, 6] == layer + 1
-        np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 2 else np.empty((0, 2)))
+        assert estimate.figures.unseen_cells == (layer > 2)
     surface = LayerModel.of(job).layer(surface, pattern, 6)
     again = estimator.next(estimate, pattern, 6, surface, seen)
     assert not again.state["unseen"].any()
-    assert not again.untrusted.any()
+    assert not again.figures.unseen_cells
 
 
 @pytest.mark.parametrize("factor", [1.0, np.random.default_rng(4).uniform(0.7, 2.0, (14, 12))])
@@ -147,13 +147,6 @@ def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any)
     after = estimator.next(before, pattern, 1, surface, ~seen, volumes)
     grown = after.height_variance - before.height_variance
     np.testing.assert_allclose(grown[alone > 0.0], 0.1**2 * alone[alone > 0.0], rtol=1e-9, atol=1e-20)
-
-
-def test_variance_before_the_next_scan_is_that_of_a_full_flat_layer_more() -> None:
-    inks = (Ink(), Ink(5e-6, 0.9e-6, 0.4e-6))
-    estimate = replace(Estimate.exact(np.zeros((3, 3)), inks), height_variance=np.full((3, 3), 2e-13))
-    squares = 5e-6**2 + 4 * 0.9e-6**2 + 4 * 0.4e-6**2
-    np.testing.assert_allclose(estimate.predicted_variance, 2e-13 + 0.1**2 * squares, rtol=1e-12)
 
 
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
@@ -218,19 +211,18 @@ def test_spikes_on_many_scans_leave_the_estimate_as_good_as_droplets_allow() -> 
 def test_estimate_comes_back_from_its_state_bit_by_bit() -> None:
     estimator = HeightEstimator(block(20, 20))
     estimate, *_ = printed(block(20, 20), estimator, 3, 1e-6)
-    back = estimator.restored(estimate.state)
+    back = estimator.estimate(np.array(estimate.block))
     assert back.figures == estimate.figures
     assert back.inks == estimate.inks
-    for name in ("height", "height_variance", "dead", "capped", "untrusted"):
+    for name in ("height", "height_variance", "dead", "capped"):
         np.testing.assert_array_equal(getattr(back, name), getattr(estimate, name), err_msg=name)
 
 
 def test_state_that_is_none_is_refused() -> None:
     estimator = HeightEstimator(block(20, 20))
-    estimate, *_ = printed(block(20, 20), estimator, 1, 0.0)
-    for name, wrong in (("height", np.zeros((3, 3))), ("known", np.zeros(5, np.uint8))):
-        with pytest.raises(ValueError, match=name):
-            estimator.restored({**estimate.state, name: wrong})
+    for size in (5, HeightEstimator(block(9, 9)).step.estimate_size):
+        with pytest.raises(ValueError, match="block has shape"):
+            estimator.estimate(np.zeros(size, np.uint8))
     seen, none = np.ones((20, 20), np.bool_), np.zeros((20, 20), np.int32)
     exact = Estimate.exact(np.zeros((20, 20)), (Ink(),))
     with pytest.raises(ValueError, match="has no state; needs one"):
@@ -243,7 +235,7 @@ def test_nothing_is_learnt_and_all_is_trusted_of_an_exact_surface() -> None:
     assert exact.figures == EstimateFigures()
     assert not exact.figures.reasons
     assert exact.inks == inks
-    for nothing in (exact.dead, exact.capped, exact.untrusted, exact.height_variance):
+    for nothing in (exact.dead, exact.capped, exact.height_variance):
         assert not nothing.any()
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block
 
@@ -180,5 +181,5 @@ def test_volumes_that_are_believed_are_those_that_were_asked_for() -> None:
     for _ in range(5):
         bench.print(bench.full_pattern())
     assert bench.estimate.figures.stop == UntrustedReason.VOLUME
-    with pytest.raises(ValueError, match=r"volume_least is 1\.5 and volume_most 1\.25"):
+    with pytest.raises(ValueError, match=r"volume_least is 1\.5; needs a share of the nominal volume of 0\.01 to 1"):
         HeightEstimator(bench.job, volume_least=1.5)

@@ -10,7 +10,8 @@ import pytest
 
 from inkloop.component import Status
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long

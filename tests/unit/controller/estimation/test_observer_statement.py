@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from support.numpy import lu_numpy
 from support.numpy.observer_numpy import Observer
 from support.numpy.observer_setup import Setup, State, blurred, near, sampling

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
 

@@ -11,12 +11,8 @@ import pytest
 
 from inkloop.component import Ink, Job, Status
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.estimation.height_estimator import (
-    TRANSFORMS,
-    Estimate,
-    HeightEstimator,
-    UntrustedReason,
-)
+from inkloop_controller.estimation.estimate_figures import TRANSFORMS, UntrustedReason
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
@@ -166,7 +162,7 @@ def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
 def test_state_that_is_restored_goes_on_with_the_same_bits() -> None:
     job, estimator = hook(), HeightEstimator(hook())
     estimate = shown(job, lambda scans: scans[-1][::-1], 2)[-1]
-    back = estimator.restored({name: value.copy() for name, value in estimate.state.items()})
+    back = estimator.estimate(np.array(estimate.block))
     assert back.figures == estimate.figures
     pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
     one, other = (estimator.next(each, pattern, 3, each.height, seen) for each in (estimate, back))

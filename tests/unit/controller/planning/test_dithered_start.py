@@ -12,12 +12,12 @@ import pytest
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse, relax
 from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.planning.horizon_planner import best_plan
 from inkloop_controller.planning.layer_plan import LeftOut
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.problem.work import Work
 from support.layer_problems import INKS, ORDERS, nearly_flat, rough
 from support.numpy.relaxation_numpy import dithered
+from support.problem_plans import best_plan
 
 SHAPE = (42, 39)
 WORK = Work(sweeps=30, annealing_sweeps=0)

@@ -10,10 +10,10 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.planning.horizon_planner import best_plan
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import Work
 from support.numpy.plan_starts_numpy import shifted
+from support.problem_plans import best_plan
 
 SHAPE, SWEEPS, SEED = (17, 15), 12, 3
 ORDER = ((0, 3, 1, 2), (2, 1, 3, 0))

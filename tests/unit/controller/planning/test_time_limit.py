@@ -16,21 +16,23 @@ from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.core.library import VARIABLE, library
 from inkloop_controller.model.starts import no_droplets
-from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
+from inkloop_controller.planning.horizon_planner import FoundPlan
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import Work
 from support import compiled
+from support.fmus.controller_values import controller_values
 from support.places import ROOT
+from support.problem_plans import best_plan
 
 CORE = ROOT / "controller" / "core"
-ELSEWHERE = ("layer_planner.c", "layer_problem.c", "parallel_pthread.c", "stopwatch.c")
+ELSEWHERE = ("parallel_pthread.c", "stopwatch.c")
 SOURCES = (
     *(path for path in sorted(CORE.rglob("*.c")) if path.name not in ELSEWHERE),
     ROOT / "fmus" / "layer_deposition" / "layer_map.c",
     ROOT / "tests" / "c" / "counting_stopwatch.c",
 )
-PLACES = sorted({f"-I{path.parent}" for path in (*CORE.rglob("*.h"), *SOURCES, ROOT / "fmus/deposition/passes.h")})
+PLACES = sorted({f"-I{path.parent}" for path in (*CORE.rglob("*.h"), *SOURCES, ROOT / "fmus/deposition/pass_colour.h")})
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", *PLACES)
 ALL = LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR | LeftOut.FEWER_LAYERS
 FIRST_PLAN = 32.0  # looks at the stopwatch, with two evaluations and a rounding
@@ -47,7 +49,8 @@ pytestmark = [
 @pytest.fixture
 def counting(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The core with the counting stopwatch."""
-    objects = [compiled.object_of(source, FLAGS) for source in SOURCES]
+    flags = (*FLAGS, f"-I{controller_values()}")
+    objects = [compiled.object_of(source, flags) for source in SOURCES]
     monkeypatch.setenv(VARIABLE, str(compiled.linked("counting_core.so", objects, ("-shared",))))
     library.cache_clear()
     yield

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import nan
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inkloop.component import Job
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.problem.criterion import Criterion, fringe
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.problem.criterion import Criterion
 from support.closed_loop import block, print_part
 from support.long_proofs import rest_is_long
 
@@ -21,12 +25,17 @@ def test_schedule_of_alpha_holds_from_its_layer_on() -> None:
 
 
 def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
-    target, std = np.full((1, 2), 100e-6), np.array([[0.0, 2e-6]])
-    everywhere = np.ones(target.shape, np.bool_)
-    ceiling = Criterion(overshoot_limit=5e-6, chance_margin=2.0).ceiling(target, std, everywhere)
-    assert ceiling is not None
-    assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]), rel=1e-9, abs=0.0)
-    assert Criterion().ceiling(target, std, everywhere) is None
+    """Of the height now, and of what a full layer of droplets that vary by 10 % adds."""
+    target = np.full((1, 2), 100e-6)
+    part = np.ones(target.shape, np.bool_)
+    job = Job(1, 2, 254e-6, target, part)
+    exact, deviation = Estimate.exact(np.zeros((1, 2)), job.inks), np.array([[0.0, 2e-6]])
+    estimate = replace(exact, height_variance=deviation**2)
+    ceiling = LayerMpc(job, criterion=Criterion(overshoot_limit=5e-6, chance_margin=2.0)).problem(estimate, 0).ceiling
+    (ink,) = job.inks
+    layer = 0.1 * np.sqrt(ink.h1**2 + 4.0 * ink.h2**2 + 4.0 * ink.h3**2)
+    assert ceiling == pytest.approx(105e-6 - 2.0 * np.hypot(deviation, layer), rel=1e-9, abs=0.0)
+    assert LayerMpc(job).problem(estimate, 0).ceiling is None
 
 
 @pytest.mark.system
@@ -49,13 +58,15 @@ def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells(prints: int
 def test_fringe_is_the_ring_around_the_part() -> None:
     part = np.zeros((5, 6), np.bool_)
     part[2, 2:4] = True
-    ring = np.zeros_like(part)
-    ring[1:4, 1:5] = True
-    assert (fringe(part) == (ring & ~part)).all()
-    weight = Criterion(fringe_weight=0.25).weight(part)
-    assert weight[2, 2] == 1.0
-    assert weight[1, 1] == 0.25
-    assert weight[0, 0] == 0.0
+    expected = np.zeros(part.shape)
+    expected[1:4, 1:5] = 0.25
+    expected[part] = 1.0
+    job = Job(5, 6, 254e-6, np.where(part, 30e-6, 0.0), part)
+    bare = Estimate.exact(np.zeros(part.shape), job.inks)
+    np.testing.assert_array_equal(
+        LayerMpc(job, criterion=Criterion(fringe_weight=0.25)).problem(bare, 0).weights, expected
+    )
+    np.testing.assert_array_equal(LayerMpc(job).problem(bare, 0).weights, part)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from inkloop.report.remarks import remarks
 from inkloop.report.trust import stop_remarks, untrusted_remarks
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_controller.estimation.height_estimator import TRANSFORMS
+from inkloop_controller.estimation.estimate_figures import TRANSFORMS
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
 

@@ -17,7 +17,7 @@ from inkloop.results.recorder import COUNTER_ROLES
 from inkloop.testing import job
 from inkloop_controller import PlanStatus
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.estimation.height_estimator import TRANSFORMS, UntrustedReason
+from inkloop_controller.estimation.estimate_figures import TRANSFORMS, UntrustedReason
 from inkloop_controller.planning.layer_plan import LeftOut
 from support.places import ROOT
 from support.toys import toy_result

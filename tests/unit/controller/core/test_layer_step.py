@@ -1,0 +1,194 @@
+"""Invariants of a step of the controller: when it is due, what it takes from the state before, and what it shows."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink, Job, Status
+from inkloop_controller.core.layer_step import Block, LayerStep
+from inkloop_controller.core.structs import ObjectiveStruct, PlanFiguresStruct
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import block
+
+REPAIRED, DONE = 1, 7
+JOB = block(12, 11)
+FLAT, SEEN = np.zeros((12, 11)), np.ones((12, 11), np.bool_)
+
+
+def numbers(scanned: int, printed: int, **others: Any) -> dict[str, Any]:
+    return {"layers_scanned": scanned, "layers_printed": printed, **others}
+
+
+def plan_figures(status: int = REPAIRED, value: float = 2e-6) -> PlanFiguresStruct:
+    return PlanFiguresStruct(
+        status=status, objective=ObjectiveStruct(value, 3e-6, 0.0, 1e-6), bound=nan, bound_confidence=1.0, seconds=0.5
+    )
+
+
+def taken(step: LayerStep, state: Block, layer: int, height: Any, plan: Any, status: int = REPAIRED) -> Block:
+    """The state after the scan of a layer that is answered by a plan."""
+    assert step.is_due(numbers(layer, layer), state)
+    after, lacks_plan = step.begin(height, SEEN, state)
+    assert lacks_plan
+    return step.take(after, plan, plan_figures(status))
+
+
+def full(layers: int = 1, job: Job = JOB) -> Any:
+    return np.repeat(job.mask[None], layers, axis=0).astype(np.int32)
+
+
+def printed(step: LayerStep, layers: int, stuck_from: int = 99) -> tuple[Block, Any]:
+    """The state before the scan of the last layer of a print of full ones, and that scan; stuck: nothing grows."""
+    state, height, plant = step.new_state(1, 0), FLAT, LayerModel.of(JOB)
+    for layer in range(layers):
+        state = taken(step, state, layer, height, full())
+        height = plant.layer(height, full()[0], layer + 1) if layer + 1 < stuck_from else height
+    return state, height
+
+
+@pytest.mark.parametrize("scanned", [-1, 0, 1, 2, 3])
+@pytest.mark.parametrize("layers_printed", [0, 1, 2, 3])
+def test_step_is_due_for_a_new_scan_of_the_layer_commanded_and_for_no_other(scanned: int, layers_printed: int) -> None:
+    step = LayerStep(JOB)
+    state, _ = printed(step, 2)  # layers 1 and 2 are commanded, scan 1 is answered
+    assert step.is_due(numbers(scanned, layers_printed), state) == (scanned == layers_printed == 2)
+
+
+def test_scan_is_answered_once() -> None:
+    step = LayerStep(JOB)
+    state, height = printed(step, 2)
+    state = taken(step, state, 2, height, full(), DONE)
+    for scanned in (2, 3):
+        assert not step.is_due(numbers(scanned, scanned), state)
+
+
+def test_commands_count_from_the_layers_there_are_and_a_plan_that_is_done_commands_none() -> None:
+    step = LayerStep(JOB)
+    start = step.new_state(1, 41)
+    assert step.outputs(start)["layer_command"] == 41
+    after = taken(step, start, 41, FLAT, full())
+    assert (step.outputs(after)["layer_command"], step.outputs(after)["status"]) == (42, Status.IDLE)
+    done = step.outputs(taken(step, start, 41, FLAT, np.zeros_like(full()), DONE))
+    assert (done["layer_command"], done["status"]) == (41, Status.DONE)
+
+
+def test_state_before_is_left_as_it_was() -> None:
+    step = LayerStep(JOB)
+    before, height = printed(step, 2)
+    copy = before.copy()
+    assert step.is_due(numbers(2, 2), before)
+    after, _ = step.begin(height, SEEN, before)
+    step.take(after, full(), plan_figures())
+    np.testing.assert_array_equal(before, copy)
+
+
+def test_plan_that_failed_is_begun_again_from_the_same_estimate() -> None:
+    step = LayerStep(JOB)
+    before, height = printed(step, 2)
+    assert step.is_due(numbers(2, 2), before)
+    after, _ = step.begin(height, SEEN, before)
+    assert step.is_due(numbers(2, 2), after)
+    again, lacks_plan = step.begin(height + 5e-6, SEEN, after)
+    assert lacks_plan
+    np.testing.assert_array_equal(again, after)
+
+
+def test_state_takes_a_plan_of_another_number_of_layers_with_the_same_estimate() -> None:
+    step = LayerStep(JOB)
+    state, _ = printed(step, 1)
+    longer = step.take(state, full(3), plan_figures())
+    assert (step.layers_of(state), step.layers_of(longer)) == (1, 3)
+    np.testing.assert_array_equal(step.plan_in(longer), full(3))
+    np.testing.assert_array_equal(step.estimate_in(longer), step.estimate_in(state))
+
+
+@pytest.mark.parametrize("shape", [(0, 12, 11), (1, 11, 12), (2, 12, 10)])
+def test_plan_of_another_grid_or_of_no_layer_is_refused_and_the_state_is_left(shape: tuple[int, ...]) -> None:
+    step = LayerStep(JOB)
+    state, _ = printed(step, 1)
+    before = state.copy()
+    with pytest.raises(ValueError, match="plan has shape"):
+        step.take(state, np.zeros(shape, np.int32), plan_figures())
+    np.testing.assert_array_equal(state, before)
+
+
+def test_bytes_of_another_grid_or_size_are_no_state() -> None:
+    step, other = LayerStep(JOB), LayerStep(block(11, 12))
+    state = step.new_state(2, 0)
+    assert step.layers_of(state) == 2
+    for wrong in (other.new_state(2, 0), state[:-1].copy(), state[:20].copy(), np.zeros_like(state)):
+        assert step.layers_of(wrong) == 0
+
+
+@pytest.mark.parametrize("inks", [1, 2])
+def test_outputs_show_material_and_drops_of_the_first_layer_of_the_plan(inks: int) -> None:
+    """Kind (drops - 1) inks + ink; a droplet of a plan is one more."""
+    job = block(12, 11, inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))[:inks])
+    step, rng = LayerStep(job, drop_levels=3), np.random.default_rng(0)
+    pattern = rng.integers(0, inks + 1, (12, 11))
+    level = np.where(pattern > 0, rng.integers(1, 4, (12, 11)), 1)
+    first = np.where(pattern > 0, (level - 1) * inks + pattern, 0)
+    plan = np.stack([first, np.zeros_like(first)]).astype(np.int32)
+    found = step.outputs(taken(step, step.new_state(2, 0), 0, FLAT, plan))
+    np.testing.assert_array_equal(found["pattern"], pattern)
+    np.testing.assert_array_equal(found["drop_level"], level)
+    assert (found["objective"], found["solve_time"], found["bound_valid"]) == (2e-6, 0.5, False)
+
+
+def test_layer_of_several_drops_is_estimated_with_their_volume() -> None:
+    step = LayerStep(JOB, drop_levels=2)
+    state = taken(step, step.new_state(1, 0), 0, FLAT, 2 * full())
+    height = LayerModel.of(JOB).layer(FLAT, full()[0], 1, np.full(FLAT.shape, 2.0))
+    assert step.is_due(numbers(1, 1), state)
+    unseen, _ = step.begin(FLAT, ~SEEN, state)
+    np.testing.assert_allclose(step.outputs(unseen)["estimated_height"], height, rtol=1e-12, atol=1e-18)
+
+
+def stopped(step: LayerStep) -> Block:
+    """A state after scans on which nothing grows."""
+    state, height = printed(step, 3, stuck_from=1)
+    for layer in range(3, 9):
+        assert step.is_due(numbers(layer, layer), state)
+        state, lacks_plan = step.begin(height, SEEN, state)
+        if not lacks_plan:
+            return state
+        state = step.take(state, full(), plan_figures())
+    raise AssertionError("never stopped")
+
+
+def test_print_that_is_stopped_jets_nothing_until_a_person_has_looked() -> None:
+    step = LayerStep(JOB)
+    state = stopped(step)
+    shown = step.outputs(state)
+    assert (shown["stop_reason"], shown["status"]) == (UntrustedReason.NO_GROWTH, Status.UNTRUSTED)
+    assert not shown["pattern"].any()
+    layer = int(shown["layer_command"])
+    assert not step.is_due(numbers(layer, layer), state)
+    assert step.is_due(numbers(layer, layer, looked_at=True), state)
+    after, lacks_plan = step.begin(FLAT, SEEN, state)
+    assert lacks_plan
+    found = step.outputs(step.take(after, full(), plan_figures()))
+    assert (found["stop_reason"], found["layer_command"]) == (0, layer + 1)
+    np.testing.assert_array_equal(found["pattern"], full()[0])
+
+
+def test_look_while_the_scan_is_not_the_one_asked_for_lets_the_print_go_on_with_the_next_one() -> None:
+    step = LayerStep(JOB)
+    state = stopped(step)
+    layer = int(step.outputs(state)["layer_command"])
+    assert step.is_due(numbers(layer - 1, layer, looked_at=True), state)
+    after, lacks_plan = step.begin(FLAT, SEEN, state)
+    assert not lacks_plan
+    assert step.outputs(after)["stop_reason"] == 0
+    assert step.is_due(numbers(layer, layer), after)
+
+
+def test_print_that_is_to_continue_is_never_stopped() -> None:
+    step = LayerStep(JOB, on_doubt="continue")
+    with pytest.raises(AssertionError, match="never stopped"):
+        stopped(step)
