@@ -20,9 +20,10 @@ static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go to
 static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
 static const double SHORT_STEP = 0.05,
-                    SHORTER = 0.7;       /* [cells]; times as long each round: beyond an edge nothing pulls */
-static const double CONVERGED = 1e-3;    /* [cells, cells^2] */
-static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
+                    SHORTER = 0.7;            /* [cells]; times as long each round: beyond an edge nothing pulls */
+static const double QUARTILE_SQUARE = 1.3233; /* of a normal variable of variance 1 */
+static const double CONVERGED = 1e-3;         /* [cells, cells^2] */
+static const double UNKNOWN_SHIFT = 0.3;      /* [cells], standard deviation from which on whole cells are tried */
 enum {
     SHIFTS_TRIED = 3,
     ROUNDS = 30,
@@ -359,9 +360,10 @@ static bool is_in_group(const Wall *wall, size_t group, double steep) {
     return (wall->slopes > steep) == (group == ALL_STEEP) && (group == ALL_STEEP || wall->class == OWN);
 }
 
-/* Residuals at walls, in variances: the largest median of a group. Droplets are learnt from even cells: on steep ones
- * what the view does not model hides them. */
-static double misfit_of(const WallFit *fit, InkFit *displaced) {
+/* Residuals at walls, in variances, the largest of a group: the median, and half the upper quartile while scans are not
+ * displaced, since droplets of another kind often leave half of the walls alone. Droplets are learnt from even cells:
+ * on steep ones what the view does not model hides them. */
+static double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;
     for (size_t group = 0; group < GROUPS; group++) {
@@ -375,9 +377,11 @@ static double misfit_of(const WallFit *fit, InkFit *displaced) {
             squares += wall->squares;
             variance += wall->alone;
         }
-        const double found = count >= LEAST_READINGS ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
+        const bool is_many = count >= LEAST_READINGS;
+        const double high = is_many ? upper_quartile(fit->values, count) / QUARTILE_SQUARE : 1.0;
+        const double found = is_many ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
         if (group < EVEN_OWN)
-            largest = fmax(largest, found);
+            largest = fmax(largest, fmax(found, is_displaced ? 0.0 : 0.5 * high));
         if (group < CLASSES)
             displaced->misfit[group] = found;
         if (group < EVEN_OWN || count < LEAST_READINGS)
@@ -419,8 +423,7 @@ static void learn(const WallFit *fit, const double *x, const double *covariance,
         registration->steps[k] =
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
-    registration->is_displaced =
-        registration->fits > 1 && registration->odds > DECIDED && may_be_displaced(registration);
+    registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
     memcpy(registration->estimate, x, sizeof registration->estimate);
     for (size_t a = 0; a < GEOMETRY; a++)
         for (size_t b = 0; b < GEOMETRY; b++)
@@ -453,7 +456,7 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
     average_prediction(start, &fit);
     if (fit.count >= LEAST_READINGS && prior_of_walls(&fit, registration, misfit, &prior) &&
         solve_walls(&prior, registration->is_displaced, &fit, x, covariance)) {
-        const double left = misfit_of(&fit, displaced);
+        const double left = misfit_of(&fit, registration->is_displaced, displaced);
         take_smooth(x, covariance, DATUM, n, all, displaced);
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn(&fit, x, covariance, left, gained, registration);

@@ -92,6 +92,11 @@ static double middle_of(double *values, size_t count, size_t middle, bool with_b
     return 0.5 * (before + values[middle]);
 }
 
+double upper_quartile(double *values, size_t count) {
+    select_place(values, count, 3 * count / 4);
+    return values[3 * count / 4];
+}
+
 double median(double *values, size_t count) {
     return middle_of(values, count, count / 2, count % 2 == 0);
 }

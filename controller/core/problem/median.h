@@ -7,6 +7,9 @@
 /* The value in the middle, or the mean of the two that are, of at least one; what is left in `values` is of no use. */
 double median(double *values, size_t count);
 
+/* The value that a quarter of them, of at least one, is not below; what is left in `values` is of no use. */
+double upper_quartile(double *values, size_t count);
+
 /* Lists that the chunks of a grid left in a map of it, each where the rows of its chunk begin. */
 typedef struct {
     size_t nx, ny;

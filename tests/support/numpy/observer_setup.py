@@ -130,6 +130,15 @@ def misfit(squares: Any) -> float:
     return float(np.median(squares)) / c.MEDIAN_SQUARE if len(squares) >= c.LEAST_CELLS else 1.0
 
 
+def upper_misfit(squares: Any) -> float:
+    """Half of the same of the upper quartile."""
+    return (
+        0.5 * float(np.sort(squares)[3 * len(squares) // 4]) / c.QUARTILE_SQUARE
+        if len(squares) >= c.LEAST_CELLS
+        else 1.0
+    )
+
+
 class Setup:
     """`noise`: of a reading [m^2], None where it is learnt; `model`: "scale", "full" or "off"; least, most: volume;
 

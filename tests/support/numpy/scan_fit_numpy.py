@@ -22,6 +22,7 @@ from support.numpy.observer_setup import (
     sampling,
     seen,
     solved,
+    upper_misfit,
 )
 
 
@@ -294,7 +295,11 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
     fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
     is_steep = view.slopes > (c.STEEP * o.layer) ** 2
-    left, even = max(1.0, misfit(squares[is_steep]), *fit.misfit), (view.classes == 0) & ~is_steep
+    groups = [squares[each] for each in (is_steep, view.classes == 0, view.classes == 1)]
+    left, even = (
+        max(1.0, *map(misfit, groups), *(() if s.is_displaced else map(upper_misfit, groups))),
+        (view.classes == 0) & ~is_steep,
+    )
     if even.sum() >= c.LEAST_CELLS:
         fit.droplets, fit.squares = int(even.sum()), np.mean(view.squares[even])
         fit.base, fit.misfit[0] = (
@@ -319,5 +324,5 @@ def learn_geometry(s: State, x: Any, covariance: Any, left: float, gained: float
     if len(s.misfits) > 1 and may_be:
         steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
         s.steps = np.maximum(steps, c.LEAST_STEP**2)
-    s.is_displaced = len(s.misfits) > 1 and s.odds > c.DECIDED and may_be
+    s.is_displaced = s.odds > c.DECIDED and may_be
     s.g, s.covariance = x[:7].copy(), covariance[:7, :7].copy()

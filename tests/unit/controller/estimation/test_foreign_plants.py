@@ -81,7 +81,7 @@ MAY_BE = "a scan whose misfit is small by chance makes readings at walls weak ag
 def test_estimate_follows_exact_scans_of_full_layers_of_a_foreign_plant(
     options: dict[str, Any], name: str, seed: int
 ) -> None:
-    """In the first layer droplets that spill wider are the same as a spot of the sensor."""
+    """The first full layer of droplets that spill wider looks like that of others under a spot."""
     first, *others = errors(PLANTS[name](), FULL, seed, **options)
     assert first < (1e-6 if name == "wide spill" and not options else TOLERANCE)
     assert max(others) < TOLERANCE
