@@ -17,7 +17,7 @@ static const double LARGEST_SPREAD = 4.0;                   /* [cells^2] */
 static const double SAME_SHARE = 1e-3;                      /* of the ink, under a spot of a cell */
 static const double SAME_SPREAD = 0.02;                     /* [cells^2] within which readings are linear in the spot */
 static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
-static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
+static const double PRICE = 1.75; /* per scan, in odds: what seven unknowns gain by chance, 7/2, tempered */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
 static const double SHORT_STEP = 0.05,
                     SHORTER = 0.7;            /* [cells]; times as long each round: beyond an edge nothing pulls */

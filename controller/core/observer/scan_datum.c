@@ -18,6 +18,7 @@ enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAS
 void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
     const size_t cells = nx * ny;
     uint8_t *one = marks, *other = marks + cells;
+    size_t found = 0;
     for (size_t i = 0; i < nx; i++)
         mark_near_row(part, nx, ny, i, one + i * ny);
     for (size_t i = 0; i < nx; i++)
@@ -25,7 +26,9 @@ void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uin
     for (size_t i = 0; i < nx; i++)
         mark_near_row(other, nx, ny, i, ground + i * ny);
     for (size_t cell = 0; cell < cells; cell++)
-        ground[cell] = !ground[cell];
+        found += ground[cell] = !ground[cell];
+    for (size_t cell = 0; found < LEAST_CELLS && cell < cells; cell++)
+        ground[cell] = !one[cell];
 }
 
 /* Cells of the ground that were seen. */

@@ -1,8 +1,9 @@
 /* The datum of a scan: offset, tilts and bows of the profiler's frame, from ground that no droplet reaches.
  *
  * A profiler is levelled anew for every scan, or a substrate bows while it is printed on: both move all readings
- * smoothly. Cells four and more from the part show by how much. The fit is robust, and its prior is learnt over the
- * scans: a profiler that keeps its frame soon has none. Where there is no ground there is no datum. */
+ * smoothly. Cells four and more from the part show by how much, or two and more where those are few. The fit is robust,
+ * and its prior is learnt over the scans: a profiler that keeps its frame soon has none. Where there is no ground there
+ * is no datum. */
 #ifndef INKLOOP_SCAN_DATUM_H
 #define INKLOOP_SCAN_DATUM_H
 

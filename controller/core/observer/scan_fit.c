@@ -7,7 +7,7 @@
 #include "small_algebra.h"
 
 static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
-static const double SHARE_STEP = 0.01, FULL_STEP = 0.02; /* of a share from layer to layer (assumed) */
+static const double SHARE_STEP = 0.007, FULL_STEP = 0.014; /* of a share from layer to layer (assumed) */
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 
 void slope_squares(size_t nx, size_t ny, const double *height, double *squares) {

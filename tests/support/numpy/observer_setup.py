@@ -160,6 +160,8 @@ class Setup:
         self.u, self.w = self.i / self.half[0] - 1.0, self.j / self.half[1] - 1.0
         self.terms = np.stack([np.ones(self.shape), self.u, self.w, self.u**2, self.u * self.w, self.w**2])
         self.free = ~near(self.part, 3)
+        if self.free.sum() < c.LEAST_GROUND:
+            self.free = ~near(self.part)
 
     def levelled(self, pattern: Any, ink: Any) -> float:
         """Share of the variance of a height that a layer leaves, where its droplets reach."""

@@ -50,6 +50,7 @@ UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
 OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
 NO_FACTORS = {
     "cosim/inkloop/geometry/mesh.py": "OPEN_MAX is a share of columns",
+    "cosim/inkloop/identify/droplet_volume.py": "SINGULAR is a share of an information",
     "cosim/inkloop/identify/expected_increments.py": "the share of a width below which a variance is rounding",
     "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
