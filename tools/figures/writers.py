@@ -18,6 +18,7 @@ WRITERS = (
     "own_part",
     "cylinder_prints",
     "closed_loop",
+    "lying_scans",
     "layer_problem",
     "height_maps",
     "modelica_library",

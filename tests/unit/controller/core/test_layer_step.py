@@ -151,8 +151,8 @@ def test_layer_of_several_drops_is_estimated_with_their_volume() -> None:
 
 def stopped(step: LayerStep) -> Block:
     """A state after scans on which nothing grows."""
-    state, height = printed(step, 3, stuck_from=1)
-    for layer in range(3, 9):
+    state, height = printed(step, 2, stuck_from=1)
+    for layer in range(2, 9):
         assert step.is_due(numbers(layer, layer), state)
         state, lacks_plan = step.begin(height, SEEN, state)
         if not lacks_plan:
