@@ -53,13 +53,14 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
                       double most) {
     const ScanEvidence *evidence = doubt->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const uint8_t *even = doubt->maps->room.walls, *ground = doubt->maps->ground;
     size_t on_ground = 0, count = 0;
     double sum = 0.0;
     const double layer = layer_of(evidence->options);
     for (size_t cell = 0; cell < nx * ny; cell++)
-        on_ground += doubt->ground[cell] && valid[cell];
+        on_ground += ground[cell] && valid[cell];
     const ScanDatum datum =
-        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
+        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? even : ground,
                    doubt->before->known->datum_spread, fmax(doubt->noise_variance, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
@@ -67,7 +68,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double w = place_on(j, ny);
-            if (!valid[cell] || !doubt->even[cell])
+            if (!valid[cell] || !even[cell])
                 continue;
             const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
             sum += rest * rest < most ? rest * rest : most;
@@ -103,34 +104,32 @@ static double native_square(const ScanDoubt *doubt) {
 }
 
 static void read_as_now(const ScanDoubt *doubt, const double *height, double *reading) {
-    const size_t nx = doubt->evidence->options->nx, ny = doubt->evidence->options->ny;
-    if (!doubt->geometry) {
-        memcpy(reading, height, nx * ny * sizeof *height);
-        return;
-    }
-    means_over_spot(nx, ny, height, doubt->geometry[SPREAD], doubt->other, doubt->lines);
-    read_displaced(nx, ny, doubt->lines, doubt->geometry, reading);
+    const EstimatorOptions *options = doubt->evidence->options;
+    double *const *room = doubt->maps->room.lists;
+    read_map(&doubt->before->known->registration, options->nx, options->ny, height, room[0], room[1], reading);
 }
 
-/* Costs of the other explanations; below 0 where there is none. */
-static void take_costs(const ScanDoubt *doubt, double most, double cost[DOUBTS]) {
+/* Costs of the other explanations; below 0 where there is none. expected: readings of the prediction. */
+static void take_costs(const ScanDoubt *doubt, const double *expected, double most, double cost[DOUBTS]) {
     const ScanEvidence *evidence = doubt->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
-    read_as_now(doubt, evidence->before, doubt->past);
-    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, doubt->past, most);
+    double *past = doubt->maps->room.spread_slope, *other = doubt->maps->room.lists[0];
+    uint8_t *marks = doubt->maps->room.marks;
+    read_as_now(doubt, evidence->before, past);
+    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, past, most);
     for (size_t cell = 0; cell < cells; cell++)
-        doubt->marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
-    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, doubt->marks, doubt->before->last, most);
+        marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
+    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, marks, doubt->before->last, most);
     for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
         cost[transform] = -1.0;
         if (transform >= DOUBT_TRANSPOSED && nx != ny)
             continue;
         for (size_t cell = 0; cell < cells; cell++) {
             const size_t from = transformed(nx, ny, cell, transform);
-            doubt->other[cell] = doubt->measured[from];
-            doubt->marks[cell] = evidence->valid[from];
+            other[cell] = doubt->measured[from];
+            marks[cell] = evidence->valid[from];
         }
-        cost[transform] = cost_of(doubt, doubt->other, doubt->marks, doubt->expected, most);
+        cost[transform] = cost_of(doubt, other, marks, expected, most);
     }
 }
 
@@ -162,18 +161,18 @@ bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
     const double layer = layer_of(doubt->evidence->options), *steps = doubt->before->known->registration.steps;
     const double native = native_square(doubt), most = OUTLIER * native;
     const double steep = fmin(STEEP * STEEP * layer * layer, native / fmax(steps[0], steps[1]));
-    double cost[DOUBTS];
+    double cost[DOUBTS], *expected = doubt->maps->room.averaged;
     for (int k = 0; k < DOUBTS; k++)
         trust->doubts[k] *= KEPT;
     if (isinf(native))
         return false;
     for (size_t cell = 0; cell < cells_of(doubt); cell++)
-        doubt->even[cell] = doubt->slopes[cell] < steep;
-    read_as_now(doubt, doubt->evidence->predicted, doubt->expected);
-    const double read = cost_of(doubt, doubt->measured, doubt->evidence->valid, doubt->expected, most);
+        doubt->maps->room.walls[cell] = doubt->maps->slopes[cell] < steep; /* even cells */
+    read_as_now(doubt, doubt->evidence->predicted, expected);
+    const double read = cost_of(doubt, doubt->measured, doubt->evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
         return false;
-    take_costs(doubt, most, cost);
+    take_costs(doubt, expected, most, cost);
     int best = -1;
     for (int k = 0; k < DOUBTS; k++)
         if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
