@@ -17,7 +17,7 @@ static const double SAME_SPREAD = 0.02;                     /* [cells^2] within 
 static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
 static const double PRICE = 0.7;  /* of a displacement, per scan, in odds: it has seven unknowns (assumed) */
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
-static const double SHORT_STEP = 0.05, SHORTER = 0.7; /* [cells]; times as long each round: beyond an edge no pull */
+static const double SHORT_STEP = 0.05, SHORTER = 0.7; /* [cells]; its factor each round: beyond an edge nothing pulls */
 static const double CONVERGED = 1e-3;                 /* [cells, cells^2] */
 static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
 enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };

@@ -63,7 +63,7 @@ static bool do_surprises_last(const Knowledge *known) {
     return known->lasting > LASTING * known->vanishing + FEW_LAST;
 }
 
-/* Whether surprises were the sensor's or the cells'. */
+/* Shares of surprises that were the sensor's and the cells'. */
 static void learn_surprises(const Surprises *found, Knowledge *known) {
     const double seen = fmax((double)found->seen, 1.0);
     known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found->vanished / seen;

@@ -8,7 +8,8 @@
 static const double LEVELLED = 0.5;    /* of the variance of single cells that droplets around them level (assumed) */
 static const double NO_VOLUME = 1e-12; /* of a droplet of a dead nozzle */
 
-/* Takes the memory of all maps; `factor` is one for the volumes of living droplets. */
+/* Takes the memory of all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` is one for
+ * the volumes of living droplets. */
 static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double **factor) {
     const size_t cells = options->nx * options->ny;
     const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
@@ -53,11 +54,10 @@ static JettedLayer living_droplets(const EstimatorOptions *options, const Surfac
 /* Share of the variance of a height that a layer leaves: where a cell is higher than its neighbours, more of their
  * droplets stays with them. Errors that neighbours share stay: of those of single cells half is levelled (assumed). */
 static double levelled(const EstimatorOptions *options, const JettedLayer *layer, const Ink *ink) {
-    size_t droplets = 0, part = 0;
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+    const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
+    size_t droplets = 0;
+    for (size_t cell = 0; cell < cells; cell++)
         droplets += layer->pattern[cell] > 0;
-        part += options->part[cell] != 0;
-    }
     const double runs = 4.0 * ink->h2 / (ink->h1 + ink->h2) + 4.0 * ink->h3 / (ink->h1 + ink->h3);
     return 1.0 - LEVELLED * fmin(runs, 1.0) * (double)droplets / fmax((double)part, 1.0);
 }

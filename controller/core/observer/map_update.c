@@ -85,9 +85,7 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 
 /* Where most of the head brings nothing the ink has run out: that is no evidence of nozzles. */
 static void forget_dry(const MapUpdate *update, size_t dry) {
-    size_t part = 0;
-    for (size_t cell = 0; cell < cells_of(update); cell++)
-        part += update->evidence->options->part[cell] != 0;
+    const size_t part = count_marked(update->evidence->options->part, cells_of(update));
     if ((double)dry > WHOLE_HEAD * (double)part)
         memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
 }

@@ -39,11 +39,9 @@ static void keep_scan(const EstimatorOptions *options, const double *measured, c
 /* On ground that is called flat the first scan shows the datum and the noise of the sensor. */
 static void take_flat_ground(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
                              SurfaceEstimate *estimate) {
-    const size_t cells = options->nx * options->ny;
+    const size_t nx = options->nx, ny = options->ny;
     Knowledge *known = estimate->known;
-    const double layer = layer_of(options), *spread = known->datum_spread;
-    const ScanDatum datum =
-        scan_datum(options->nx, options->ny, measured, valid, NULL, NULL, spread, known->noise_variance);
+    const ScanDatum datum = scan_datum(nx, ny, measured, valid, NULL, NULL, known->datum_spread, known->noise_variance);
     const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
     if (options->noise_variance < 0.0)
         known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
@@ -52,8 +50,8 @@ static void take_flat_ground(const EstimatorOptions *options, const double *meas
     known->trust.ground[0] = datum.term[0];
     known->trust.ground[1] = 2.0 * datum.term[1];
     known->trust.ground[2] = 2.0 * datum.term[2];
-    known->trust.ground_wrong = corner > GROUND_TOLERANCE * layer;
-    for (size_t cell = 0; cell < cells; cell++) {
+    known->trust.ground_wrong = corner > GROUND_TOLERANCE * layer_of(options);
+    for (size_t cell = 0; cell < nx * ny; cell++) {
         estimate->height[cell] = 0.0;
         estimate->variance[cell] = KNOWN_GROUND;
     }

@@ -66,18 +66,14 @@ static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const Smoo
     return true;
 }
 
-/* Lists of squares by class in the rows of a chunk, and sums over cells with a droplet. */
-typedef struct {
-    size_t counts[CLASSES];
-    double base, droplets; /* [m^2] */
-} ChunkMisfits;
-
+/* What the threads share that look for misfits: lists of squares by class, and sums over cells with a droplet. */
 typedef struct {
     const ScanEvidence *evidence;
     const InkFit *fit;
-    double *lists[CLASSES];
+    const FitRoom *room;
     size_t shares;
-    ChunkMisfits found[CHUNKS];
+    ValueLists lists[CLASSES];
+    double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
 } MisfitWork;
 
 /* Appends the values that are chosen; returns the end. No branch depends on a cell. */
@@ -89,8 +85,8 @@ static INLINED double *append(const double *values, const uint8_t *chosen, size_
     return end;
 }
 
-static INLINED void misfit_cells(const MisfitWork *work, const double row[ROW_TERMS], size_t first, size_t column,
-                                 size_t count, double *ends[CLASSES], ChunkMisfits *found) {
+static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
+                                 size_t column, size_t count, double *ends[CLASSES]) {
     const ScanEvidence *evidence = work->evidence;
     const double *variance = evidence->variance + first, *squares = evidence->increments->squares + first;
     const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
@@ -121,8 +117,8 @@ static INLINED void misfit_cells(const MisfitWork *work, const double row[ROW_TE
         base[k] = chosen[OWN][k] ? base[k] : 0.0;
         droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
     }
-    found->base += lane_sum(base, count);
-    found->droplets += lane_sum(droplets, count);
+    work->base[chunk] += lane_sum(base, count);
+    work->droplets[chunk] += lane_sum(droplets, count);
     for (size_t class = 0; class < CLASSES; class++)
         ends[class] = append(square, chosen[class], count, ends[class]);
 }
@@ -132,19 +128,17 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
     const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         const size_t begin = chunk_row(nx, chunk) * ny;
-        double *ends[CLASSES] = {work->lists[OWN] + begin, work->lists[SPILL] + begin};
-        ChunkMisfits found = {{0, 0}, 0.0, 0.0};
+        double *ends[CLASSES] = {work->room->lists[OWN] + begin, work->room->lists[SPILL] + begin};
         for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
             double row[ROW_TERMS];
             datum_of_row(work->fit->datum, place_on(i, nx), row);
             for (size_t column = 0; column < ny; column += BLOCK) {
                 const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
-                misfit_cells(work, row, i * ny + column, column, count, ends, &found);
+                misfit_cells(work, chunk, row, i * ny + column, column, count, ends);
             }
         }
         for (size_t class = 0; class < CLASSES; class++)
-            found.counts[class] = (size_t)(ends[class] - (work->lists[class] + begin));
-        work->found[chunk] = found;
+            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->room->lists[class] + begin));
     }
 }
 
@@ -153,27 +147,25 @@ CLONED_ROW_WORK(misfit_range, misfit_rows)
 /* Residuals on the cells of each class, as medians. */
 static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    MisfitWork work = {.evidence = evidence,
-                       .fit = fit,
-                       .lists = {room->lists[OWN], room->lists[SPILL]},
-                       .shares = learnt_shares(evidence->options)};
-    ValueLists lists[CLASSES] = {{.nx = nx, .ny = ny, .map = room->lists[OWN]},
-                                 {.nx = nx, .ny = ny, .map = room->lists[SPILL]}};
+    MisfitWork work = {.evidence = evidence, .fit = fit, .room = room, .shares = learnt_shares(evidence->options)};
     size_t counts[CLASSES] = {0, 0};
     double base = 0.0, droplets = 0.0;
+    for (size_t class = 0; class < CLASSES; class++)
+        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = room->lists[class]};
     run_rows(evidence->layer->threads, nx, ny, misfit_range, &work);
     for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
         for (size_t class = 0; class < CLASSES; class++)
-            counts[class] += lists[class].lengths[chunk] = work.found[chunk].counts[class];
-        base += work.found[chunk].base;
-        droplets += work.found[chunk].droplets;
+            counts[class] += work.lists[class].lengths[chunk];
+        base += work.base[chunk];
+        droplets += work.droplets[chunk];
     }
     fit->droplets = counts[OWN];
     fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
     fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
     for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] =
-            counts[class] < LEAST_READINGS ? 1.0 : median_of_lists(&lists[class], room->spread_slope) / MEDIAN_SQUARE;
+        fit->misfit[class] = counts[class] < LEAST_READINGS
+                                 ? 1.0
+                                 : median_of_lists(&work.lists[class], room->spread_slope) / MEDIAN_SQUARE;
 }
 
 bool is_foreign(double misfit) {

@@ -26,7 +26,8 @@ typedef struct {
     double *values;                   /* for medians */
 } WallFit;
 
-/* Marks the cells that a geometry of such covariance may move: those near steep ones, by squares of the slopes. */
+/* Marks the cells that a geometry of such covariance may move: those near steep ones, by squares of the slopes; all
+ * cells where scans are displaced. */
 void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room);
 
 /* Finds the readings on marked cells. False if there is no memory. */
