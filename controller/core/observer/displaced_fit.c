@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "map_memory.h"
+#include "register_fit.h"
 #include "small_algebra.h"
-#include "smooth_equations.h"
 #include "wall_readings.h"
 
 static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01; /* per scan, at the edge [1], [cells^2] (assumed) */

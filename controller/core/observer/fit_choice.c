@@ -5,6 +5,7 @@
 
 #include "displaced_fit.h"
 #include "map_update.h"
+#include "register_fit.h"
 #include "scan_doubts.h"
 
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17; /* [m^2] */

@@ -6,7 +6,7 @@
  *  2. ground gives the datum of the scan (scan_datum.h), and the noise of its readings;
  *  3. other explanations of the whole scan are compared with it (scan_doubts.h); if one fits far better, the maps live
  *     on the prediction;
- *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (scan_fit.h,
+ *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (register_fit.h,
  *     displaced_fit.h, fit_choice.h);
  *  5. each cell takes a share of what its reading is off by (map_update.h); what is off tells how much droplets vary;
  *  6. the ledger counts the droplets, without any scan.

@@ -4,8 +4,6 @@
 #include <string.h>
 
 #include "median.h"
-#include "small_algebra.h"
-#include "smooth_equations.h"
 
 static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
 
@@ -47,23 +45,6 @@ void average_prediction(const ScanEvidence *evidence, const double share[], doub
     for (size_t cell = 0; cell < nx * ny; cell++)
         predicted[cell] = evidence->predicted[cell] + share_change(evidence, share, cell);
     average_under_spot(nx, ny, predicted, spread, room->lists[0], room->averaged, room->spread_slope);
-}
-
-/* Solves for datum and shares. */
-static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const SmoothSums *sums, InkFit *fit) {
-    const size_t n = DATUM_TERMS + shares;
-    double matrix[ENTRIES_MAX] = {0.0}, covariance[ENTRIES_MAX], x[UNKNOWNS_MAX];
-    if (!smooth_prior(evidence, shares, n, matrix))
-        return false;
-    for (size_t k = 0; k < n * n; k++)
-        matrix[k] += sums->matrix[k];
-    memcpy(x, sums->side, n * sizeof *x);
-    if (!solve_definite(n, matrix, x) || !invert_definite(n, matrix, covariance))
-        return false;
-    for (size_t k = 0; k < shares; k++)
-        x[DATUM_TERMS + k] += evidence->known->share[k];
-    take_smooth(x, covariance, 0, shares, n, fit);
-    return true;
 }
 
 /* What the threads share that look for misfits: lists of squares by class, and sums over cells with a droplet. */
@@ -144,8 +125,7 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
 
 CLONED_ROW_WORK(misfit_range, misfit_rows)
 
-/* Residuals on the cells of each class, as medians. */
-static void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
+void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     MisfitWork work = {.evidence = evidence, .fit = fit, .room = room, .shares = learnt_shares(evidence->options)};
     size_t counts[CLASSES] = {0, 0};
@@ -174,17 +154,4 @@ bool is_foreign(double misfit) {
 
 bool is_misfit(const InkFit *fit) {
     return is_foreign(fmax(fit->misfit[OWN], fit->misfit[SPILL]));
-}
-
-bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
-    const size_t shares = learnt_shares(evidence->options);
-    memcpy(fit->share, evidence->known->share, sizeof fit->share);
-    memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
-    for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) { /* then with what the first leaves */
-        const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
-        if (!solve_smooth(evidence, shares, &sums, fit))
-            return false;
-        take_misfits(evidence, room, fit);
-    }
-    return true;
 }

@@ -1,6 +1,4 @@
-/* The robust fit of a scan in register: ink, and what is left of the datum.
- *
- * Errors of readings have a t distribution about what sensor and droplets explain (smooth_equations.h). */
+/* A scan with what was known before it, and what any fit of it gives: ink, what is left of the datum, and misfits. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
@@ -84,7 +82,7 @@ static INLINED void places_in_row(size_t ny, size_t column, size_t count, double
         w[k] = step > 0.0 ? step * (double)(int32_t)(column + k) - 1.0 : 0.0;
 }
 
-/* The scan in register. False if it cannot be solved for. */
-bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
+/* Misfits of datum and shares of a fit in register, as medians, with its means over droplets. */
+void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
 #endif

@@ -1,9 +1,9 @@
-/* The normal equations of what moves readings without geometry: terms of the datum, and changes of the shares.
+/* The robust fit of a scan in register: ink, and what is left of the datum.
  *
- * The fit in register solves them (scan_fit.h); that of a displaced scan uses them where there are no walls
- * (displaced_fit.h). Errors of readings have a t distribution. */
-#ifndef INKLOOP_SMOOTH_EQUATIONS_H
-#define INKLOOP_SMOOTH_EQUATIONS_H
+ * Errors of readings have a t distribution about what sensor and droplets explain. The fit of a displaced scan
+ * (displaced_fit.h) uses the normal equations of this one where there are no walls. */
+#ifndef INKLOOP_REGISTER_FIT_H
+#define INKLOOP_REGISTER_FIT_H
 
 #include "scan_fit.h"
 
@@ -18,7 +18,7 @@ static inline void copy_block(size_t n, const double *from, size_t from_stride, 
 /* A share within the limits of what is believed. */
 double share_within(double share);
 
-/* Sums over cells. */
+/* The normal equations of terms of the datum, and changes of the shares. */
 typedef struct {
     double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
 } SmoothSums;
@@ -32,5 +32,8 @@ bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, do
 
 /* Takes datum and shares into the fit, from `first` on among `all` unknowns. */
 void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit);
+
+/* The scan in register. False if it cannot be solved for. */
+bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
 #endif

@@ -1,4 +1,4 @@
-#include "smooth_equations.h"
+#include "register_fit.h"
 
 #include <math.h>
 #include <string.h>
@@ -168,4 +168,34 @@ void take_smooth(const double *x, const double *covariance, size_t first, size_t
     copy_block(shares, own + DATUM_TERMS * (all + 1), all, fit->covariance, shares);
     for (size_t k = 0; k < shares; k++)
         fit->share[k] = share_within(x[first + DATUM_TERMS + k]);
+}
+
+/* Solves for datum and shares. */
+static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const SmoothSums *sums, InkFit *fit) {
+    const size_t n = DATUM_TERMS + shares;
+    double matrix[ENTRIES_MAX] = {0.0}, covariance[ENTRIES_MAX], x[UNKNOWNS_MAX];
+    if (!smooth_prior(evidence, shares, n, matrix))
+        return false;
+    for (size_t k = 0; k < n * n; k++)
+        matrix[k] += sums->matrix[k];
+    memcpy(x, sums->side, n * sizeof *x);
+    if (!solve_definite(n, matrix, x) || !invert_definite(n, matrix, covariance))
+        return false;
+    for (size_t k = 0; k < shares; k++)
+        x[DATUM_TERMS + k] += evidence->known->share[k];
+    take_smooth(x, covariance, 0, shares, n, fit);
+    return true;
+}
+
+bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
+    const size_t shares = learnt_shares(evidence->options);
+    memcpy(fit->share, evidence->known->share, sizeof fit->share);
+    memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
+    for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) { /* then with what the first leaves */
+        const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
+        if (!solve_smooth(evidence, shares, &sums, fit))
+            return false;
+        take_misfits(evidence, room, fit);
+    }
+    return true;
 }
