@@ -10,7 +10,7 @@
 #include <string.h>
 
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
-static const double LARGEST_SHARE = 2.0; /* of a droplet's nominal height that can be learnt (scan_fit.c) */
+static const double LARGEST_SHARE = 2.0; /* of a droplet's nominal height that can be learnt (register_fit.c) */
 
 static LayerStep step_of(const LayerControllerVariables *v) {
     return (LayerStep){.values = v, .threads = 1};

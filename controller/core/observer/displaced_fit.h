@@ -17,8 +17,4 @@ bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const Ink
 /* What displaced scans left unexplained in the last scans: whether a displacement may be the truth. */
 bool may_be_displaced(const Registration *registration);
 
-/* Variance of a reading through the geometry [m^2]: slopes along x and y, slope with the spread of the spot. */
-double geometry_variance(const double *covariance, double along_x, double along_y, double with_spread, double u,
-                         double w);
-
 #endif

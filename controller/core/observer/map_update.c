@@ -29,11 +29,6 @@ static double process_variance(const MapUpdate *update, size_t cell) {
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
 
-/* What the ink changes in the prediction, with the offset of the datum. */
-static double predicted_at(const MapUpdate *update, size_t cell) {
-    return update->evidence->predicted[cell] + share_change(update->evidence, update->fit->share, cell);
-}
-
 /* A reading that surprises, and what it counts. */
 typedef struct {
     double weight, jump; /* of the reading [1]; variance of the cell by which it has changed [m^2] */
@@ -90,9 +85,7 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 
 /* Where most of the head brings nothing the ink has run out: that is no evidence of nozzles. */
 static void forget_dry(const MapUpdate *update, size_t dry) {
-    size_t part = 0;
-    for (size_t cell = 0; cell < cells_of(update); cell++)
-        part += update->evidence->options->part[cell] != 0;
+    const size_t part = count_marked(update->evidence->options->part, cells_of(update));
     if ((double)dry > WHOLE_HEAD * (double)part)
         memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
 }
@@ -108,10 +101,6 @@ static DatumRow datum_row(const MapUpdate *update, size_t i) {
     datum_of_row(update->fit->datum, u, row.left);
     datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
     return row;
-}
-
-static double left_of(const DatumRow *row, double w) {
-    return row->left[0] + w * (row->left[1] + w * row->left[2]);
 }
 
 static double variance_of(const DatumRow *row, double w) {
@@ -131,19 +120,20 @@ Surprises update_in_register(const MapUpdate *update) {
         const DatumRow row = datum_row(update, i);
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const double expected = predicted_at(update, cell);
+            const double expected = predicted[cell] + share_change(evidence, update->fit->share, cell);
             double spread = process_variance(update, cell), rest = 0.0, gain = 0.0, variance = 1.0;
             after->unseen[cell] = evidence->valid[cell] ? 0 : before->unseen[cell] + 1;
             if (evidence->valid[cell]) {
-                rest = evidence->scan[cell] - left_of(&row, place_on(j, ny)) - expected;
-                double error = evidence->noise_variance + variance_of(&row, place_on(j, ny));
+                const double w = place_on(j, ny);
+                rest = evidence->scan[cell] - datum_in_row(row.left, w) - expected;
+                double error = evidence->noise_variance + variance_of(&row, w);
                 if (update->geometry && update->walls[cell]) {
                     const double up = predicted[i > 0 ? cell - ny : cell],
                                  down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
-                    error += geometry_variance(update->geometry, 0.5 * (down - up), 0.5 * (right - left),
-                                               update->spread_slope[cell], place_on(i, nx), place_on(j, ny));
+                    const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), update->spread_slope[cell]};
+                    error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, variance, &count);
@@ -178,19 +168,12 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                 continue;
             }
             const Spot spot = spot_of(g, (double)i, (double)j, u, w);
-            const Place place = place_of(nx, ny, spot.x, spot.y);
-            const Place up = place_of(nx, ny, spot.x - SLOPE_STEP, spot.y),
-                        left = place_of(nx, ny, spot.x, spot.y - SLOPE_STEP),
-                        down = place_of(nx, ny, spot.x + SLOPE_STEP, spot.y),
-                        right = place_of(nx, ny, spot.x, spot.y + SLOPE_STEP);
-            const double x = (value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * SLOPE_STEP);
-            const double y = (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * SLOPE_STEP);
-            const double with_spread = value_at(update->spread_slope, &place), known = value_at(spread, &place);
-            const double rest = evidence->scan[cell] - left_of(&row, w) - value_at(averaged, &place);
-            const double error =
-                evidence->noise_variance + view_variance(x, y, with_spread, g[SPREAD]) +
-                border_variance(nx, ny, evidence->predicted, value_at(averaged, &place), &spot, g[SPREAD]) +
-                variance_of(&row, w) + geometry_variance(update->geometry, x, y, with_spread, u, w);
+            const Reading reading = reading_at(nx, ny, averaged, update->spread_slope, spot, SLOPE_STEP);
+            const double known = value_at(spread, &reading.place);
+            const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
+            const double error = evidence->noise_variance + view_variance(&reading.slopes, g[SPREAD]) +
+                                 border_variance(nx, ny, evidence->predicted, &reading, g[SPREAD]) +
+                                 variance_of(&row, w) + geometry_variance(update->geometry, &reading.slopes, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
             const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;
@@ -213,8 +196,7 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
         changed[cell] = share_change(evidence, update->fit->share, cell);
     }
     const Surprises count = look_at_readings(update, g, averaged, spread, weight, off, jump);
-    if (!reversed(g, nx, ny, back))
-        memset(back, 0, sizeof back);
+    reversed(g, nx, ny, back);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
@@ -238,7 +220,7 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
 void live_on_prediction(const MapUpdate *update) {
     const SurfaceEstimate *before = update->before, *after = update->after;
     for (size_t cell = 0; cell < cells_of(update); cell++) {
-        after->height[cell] = predicted_at(update, cell);
+        after->height[cell] = update->evidence->predicted[cell];
         after->variance[cell] = process_variance(update, cell);
         after->unseen[cell] = before->unseen[cell] + 1;
         after->dead_evidence[cell] = before->dead_evidence[cell];

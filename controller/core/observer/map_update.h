@@ -32,7 +32,7 @@ typedef struct {
 Surprises update_in_register(const MapUpdate *update);
 Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], const double *averaged);
 
-/* A layer without a scan that counts: heights are what is predicted. */
+/* A layer without a scan that counts: heights are what is predicted; of `evidence`, `before` and `after`. */
 void live_on_prediction(const MapUpdate *update);
 
 #endif

@@ -2,12 +2,12 @@
  * show what was printed.
  *
  * A scan after a layer goes through these steps:
- *  1. the layer map predicts the surface from the last estimate; droplets that vary add to its variance;
+ *  1. the layer map predicts the surface from the last estimate (layer_prediction.h); droplets add to its variance;
  *  2. ground gives the datum of the scan (scan_datum.h), and the noise of its readings;
  *  3. other explanations of the whole scan are compared with it (scan_doubts.h); if one fits far better, the maps live
  *     on the prediction;
- *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (scan_fit.h,
- *     displaced_fit.h);
+ *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (register_fit.h,
+ *     displaced_fit.h, fit_choice.h);
  *  5. each cell takes a share of what its reading is off by (map_update.h); what is off tells how much droplets vary;
  *  6. the ledger counts the droplets, without any scan.
  * The bits of an estimate do not depend on the threads. */

@@ -7,28 +7,23 @@
 #include "near_cells.h"
 #include "small_algebra.h"
 
-static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
-static const double MAD = 1.4826;           /* standard deviation / median absolute value of a normal variable */
-static const double NOISELESS = 1e-20;      /* [m^2]: a tenth of a nanometre */
-static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
-static const double SURELY = 1e-30;         /* [m^2], variance of terms that are none */
+static const double MAD = 1.4826;   /* standard deviation / median absolute value of a normal variable */
+static const double SURELY = 1e-30; /* [m^2], variance of terms that are none */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */
 enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
 
 void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
     const size_t cells = nx * ny;
-    uint8_t *one = marks, *other = marks + cells;
+    const uint8_t *from[] = {part, marks, marks + cells};
+    uint8_t *into[] = {marks, marks + cells, ground};
     size_t found = 0;
-    for (size_t i = 0; i < nx; i++)
-        mark_near_row(part, nx, ny, i, one + i * ny);
-    for (size_t i = 0; i < nx; i++)
-        mark_near_row(one, nx, ny, i, other + i * ny);
-    for (size_t i = 0; i < nx; i++)
-        mark_near_row(other, nx, ny, i, ground + i * ny);
+    for (size_t k = 0; k < 3; k++)
+        for (size_t i = 0; i < nx; i++)
+            mark_near_row(from[k], nx, ny, i, into[k] + i * ny);
     for (size_t cell = 0; cell < cells; cell++)
         found += ground[cell] = !ground[cell];
     for (size_t cell = 0; found < LEAST_CELLS && cell < cells; cell++)
-        ground[cell] = !one[cell];
+        ground[cell] = !marks[cell];
 }
 
 /* Cells of the ground that were seen. */
@@ -37,21 +32,36 @@ typedef struct {
     double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
 } Ground;
 
+/* A scan and the ground that it is compared with, as in scan_datum. */
+typedef struct {
+    size_t nx, ny;
+    const double *scan, *height;
+    const uint8_t *valid, *ground;
+} GroundScan;
+
+static bool is_ground(const GroundScan *of, size_t cell) {
+    return of->valid[cell] && (!of->ground || of->ground[cell]);
+}
+
+static double rise_of(const GroundScan *of, size_t cell) {
+    return of->scan[cell] - (of->height ? of->height[cell] : 0.0);
+}
+
 /* At even distances, if there are many. */
-static void collect(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
-                    const uint8_t *ground, Ground *cells) {
+static void collect(const GroundScan *of, Ground *cells) {
+    const size_t nx = of->nx, ny = of->ny;
     size_t all = 0, found = 0;
     for (size_t cell = 0; cell < nx * ny; cell++)
-        all += valid[cell] && (!ground || ground[cell]);
+        all += is_ground(of, cell);
     const size_t distance = (all + CELLS_MAX - 1) / CELLS_MAX;
     cells->count = 0;
     for (size_t cell = 0; all >= LEAST_CELLS && cell < nx * ny; cell++) {
-        if (!valid[cell] || (ground && !ground[cell]) || found++ % distance != 0)
+        if (!is_ground(of, cell) || found++ % distance != 0)
             continue;
         cells->cell[cells->count] = cell;
         cells->u[cells->count] = place_on(cell / ny, nx);
         cells->w[cells->count] = place_on(cell % ny, ny);
-        cells->rise[cells->count++] = scan[cell] - (height ? height[cell] : 0.0);
+        cells->rise[cells->count++] = rise_of(of, cell);
     }
 }
 
@@ -75,13 +85,6 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
         matrix[i * DATUM_TERMS + i] += 1.0 / spread[i];
 }
 
-/* A scan and the ground that it is compared with, as in scan_datum. */
-typedef struct {
-    size_t nx, ny;
-    const double *scan, *height;
-    const uint8_t *valid, *ground;
-} GroundScan;
-
 /* Variance of a reading by the differences of neighbours along an axis [m^2]; of too few it is that of all. */
 static double neighbours_variance(const GroundScan *of, size_t axis, const double term[DATUM_TERMS], double all,
                                   Ground *cells) {
@@ -89,9 +92,9 @@ static double neighbours_variance(const GroundScan *of, size_t axis, const doubl
     for (size_t k = 0; k < cells->count; k++) {
         const size_t i = cells->cell[k] / of->ny + (axis == 0);
         const size_t j = cells->cell[k] % of->ny + (axis == 1), other = i * of->ny + j;
-        if (i == of->nx || j == of->ny || !of->valid[other] || (of->ground && !of->ground[other]))
+        if (i == of->nx || j == of->ny || !is_ground(of, other))
             continue;
-        double terms[DATUM_TERMS], rest = of->scan[other] - (of->height ? of->height[other] : 0.0) - cells->rest[k];
+        double terms[DATUM_TERMS], rest = rise_of(of, other) - cells->rest[k];
         datum_terms(place_on(i, of->nx), place_on(j, of->ny), terms);
         for (size_t term_of = 0; term_of < DATUM_TERMS; term_of++)
             rest -= terms[term_of] * term[term_of];
@@ -107,7 +110,8 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
         datum.precision[i * DATUM_TERMS + i] = 1.0 / SURELY;
     Ground cells;
     double matrix[DATUM_TERMS * DATUM_TERMS], scale = 0.0, variance = fmax(noise, NOISELESS);
-    collect(nx, ny, scan, valid, height, ground, &cells);
+    const GroundScan of = {nx, ny, scan, height, valid, ground};
+    collect(&of, &cells);
     for (int round = 0; cells.count >= LEAST_CELLS && round < ROUNDS; round++) {
         double term[DATUM_TERMS];
         normal_equations(&cells, scale, round == 0, variance, spread, matrix, term);
@@ -128,11 +132,9 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
     }
     if (cells.count < LEAST_CELLS)
         return datum;
-    const GroundScan of = {nx, ny, scan, height, valid, ground};
     for (size_t axis = 0; axis < 2; axis++)
         datum.neighbours[axis] = neighbours_variance(&of, axis, datum.term, datum.noise_variance, &cells);
-    if (invert_definite(DATUM_TERMS, matrix, datum.covariance))
-        memcpy(datum.precision, matrix, sizeof matrix);
+    memcpy(datum.precision, matrix, sizeof matrix);
     return datum;
 }
 

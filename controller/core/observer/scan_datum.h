@@ -11,11 +11,14 @@
 
 #include "surface_estimate.h"
 
+static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double NOISELESS = 1e-20; /* [m^2], the least variance of a reading: a tenth of a nanometre */
+
 typedef struct {
-    double term[DATUM_TERMS]; /* of 1, u, w, u^2, u w, w^2 [m] */
-    double covariance[DATUM_TERMS * DATUM_TERMS], precision[DATUM_TERMS * DATUM_TERMS]; /* its inverse */
-    double noise_variance; /* of the readings about it, robust [m^2]; below 0: too few cells */
-    double neighbours[2];  /* of a reading, by the differences of neighbours along x and along y, robust [m^2] */
+    double term[DATUM_TERMS];                    /* of 1, u, w, u^2, u w, w^2 [m] */
+    double precision[DATUM_TERMS * DATUM_TERMS]; /* inverse of their covariance */
+    double noise_variance;                       /* of the readings about it, robust [m^2]; below 0: too few cells */
+    double neighbours[2]; /* of a reading, by the differences of neighbours along x and along y, robust [m^2] */
 } ScanDatum;
 
 /* Marks the cells that no droplet reaches; `marks` holds two maps. */
@@ -34,6 +37,11 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
 enum { ROW_TERMS = 3, ROW_VARIANCE_TERMS = 5 };
 void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]);
 void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]);
+
+/* The datum at a place of the row [m]. */
+static inline double datum_in_row(const double row[ROW_TERMS], double w) {
+    return row[0] + w * (row[1] + w * row[2]);
+}
 
 /* The terms at a place. */
 static inline void datum_terms(double u, double w, double term[DATUM_TERMS]) {

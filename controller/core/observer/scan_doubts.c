@@ -28,24 +28,10 @@ static size_t cells_of(const ScanDoubt *doubt) {
 /* The cell of the scan that a transform brings to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     const size_t i = cell / ny, j = cell % ny, up = nx - 1 - i, left = ny - 1 - j;
-    switch (transform) {
-    case DOUBT_MIRRORED_X:
-        return up * ny + j;
-    case DOUBT_MIRRORED_Y:
-        return i * ny + left;
-    case DOUBT_TURNED_180:
-        return up * ny + left;
-    case DOUBT_TRANSPOSED:
-        return j * ny + i;
-    case DOUBT_TURNED_90:
-        return j * ny + up;
-    case DOUBT_TURNED_270:
-        return left * ny + i;
-    case DOUBT_ANTITRANSPOSED:
-        return left * ny + up;
-    default:
-        return cell;
-    }
+    const size_t from[DOUBTS - DOUBT_MIRRORED_X][2] = {{up, j}, {i, left}, {up, left}, {j, i},
+                                                       {j, up}, {left, i}, {left, up}};
+    const size_t *place = from[transform - DOUBT_MIRRORED_X];
+    return place[0] * ny + place[1];
 }
 
 /* Robust mean square of what a scan leaves of the readings `expected`, its datum fitted; below 0: too few cells. */
@@ -53,13 +39,14 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
                       double most) {
     const ScanEvidence *evidence = doubt->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const uint8_t *even = doubt->maps->room.walls, *ground = doubt->maps->ground;
     size_t on_ground = 0, count = 0;
     double sum = 0.0;
     const double layer = layer_of(evidence->options);
     for (size_t cell = 0; cell < nx * ny; cell++)
-        on_ground += doubt->ground[cell] && valid[cell];
+        on_ground += ground[cell] && valid[cell];
     const ScanDatum datum =
-        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? doubt->even : doubt->ground,
+        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? even : ground,
                    doubt->before->known->datum_spread, fmax(doubt->noise_variance, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
@@ -67,7 +54,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double w = place_on(j, ny);
-            if (!valid[cell] || !doubt->even[cell])
+            if (!valid[cell] || !even[cell])
                 continue;
             const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
             sum += rest * rest < most ? rest * rest : most;
@@ -81,11 +68,10 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
 static double native_square(const ScanDoubt *doubt) {
     const ScanEvidence *evidence = doubt->evidence;
     const EstimatorOptions *options = evidence->options;
-    const size_t n = ink_shares(&options->ink);
+    const size_t n = ink_shares(&options->ink), part = count_marked(options->part, cells_of(doubt));
     double own = 0.0, growth = 0.0, shares = 0.0;
-    size_t droplets = 0, part = 0;
+    size_t droplets = 0;
     for (size_t cell = 0; cell < cells_of(doubt); cell++) {
-        part += options->part[cell] != 0;
         if (evidence->layer->pattern[cell] <= 0)
             continue;
         const double grown = evidence->predicted[cell] - evidence->before[cell];
@@ -102,35 +88,28 @@ static double native_square(const ScanDoubt *doubt) {
            shares * (growth / (double)droplets) * share;
 }
 
-static void read_as_now(const ScanDoubt *doubt, const double *height, double *reading) {
-    const size_t nx = doubt->evidence->options->nx, ny = doubt->evidence->options->ny;
-    if (!doubt->geometry) {
-        memcpy(reading, height, nx * ny * sizeof *height);
-        return;
-    }
-    means_over_spot(nx, ny, height, doubt->geometry[SPREAD], doubt->other, doubt->lines);
-    read_displaced(nx, ny, doubt->lines, doubt->geometry, reading);
-}
-
-/* Costs of the other explanations; below 0 where there is none. */
-static void take_costs(const ScanDoubt *doubt, double most, double cost[DOUBTS]) {
+/* Costs of the other explanations; below 0 where there is none. expected: readings of the prediction. */
+static void take_costs(const ScanDoubt *doubt, const double *expected, double most, double cost[DOUBTS]) {
     const ScanEvidence *evidence = doubt->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
-    read_as_now(doubt, evidence->before, doubt->past);
-    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, doubt->past, most);
+    const FitRoom *room = &doubt->maps->room;
+    double *past = room->spread_slope, *other = room->lists[0];
+    uint8_t *marks = room->marks;
+    read_map(&evidence->known->registration, nx, ny, evidence->before, other, room->lists[1], past);
+    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, past, most);
     for (size_t cell = 0; cell < cells; cell++)
-        doubt->marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
-    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, doubt->marks, doubt->before->last, most);
+        marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
+    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, marks, doubt->before->last, most);
     for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
         cost[transform] = -1.0;
         if (transform >= DOUBT_TRANSPOSED && nx != ny)
             continue;
         for (size_t cell = 0; cell < cells; cell++) {
             const size_t from = transformed(nx, ny, cell, transform);
-            doubt->other[cell] = doubt->measured[from];
-            doubt->marks[cell] = evidence->valid[from];
+            other[cell] = doubt->measured[from];
+            marks[cell] = evidence->valid[from];
         }
-        cost[transform] = cost_of(doubt, doubt->other, doubt->marks, doubt->expected, most);
+        cost[transform] = cost_of(doubt, other, marks, expected, most);
     }
 }
 
@@ -143,8 +122,8 @@ static bool is_last_scan(const ScanDoubt *doubt) {
 }
 
 /* Stops the print if two scans in a row say the same. */
-static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double read, int best, LoopTrust *trust) {
-    const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
+static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double read, int best, bool is_stuck,
+                     LoopTrust *trust) {
     const double stuck = trust->doubts[DOUBT_NO_GROWTH] + trust->doubts[DOUBT_SAME_SCAN];
     if (trust->stop != 0 || (is_stuck ? stuck : trust->doubts[best]) < BELIEVED)
         return;
@@ -159,21 +138,25 @@ static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double r
 }
 
 bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
-    const double layer = layer_of(doubt->evidence->options), *steps = doubt->before->known->registration.steps;
-    const double native = native_square(doubt), most = OUTLIER * native;
-    const double steep = fmin(STEEP * STEEP * layer * layer, native / fmax(steps[0], steps[1]));
-    double cost[DOUBTS];
+    const ScanEvidence *evidence = doubt->evidence;
+    const EstimatorOptions *options = evidence->options;
+    const Registration *registration = &evidence->known->registration;
+    const FitRoom *room = &doubt->maps->room;
+    const double layer = layer_of(options), native = native_square(doubt), most = OUTLIER * native;
+    const double steep =
+        fmin(STEEP * STEEP * layer * layer, native / fmax(registration->steps[0], registration->steps[1]));
+    double cost[DOUBTS], *expected = room->averaged;
     for (int k = 0; k < DOUBTS; k++)
         trust->doubts[k] *= KEPT;
     if (isinf(native))
         return false;
     for (size_t cell = 0; cell < cells_of(doubt); cell++)
-        doubt->even[cell] = doubt->slopes[cell] < steep;
-    read_as_now(doubt, doubt->evidence->predicted, doubt->expected);
-    const double read = cost_of(doubt, doubt->measured, doubt->evidence->valid, doubt->expected, most);
+        room->walls[cell] = doubt->maps->slopes[cell] < steep; /* even cells */
+    read_map(registration, options->nx, options->ny, evidence->predicted, room->lists[0], room->lists[1], expected);
+    const double read = cost_of(doubt, doubt->measured, evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
         return false;
-    take_costs(doubt, most, cost);
+    take_costs(doubt, expected, most, cost);
     int best = -1;
     for (int k = 0; k < DOUBTS; k++)
         if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
@@ -184,7 +167,7 @@ bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
     if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * doubt->noise_variance)
         return false;
     trust->doubts[best] += 1.0;
-    conclude(doubt, cost, read, best, trust);
+    conclude(doubt, cost, read, best, is_stuck, trust);
     return true;
 }
 

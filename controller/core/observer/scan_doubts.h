@@ -10,19 +10,15 @@
 #ifndef INKLOOP_SCAN_DOUBTS_H
 #define INKLOOP_SCAN_DOUBTS_H
 
-#include "scan_fit.h"
+#include "layer_prediction.h"
 
 typedef struct {
     const ScanEvidence *evidence;
     const SurfaceEstimate *before;
     const double *measured; /* the scan as it came, but 0 where it is not valid [m] */
-    const uint8_t *ground;
-    const double *slopes;   /* squares of the slopes of the prediction */
-    const double *geometry; /* of the displaced scans; NULL: in register */
     double noise_variance;  /* of a reading, as it was known before [m^2] */
     int32_t layer;
-    double *expected, *past, *other, *lines; /* maps: readings of the prediction and of the surface before; and room */
-    uint8_t *even, *marks;                   /* maps */
+    const LayerMaps *maps; /* whose room is used */
 } ScanDoubt;
 
 /* Whether another explanation fits far better; adds the evidence to `trust`. */

@@ -1,10 +1,8 @@
-/* The robust fit of a scan in register: ink, and what is left of the datum.
- *
- * Errors of readings have a t distribution about what sensor and droplets explain. The fit of a displaced scan
- * (displaced_fit.h) explains it by the same prediction, and uses the equations of this one where there are no walls. */
+/* A scan with what was known before it, and what any fit of it gives: ink, what is left of the datum, and misfits. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
+#include "row_ranges.h"
 #include "scan_view.h"
 
 /* A scan and what was known before it; maps of nx * ny cells in C order. */
@@ -56,38 +54,11 @@ typedef struct {
 } ShareColumn;
 ShareColumn share_column(const ScanEvidence *evidence, size_t share);
 
-/* Remainder of the datum at a cell, by the fit [m]. */
-static inline double datum_left(const InkFit *fit, size_t nx, size_t ny, size_t cell) {
-    double row[ROW_TERMS];
-    const double w = place_on(cell % ny, ny);
-    datum_of_row(fit->datum, place_on(cell / ny, nx), row);
-    return row[0] + w * (row[1] + w * row[2]);
-}
-
 /* Height that a change of the shares from those known before adds to a cell [m]. */
 double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
 
-/* Whether a fit leaves more than droplets of the model's and the sensor explain. */
-bool is_misfit(const InkFit *fit);
-
-/* The scan in register. False if it cannot be solved for. */
-bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
-
-/* Parts that both fits share. */
-
-static const double NU = 4.0;               /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
-static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
-enum { LEAST_READINGS = 12, SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
-
-/* Weight of a reading whose error has a t distribution. */
-static inline double weight_of(double rest, double variance) {
-    return (NU + 1.0) / (NU * variance + rest * rest);
-}
-
-/* Residual of a reading, by the ink known before [m]. */
-static inline double plain_rest(const ScanEvidence *evidence, size_t cell) {
-    return evidence->scan[cell] - evidence->predicted[cell];
-}
+/* The prediction with such shares, averaged over a spot, with its slope by it: both into the room. */
+void average_prediction(const ScanEvidence *evidence, const double share[], double spread, FitRoom *room);
 
 /* Number of shares that are learnt. */
 static inline size_t learnt_shares(const EstimatorOptions *options) {
@@ -97,22 +68,21 @@ static inline size_t learnt_shares(const EstimatorOptions *options) {
 /* Whether so many variances are more than droplets of the model's and the sensor explain. */
 bool is_foreign(double misfit);
 
-/* A share within the limits of what is believed. */
-double share_within(double share);
+/* Whether a fit leaves more than droplets of the model's and the sensor explain. */
+bool is_misfit(const InkFit *fit);
 
-/* The normal equations of what moves readings without geometry: terms of the datum, and changes of the shares. */
-typedef struct {
-    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
-} SmoothSums;
+/* Fewer readings have no median that tells. */
+enum { LEAST_READINGS = 12 };
 
-/* Of the cells that are not left out. misfit: of the classes, by which their variances are larger than those of
- * droplets and sensor; NULL: they are not. */
-SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, const double *misfit);
+/* Cells of a row that are worked on at a time; their places, from `column` on. */
+enum { BLOCK = 64 };
+static INLINED void places_in_row(size_t ny, size_t column, size_t count, double *w) {
+    const double step = ny > 1 ? 2.0 / ((double)ny - 1.0) : 0.0;
+    for (size_t k = 0; k < count; k++)
+        w[k] = step > 0.0 ? step * (double)(int32_t)(column + k) - 1.0 : 0.0;
+}
 
-/* Prior precision of datum and shares, in rows of `stride`. False if it is not definite. */
-bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, double *precision);
-
-/* Takes datum and shares into the fit, from `first` on among `all` unknowns. */
-void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit);
+/* Misfits of datum and shares of a fit in register, as medians, with its means over droplets. */
+void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
 #endif

@@ -72,7 +72,7 @@ static void average_columns(size_t nx, size_t ny, const double *map, size_t reac
     }
 }
 
-void means_over_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged) {
+static void means_over_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged) {
     double weights[TAPS_MAX + 1];
     if (spread < POINT) {
         memcpy(averaged, map, nx * ny * sizeof *map);
@@ -83,62 +83,73 @@ void means_over_spot(size_t nx, size_t ny, const double *map, double spread, dou
     average_columns(nx, ny, lines, reach, weights, averaged);
 }
 
-void slope_with_spot(size_t nx, size_t ny, const double *map, const double *averaged, double spread, double *lines,
-                     double *slope) {
+void average_under_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged,
+                        double *slope) {
+    means_over_spot(nx, ny, map, spread, lines, averaged);
     means_over_spot(nx, ny, map, fmax(spread, 0.0) + SPREAD_STEP, lines, slope);
     for (size_t cell = 0; cell < nx * ny; cell++)
         slope[cell] = (slope[cell] - averaged[cell]) / SPREAD_STEP;
 }
 
-/* Share of a spot that lies so far and more to one side [cells]. */
-static double beyond(double distance, double spread) {
-    return 0.5 * erfc(distance / sqrt(2.0 * spread));
+double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w) {
+    double column[GEOMETRY], sum = 0.0;
+    geometry_column(slopes, u, w, column);
+    for (size_t a = 0; a < GEOMETRY; a++) {
+        double line = 0.5 * covariance[a * GEOMETRY + a] * column[a];
+        for (size_t b = 0; b < a; b++)
+            line += covariance[a * GEOMETRY + b] * column[b];
+        sum += 2.0 * line * column[a];
+    }
+    return sum;
 }
 
-double border_variance(size_t nx, size_t ny, const double *map, double reading, const Spot *spot, double spread) {
+double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread) {
     if (spread < POINT)
         return 0.0;
+    const Spot *spot = &reading->spot;
     const double to[4] = {spot->x, (double)nx - 1.0 - spot->x, spot->y, (double)ny - 1.0 - spot->y};
     double sum = 0.0;
     for (size_t side = 0; side < 4; side++) {
         if (!(to[side] < BORDER * sqrt(spread)))
             continue;
-        const Place border = place_of(nx, ny,
-                                      side == 0   ? 0.0
-                                      : side == 1 ? (double)nx
-                                                  : spot->x,
-                                      side == 2   ? 0.0
-                                      : side == 3 ? (double)ny
-                                                  : spot->y);
-        const double share = beyond(fmax(to[side], 0.0) + 0.5, spread);
-        const double off = share / (1.0 - share) * (reading - value_at(map, &border));
+        const double x[4] = {0.0, (double)nx, spot->x, spot->x}, y[4] = {spot->y, spot->y, 0.0, (double)ny};
+        const Place border = place_of(nx, ny, x[side], y[side]);
+        const double share = 0.5 * erfc((fmax(to[side], 0.0) + 0.5) / sqrt(2.0 * spread)); /* beyond the border */
+        const double off = share / (1.0 - share) * (reading->value - value_at(map, &border));
         sum += off * off;
     }
     return sum;
 }
 
-bool reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]) {
-    const double rise = fmax(0.5 * ((double)nx - 1.0), 0.5), run = fmax(0.5 * ((double)ny - 1.0), 0.5);
+void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]) {
+    const double rise = half_of(nx), run = half_of(ny);
     const double a = 1.0 + g[ALONG_X_U] / rise, b = g[ALONG_X_W] / run, c = g[ALONG_Y_U] / rise,
                  d = 1.0 + g[ALONG_Y_W] / run, determinant = a * d - b * c;
-    if (!(fabs(determinant) > 0.1))
-        return false;
-    const double inverse[4] = {d / determinant, -b / determinant, -c / determinant, a / determinant};
     memset(back, 0, GEOMETRY * sizeof *back);
+    if (!(fabs(determinant) > 0.1))
+        return;
+    const double inverse[4] = {d / determinant, -b / determinant, -c / determinant, a / determinant};
     back[SHIFT_X] = -(inverse[0] * g[SHIFT_X] + inverse[1] * g[SHIFT_Y]);
     back[SHIFT_Y] = -(inverse[2] * g[SHIFT_X] + inverse[3] * g[SHIFT_Y]);
     back[ALONG_X_U] = (inverse[0] - 1.0) * rise;
     back[ALONG_X_W] = inverse[1] * run;
     back[ALONG_Y_U] = inverse[2] * rise;
     back[ALONG_Y_W] = (inverse[3] - 1.0) * run;
-    return true;
 }
 
-void read_displaced(size_t nx, size_t ny, const double *map, const double g[GEOMETRY], double *reading) {
+void read_map(const Registration *registration, size_t nx, size_t ny, const double *map, double *lines,
+              double *averaged, double *reading) {
+    double g[GEOMETRY];
+    if (!registration->is_displaced) {
+        memcpy(reading, map, nx * ny * sizeof *map);
+        return;
+    }
+    geometry_seen(registration, g);
+    means_over_spot(nx, ny, map, g[SPREAD], lines, averaged);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {
             const Spot spot = spot_of(g, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
             const Place place = place_of(nx, ny, spot.x, spot.y);
-            reading[i * ny + j] = value_at(map, &place);
+            reading[i * ny + j] = value_at(averaged, &place);
         }
 }

@@ -47,34 +47,69 @@ static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double 
                   j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
 }
 
-/* Variance of a displaced reading by what the view does not model [m^2]: a few thousandths of a cell of its place, and
- * of the shape of the spot a few hundredths (assumed). */
-static inline double view_variance(double along_x, double along_y, double with_spread, double spread) {
-    const double place = 0.004 * 0.004 * (along_x * along_x + along_y * along_y), shape = 0.03 * spread * with_spread;
-    return place + shape * shape;
-}
+/* Slopes of a reading: with its place [m per cell], with the variance of its spot [m per cells^2]. */
+typedef struct {
+    double along_x, along_y, with_spread;
+} Slopes;
 
-/* Variance of a reading whose spot reaches beyond the grid [m^2]: the surface there may continue that of the border, as
- * means_over_spot has it, or not count. */
-double border_variance(size_t nx, size_t ny, const double *map, double reading, const Spot *spot, double spread);
+typedef struct {
+    Spot spot;
+    Place place;
+    double value; /* [m] */
+    Slopes slopes;
+} Reading;
 
 /* Half a step of the difference quotients that slopes are [cells]. */
 #define SLOPE_STEP 0.3
 
-/* The map averaged over a spot of this variance [cells^2]; `lines` holds a map. */
-void means_over_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged);
+/* A reading of a map that is averaged over the spot, and its slope with the spot (average_under_spot). */
+static inline Reading reading_at(size_t nx, size_t ny, const double *averaged, const double *slope, Spot spot,
+                                 double step) {
+    const Place place = place_of(nx, ny, spot.x, spot.y);
+    const Place up = place_of(nx, ny, spot.x - step, spot.y), left = place_of(nx, ny, spot.x, spot.y - step);
+    const Place down = place_of(nx, ny, spot.x + step, spot.y), right = place_of(nx, ny, spot.x, spot.y + step);
+    return (Reading){spot,
+                     place,
+                     value_at(averaged, &place),
+                     {(value_at(averaged, &down) - value_at(averaged, &up)) / (2.0 * step),
+                      (value_at(averaged, &right) - value_at(averaged, &left)) / (2.0 * step),
+                      value_at(slope, &place)}};
+}
+
+/* Derivatives of a reading at (u, w) by the geometry. */
+static inline void geometry_column(const Slopes *slopes, double u, double w, double column[GEOMETRY]) {
+    const double x = slopes->along_x, y = slopes->along_y;
+    memcpy(column, (double[GEOMETRY]){x, y, x * u, x * w, y * u, y * w, slopes->with_spread},
+           GEOMETRY * sizeof *column);
+}
+
+/* Variance of a reading at (u, w) through the geometry [m^2]. */
+double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w);
+
+/* Variance of a displaced reading by what the view does not model [m^2]: a few thousandths of a cell of its place, and
+ * of the shape of the spot a few hundredths (assumed). */
+static inline double view_variance(const Slopes *slopes, double spread) {
+    const double x = slopes->along_x, y = slopes->along_y, shape = 0.03 * spread * slopes->with_spread;
+    return 0.004 * 0.004 * (x * x + y * y) + shape * shape;
+}
+
+/* Variance of a reading whose spot reaches beyond the grid [m^2]: the surface there may continue that of the border, as
+ * average_under_spot has it, or not count. */
+double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread);
 
 /* Share that the average over a spot leaves of the variance of independent errors. */
 double spot_energy(double spread);
 
-/* How that goes with the variance of the spot [m per cells^2]; `lines` and `wider` hold a map. */
-void slope_with_spot(size_t nx, size_t ny, const double *map, const double *averaged, double spread, double *lines,
-                     double *slope);
+/* The map averaged over a spot of this variance [cells^2], and how that goes with it [m per cells^2]; `lines` holds a
+ * map. */
+void average_under_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged,
+                        double *slope);
 
-/* The geometry of the way back: where on the scan the reading of a cell lies. False if there is none. */
-bool reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
+/* The geometry of the way back: where on the scan the reading of a cell lies. All 0 if there is none. */
+void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
 
-/* Readings of a map. */
-void read_displaced(size_t nx, size_t ny, const double *map, const double g[GEOMETRY], double *reading);
+/* Readings of a map, displaced or not; `lines` and `averaged` hold a map. */
+void read_map(const Registration *registration, size_t nx, size_t ny, const double *map, double *lines,
+              double *averaged, double *reading);
 
 #endif

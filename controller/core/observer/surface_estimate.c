@@ -3,16 +3,20 @@
 #include <math.h>
 #include <string.h>
 
+#include "median.h"
+
 /* Before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the rest [1]. */
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
+static const double SHARE_STD = 0.15, FULL_STD = 0.3;                        /* of a share of the ink (assumed) */
+static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
 static const double FIRST_STEP = 0.1;    /* of the shift from scan to scan [cells]; learnt */
 static const double FIRST_ODDS = -3.0;   /* one profiler in twenty is displaced (assumed) */
 static const double RESIDUALS_MAX = 9.0; /* of droplets and sensor: three standard deviations (assumed) */
 static const double SPILL_MAX = 6.0;     /* droplets that vary by 40 % show up to 2.4, other droplets 10 and more */
 static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3; /* of a volume: droplets that vary; those of another kind */
 static const double FOREIGN = 5.0;                         /* early residuals beyond any variation of droplets */
-static const double MEDIAN_SQUARE = 0.4549, UNIFORM_MEDIAN_SQUARE = 0.75; /* of variables of variance 1 */
-static const int64_t BLIND_LAYERS = 5;                                    /* in a row (assumed) */
+static const double UNIFORM_MEDIAN_SQUARE = 0.75;          /* of a uniform variable of variance 1 */
+static const int64_t BLIND_LAYERS = 5;                     /* in a row (assumed) */
 enum { PROBE_LAYERS = 5 }; /* every so many layers the dead cells are tried again (assumed) */
 
 enum { REAL_MAPS = 6, BYTE_MAPS = 3 };
@@ -44,19 +48,16 @@ size_t ink_shares(const InkPrior *prior) {
     return prior->model == INK_FULL ? prior->inks * ORDERS : prior->inks;
 }
 
-void inks_of_shares(const InkPrior *prior, const double share[], Ink ink[INKS_MAX]) {
+void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]) {
+    const InkPrior *prior = &options->ink;
     memcpy(ink, prior->nominal, INKS_MAX * sizeof *ink);
     for (size_t k = 0; k < prior->inks; k++) {
-        const double *its = prior->model == INK_FULL ? share + k * ORDERS : share + k;
+        const double *its = known->share + (prior->model == INK_FULL ? k * ORDERS : k);
         const size_t next = prior->model == INK_FULL ? 1 : 0;
         ink[k] = (Ink){its[0] * ink[k].h1, its[next] * ink[k].h2, its[2 * next] * ink[k].h3};
     }
     if (prior->inks < INKS_MAX)
         ink[INKS_MAX - 1] = ink[0];
-}
-
-void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]) {
-    inks_of_shares(&options->ink, known->share, ink);
 }
 
 static double layers_of(const Ink ink[], size_t inks) {
@@ -79,14 +80,9 @@ double layer_of(const EstimatorOptions *options) {
     return layer;
 }
 
-/* Half of the grid along an axis [cells]. */
-static double half(size_t count) {
-    return fmax(0.5 * ((double)count - 1.0), 0.5);
-}
-
-Registration no_registration(size_t nx, size_t ny) {
+static Registration no_registration(size_t nx, size_t ny) {
     static const double ROTATION[4] = {0.0, 1.0, -1.0, 0.0}, MAGNIFICATION[4] = {1.0, 0.0, 0.0, 1.0};
-    const double edge[4] = {half(nx), half(ny), half(nx), half(ny)};
+    const double edge[4] = {half_of(nx), half_of(ny), half_of(nx), half_of(ny)};
     Registration none = {.steps = {FIRST_STEP * FIRST_STEP, FIRST_STEP * FIRST_STEP}, .odds = FIRST_ODDS};
     double *covariance = none.covariance;
     covariance[SHIFT_X * GEOMETRY + SHIFT_X] = covariance[SHIFT_Y * GEOMETRY + SHIFT_Y] = SHIFT_STD * SHIFT_STD;
@@ -103,6 +99,24 @@ Registration no_registration(size_t nx, size_t ny) {
     return none;
 }
 
+Knowledge first_knowledge(const EstimatorOptions *options) {
+    const size_t n = ink_shares(&options->ink);
+    const double deviation = options->ink.model == INK_FULL ? FULL_STD : SHARE_STD, layer = layer_of(options);
+    Knowledge known = {.registration = no_registration(options->nx, options->ny),
+                       .trust = {.early = 1.0, .surprise = 1.0, .spill = 1.0},
+                       .noise_variance = fmax(options->noise_variance, options->steps_variance),
+                       .droplet_variance = 1.0,
+                       .droplet_evidence = FIRST_EVIDENCE,
+                       .scans = 1};
+    for (size_t k = 0; k < n; k++) {
+        known.share[k] = 1.0;
+        known.share_covariance[k * n + k] = options->ink.model == INK_OFF ? 0.0 : deviation * deviation;
+    }
+    for (size_t k = 0; k < DATUM_TERMS; k++)
+        known.datum_spread[k] = DATUM_STD[k] * DATUM_STD[k] * layer * layer;
+    return known;
+}
+
 static double spot_error(const Registration *registration) {
     return sqrt(registration->covariance[SPREAD * GEOMETRY + SPREAD]);
 }
@@ -111,10 +125,6 @@ void geometry_seen(const Registration *registration, double g[GEOMETRY]) {
     memcpy(g, registration->estimate, GEOMETRY * sizeof *g);
     if (!(g[SPREAD] > 2.0 * spot_error(registration)))
         g[SPREAD] = 0.0;
-}
-
-LoopTrust full_trust(void) {
-    return (LoopTrust){.early = 1.0, .surprise = 1.0, .spill = 1.0};
 }
 
 static int64_t reasons_of(const LoopTrust *trust) {
@@ -141,7 +151,7 @@ static void report_geometry(const Registration *registration, size_t nx, size_t 
     const double *covariance = registration->covariance, error = spot_error(registration);
     double g[GEOMETRY];
     geometry_seen(registration, g);
-    const double rise = half(nx), run = half(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
+    const double rise = half_of(nx), run = half_of(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
     figures->shift_x = g[SHIFT_X];
     figures->shift_y = g[SHIFT_Y];
     figures->shift_std = sqrt(larger);

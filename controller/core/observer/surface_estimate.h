@@ -14,6 +14,9 @@
  * (assumed). */
 #define DROPLET_STD 0.1
 
+/* Degrees of freedom of what is known of that variation before (assumed). */
+#define FIRST_EVIDENCE 10.0
+
 /* Evidence from which on a cell is dead: three layers of it; by chance less than once in a million cells (Wald 1945:
  * exp -15). */
 #define DEAD_EVIDENCE 15.0
@@ -49,6 +52,11 @@ typedef struct {
  *     i + g[0] + g[2] u + g[3] w,   j + g[1] + g[4] u + g[5] w   [cells],
  * where u and w go from -1 to 1 over the grid along x and y. */
 enum { SHIFT_X, SHIFT_Y, ALONG_X_U, ALONG_X_W, ALONG_Y_U, ALONG_Y_W, SPREAD, GEOMETRY };
+
+/* Half of the grid along an axis [cells]. */
+static inline double half_of(size_t count) {
+    return 0.5 * (count > 2 ? (double)count - 1.0 : 1.0);
+}
 
 enum { REMEMBERED = 3 }; /* scans */
 
@@ -152,9 +160,8 @@ typedef struct {
 size_t estimate_size(size_t cells);
 SurfaceEstimate estimate_in(void *block, size_t cells);
 
-/* Number of shares that are learnt, and the inks that shares make. */
+/* Number of shares of the inks, and the inks as learnt. */
 size_t ink_shares(const InkPrior *prior);
-void inks_of_shares(const InkPrior *prior, const double share[], Ink ink[INKS_MAX]);
 void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]);
 
 /* Volume of the learnt inks as a share of the nominal one, mean over the inks. */
@@ -163,8 +170,8 @@ double learnt_volume(const EstimatorOptions *options, const Knowledge *known);
 /* Height of a nominal full layer, the largest of the inks [m]. */
 double layer_of(const EstimatorOptions *options);
 
-Registration no_registration(size_t nx, size_t ny);
-LoopTrust full_trust(void);
+/* What is known before any scan. */
+Knowledge first_knowledge(const EstimatorOptions *options);
 
 /* The geometry by which scans are read: as estimated, with a point for a spot that cannot be distinguished from one,
  * since a spot that is none raises walls. */

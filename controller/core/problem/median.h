@@ -4,6 +4,9 @@
 
 #include "row_ranges.h"
 
+/* Of the squares of normal variables of variance 1: their median, and their upper quartile. */
+static const double MEDIAN_SQUARE = 0.4549, QUARTILE_SQUARE = 1.3233;
+
 /* The value in the middle, or the mean of the two that are, of at least one; what is left in `values` is of no use. */
 double median(double *values, size_t count);
 

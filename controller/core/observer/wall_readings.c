@@ -1,0 +1,175 @@
+#include "wall_readings.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "map_memory.h"
+#include "median.h"
+#include "near_cells.h"
+
+static const double WALL = 0.1;  /* of the variance of a droplet: the least that a displacement moves */
+static const double STEEP = 0.8; /* layers per cell */
+enum { WALLS_MAX = 640 };
+
+void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room) {
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    if (evidence->known->registration.is_displaced) {
+        memset(room->walls, 1, cells);
+        return;
+    }
+    const double at_x = covariance[0] + covariance[ALONG_X_U * (GEOMETRY + 1)] + covariance[ALONG_X_W * (GEOMETRY + 1)];
+    const double at_y =
+        covariance[GEOMETRY + 1] + covariance[ALONG_Y_U * (GEOMETRY + 1)] + covariance[ALONG_Y_W * (GEOMETRY + 1)];
+    const double spread = fmax(at_x, at_y), h1 = evidence->options->ink.nominal[0].h1;
+    const double least = WALL * (evidence->noise_variance + evidence->droplet_variance * h1 * h1) / spread;
+    const size_t reach = spread > 0.25 ? 3 : spread > 0.06 ? 2 : 1;
+    for (size_t cell = 0; cell < cells; cell++)
+        room->walls[cell] = slopes[cell] > least;
+    for (size_t k = 0; k < reach; k++) {
+        memcpy(room->marks, room->walls, cells);
+        for (size_t i = 0; i < nx; i++)
+            mark_near_row(room->marks, nx, ny, i, room->walls + i * ny);
+    }
+}
+
+/* At even distances, if there are many. */
+bool collect_walls(WallFit *fit) {
+    const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny, cells = nx * ny;
+    const size_t most = cells < WALLS_MAX ? cells : WALLS_MAX;
+    size_t all = 0;
+    fit->walls = take_raw_maps(most, sizeof(Wall) + sizeof(double));
+    if (!fit->walls)
+        return false;
+    fit->values = (double *)(fit->walls + most);
+    for (int is_counted = 0; is_counted < 2; is_counted++) {
+        const size_t distance = (all + WALLS_MAX - 1) / WALLS_MAX;
+        size_t found = 0;
+        for (size_t cell = 0; cell < cells; cell++) {
+            if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
+                continue;
+            if (is_counted && found % distance == 0)
+                fit->walls[fit->count++] =
+                    (Wall){.cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
+            found++;
+        }
+        all = found;
+    }
+    return true;
+}
+
+void average_walls(const double *x, WallFit *fit) {
+    fit->spread = fmax(x[SPREAD], 0.0);
+    memcpy(fit->share, x + SHARE, sizeof fit->share);
+    average_prediction(fit->evidence, fit->share, fit->spread, fit->room);
+}
+
+/* The class of the cells that a reading is of: with droplets of their own, reached by others', or neither. */
+static size_t class_at(const int32_t *all, const Place *place, double squares) {
+    const int32_t *pattern = all + place->cell;
+    const bool is_own = (pattern[0] > 0 && place->x < 1.0 && place->y < 1.0) ||
+                        (pattern[place->below] > 0 && place->x > 0.0 && place->y < 1.0) ||
+                        (pattern[place->right] > 0 && place->x < 1.0 && place->y > 0.0) ||
+                        (pattern[place->below + place->right] > 0 && place->x > 0.0 && place->y > 0.0);
+    return is_own ? OWN : squares > 0.0 ? SPILL : CLASSES;
+}
+
+static void look_at_wall(const double *x, double energy, const WallFit *fit, Wall *wall) {
+    const ScanEvidence *evidence = fit->evidence;
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const double *variance = evidence->variance, *squares = evidence->increments->squares;
+    const double droplets = evidence->droplet_variance;
+    const Spot spot = spot_of(x, (double)(wall->cell / ny), (double)(wall->cell % ny), wall->u, wall->w);
+    const Reading reading = reading_at(nx, ny, fit->room->averaged, fit->room->spread_slope, spot, fit->step);
+    const Slopes *slopes = &reading.slopes;
+    const double view = evidence->noise_variance + view_variance(slopes, x[SPREAD]) +
+                        border_variance(nx, ny, evidence->predicted, &reading, fit->spread);
+    geometry_column(slopes, wall->u, wall->w, wall->column);
+    datum_terms(wall->u, wall->w, wall->column + DATUM);
+    wall->slopes = slopes->along_x * slopes->along_x + slopes->along_y * slopes->along_y;
+    wall->squares = energy * variance_at(squares, &reading.place);
+    wall->class = class_at(evidence->layer->pattern, &reading.place, wall->squares);
+    wall->alone = view + energy * variance_at(variance, &reading.place) + droplets * wall->squares;
+    wall->variance = view + value_at(variance, &reading.place) + droplets * value_at(squares, &reading.place);
+    wall->rest = evidence->scan[wall->cell] - reading.value - (x[SPREAD] - fit->spread) * slopes->with_spread;
+    for (size_t k = 0; k < DATUM_TERMS; k++)
+        wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
+    for (size_t s = 0; s < fit->shares; s++) {
+        const ShareColumn of = share_column(evidence, s);
+        wall->column[SHARE + s] = of.factor * value_at(of.map, &reading.place);
+        wall->rest -= (x[SHARE + s] - fit->share[s]) * wall->column[SHARE + s];
+    }
+}
+
+void look_at_walls(const double *x, WallFit *fit) {
+    const double energy = spot_energy(fit->spread);
+    for (size_t k = 0; k < fit->count; k++)
+        look_at_wall(x, energy, fit, &fit->walls[k]);
+}
+
+double heat_of(const WallFit *fit, const double *covariance) {
+    const double shift = fmax(covariance[0], covariance[GEOMETRY + 1]);
+    size_t count = 0;
+    for (size_t k = 0; k < fit->count; k++) {
+        const Wall *wall = &fit->walls[k];
+        if (wall->slopes * shift > 4.0 * wall->variance)
+            fit->values[count++] = wall->rest * wall->rest / wall->variance;
+    }
+    return count > LEAST_READINGS / 2 ? fmax(1.0, median(fit->values, count) / MEDIAN_SQUARE) : 1.0;
+}
+
+/* Groups of walls: by their class, steep ones, and even ones with a droplet of their own. */
+enum { ALL_STEEP = CLASSES, EVEN_OWN, GROUPS };
+
+static bool is_in_group(const Wall *wall, size_t group, double steep) {
+    if (group < CLASSES)
+        return wall->class == group;
+    return (wall->slopes > steep) == (group == ALL_STEEP) && (group == ALL_STEEP || wall->class == OWN);
+}
+
+/* The median, and half the upper quartile while scans are not displaced, since droplets of another kind often leave
+ * half of the walls alone. Droplets are learnt from even cells: on steep ones what the view does not model hides them.
+ */
+double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
+    const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
+    double largest = 1.0;
+    for (size_t group = 0; group < GROUPS; group++) {
+        size_t count = 0;
+        double squares = 0.0, variance = 0.0;
+        for (size_t k = 0; k < fit->count; k++) {
+            const Wall *wall = &fit->walls[k];
+            if (!is_in_group(wall, group, steep))
+                continue;
+            fit->values[count++] = wall->rest * wall->rest / (group == EVEN_OWN ? wall->alone : wall->variance);
+            squares += wall->squares;
+            variance += wall->alone;
+        }
+        const bool is_many = count >= LEAST_READINGS;
+        const double high = is_many ? upper_quartile(fit->values, count) / QUARTILE_SQUARE : 1.0;
+        const double found = is_many ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
+        if (group < EVEN_OWN)
+            largest = fmax(largest, fmax(found, is_displaced ? 0.0 : 0.5 * high));
+        if (group < CLASSES)
+            displaced->misfit[group] = found;
+        if (group < EVEN_OWN || count < LEAST_READINGS)
+            continue;
+        displaced->misfit[OWN] = found;
+        displaced->droplets = count;
+        displaced->mean_droplets = squares / (double)count;
+        displaced->mean_base = variance / (double)count - fit->evidence->droplet_variance * displaced->mean_droplets;
+    }
+    return largest;
+}
+
+double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
+    const ScanEvidence *evidence = fit->evidence;
+    double gained = 0.0, row[ROW_TERMS];
+    for (size_t k = 0; k < fit->count; k++) {
+        const Wall *wall = &fit->walls[k];
+        datum_of_row(in_register->datum, wall->u, row);
+        const double plain = evidence->scan[wall->cell] - evidence->predicted[wall->cell] -
+                             share_change(evidence, in_register->share, wall->cell) - datum_in_row(row, wall->w);
+        const double variance = NU * fmin(wall->variance, native_variance(evidence, wall->cell));
+        gained += log1p(plain * plain / variance) - log1p(wall->rest * wall->rest / variance);
+    }
+    return 0.5 * (NU + 1.0) * gained;
+}
