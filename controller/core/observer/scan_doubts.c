@@ -9,16 +9,17 @@ static const double OUTLIER = 100.0;  /* ... that a single cell counts at most *
 static const double FAR_BETTER = 0.4; /* of what the scan leaves as read (assumed) */
 static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
 static const double KEPT = 0.5;                      /* of the evidence, from scan to scan */
-static const double BELIEVED = 1.2;     /* two scans in a row have 1.5, of three the first and the last 1.25 */
-static const double LEAST_SHARE = 0.05; /* of the part: fewer droplets tell nothing */
-static const double VOLUME_STD = 0.05;  /* of a share of the ink that is known (assumed) */
-static const double RESERVE = 1.0;      /* layers above the target that a cell may have by its ledger (assumed) */
-static const double HIGH = 0.4;         /* layers above target and ledger; 0.3 where droplets vary by 40 % (assumed) */
-static const double RISEN = 0.9;        /* ...: no droplet explains it, those of its neighbours run to it (assumed) */
-static const double UNSURE = 0.3;       /* layers: standard deviation of a height that is not known (assumed) */
-static const double BLIND = 0.5;        /* share of the part (assumed) */
-static const double SMOOTH = 2e-4;      /* layers^2: least noise about a datum, so that it does not follow a part */
-static const double NOISY = 1e-16;      /* [m^2]: readings that vary by 10 nm never repeat bit by bit */
+static const double BELIEVED = 1.2;      /* two scans in a row have 1.5, of three the first and the last 1.25 */
+static const double LEAST_SHARE = 0.05;  /* of the part: fewer droplets tell nothing */
+static const double VOLUME_STD = 0.05;   /* of a share of the ink that is known (assumed) */
+static const double RESERVE = 1.0;       /* layers above the target that a cell may have by its ledger (assumed) */
+static const double HIGH = 0.4;          /* layers above target and ledger; 0.3 where droplets vary by 40 % (assumed) */
+static const double HIGH_FOREIGN = 0.25; /* ..., where droplets spill in another way than the model's (assumed) */
+static const double RISEN = 0.9;         /* ...: no droplet explains it, those of its neighbours run to it (assumed) */
+static const double UNSURE = 0.3;        /* layers: standard deviation of a height that is not known (assumed) */
+static const double BLIND = 0.5;         /* share of the part (assumed) */
+static const double SMOOTH = 2e-4;       /* layers^2: least noise about a datum, so that it does not follow a part */
+static const double NOISY = 1e-16;       /* [m^2]: readings that vary by 10 nm never repeat bit by bit */
 enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
 
 static size_t cells_of(const ScanDoubt *doubt) {
@@ -202,6 +203,7 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
     const size_t cells = options->nx * options->ny;
     const double layer = layer_of(options) * options->drop_levels, volume = learnt_volume(options, estimate->known);
     LoopTrust *trust = &estimate->known->trust;
+    const double high = is_spill_foreign(trust) ? HIGH_FOREIGN : HIGH;
     size_t part = 0, blind = 0;
     trust->capped_cells = trust->unseen_cells = trust->high_cells = trust->excess_cell = trust->rise_cell = 0;
     trust->excess = trust->rise = 0.0;
@@ -227,7 +229,7 @@ void look_at_part(const EstimatorOptions *options, const uint8_t *valid, Surface
         trust->capped_cells += is_full;
         if (rise > RISEN * layer)
             cap_near(options, cell, estimate->capped);
-        trust->high_cells += rise > HIGH * layer;
+        trust->high_cells += rise > high * layer;
         if (rise > trust->rise) {
             trust->rise = rise;
             trust->rise_cell = (int64_t)cell;

@@ -127,6 +127,10 @@ void geometry_seen(const Registration *registration, double g[GEOMETRY]) {
         g[SPREAD] = 0.0;
 }
 
+bool is_spill_foreign(const LoopTrust *trust) {
+    return trust->spill > SPILL_MAX;
+}
+
 static int64_t reasons_of(const LoopTrust *trust) {
     return (trust->unseen_cells > 0 ? UNTRUSTED_UNSEEN : 0) |
            (trust->blind_layers > BLIND_LAYERS ? UNTRUSTED_BLIND : 0) | (trust->ground_wrong ? UNTRUSTED_GROUND : 0) |
@@ -182,7 +186,7 @@ EstimateFigures estimate_figures(const EstimatorOptions *options, const SurfaceE
                                .capped_cells = trust->capped_cells,
                                .excess_cell = trust->excess_cell,
                                .rise_cell = trust->rise_cell,
-                               .is_foreign = trust->spill > SPILL_MAX,
+                               .is_foreign = is_spill_foreign(trust),
                                .scans = known->scans};
     learnt_inks(options, known, figures.ink);
     if (known->registration.fits > 0)

@@ -177,6 +177,9 @@ Knowledge first_knowledge(const EstimatorOptions *options);
  * since a spot that is none raises walls. */
 void geometry_seen(const Registration *registration, double g[GEOMETRY]);
 
+/* Whether droplets spill onto their neighbours in another way than the model's. */
+bool is_spill_foreign(const LoopTrust *trust);
+
 /* Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned. */
 bool is_probe(int64_t layer);
 

@@ -191,7 +191,10 @@ class Observer:
         rise = np.where(o.part, s.height - np.maximum(target, volume * s.ledger), 0.0) / layer_height
         is_near = maximum_filter(rise > c.RISEN, 3)
         s.full = o.part & (o.least * s.ledger > target + c.RESERVE * layer_height)
-        s.capped, s.high = s.full | (o.part & is_near), rise > c.HIGH
+        s.capped, s.high = (
+            s.full | (o.part & is_near),
+            rise > (c.HIGH_FOREIGN if s.mean_misfit[1] > c.SPILL_MAX else c.HIGH),
+        )
 
     def first(self, scan: Any, valid: Any) -> State:
         """Of layer 0."""
