@@ -8,12 +8,11 @@ from math import isnan
 from pathlib import Path
 
 from benchmarks.lying_scans import PROCESSES
-from support.lying_scans.case import Case
-from support.lying_scans.cases import CASES
-from support.lying_scans.rig import STOPPED, Outcome, print_cases
 from tools.figures.pages import DOCS, Texts, table
 
 from inkloop.files import replaced
+from support.lying_scans.cases import CASES
+from support.lying_scans.rig import STOPPED, Outcome, print_cases
 
 PAGE = DOCS / "explanation" / "closing-the-loop.md"
 PRINTS = DOCS / "explanation" / "lying-scans.csv"
@@ -73,10 +72,8 @@ def lines(prints: Prints) -> Iterator[list[str]]:
         case, of_case = CASES[name], prints[name]
         mae = sum(float(each["mae"]) for each in of_case) / len(of_case)
         highest = max(float(each["highest"]) for each in of_case)
-        yield [
-            name.replace(" um", " µm"), f"{mae:.2f}" + limit(case.must.mae), f"{highest:.1f}" + limit(case.must.highest),
-            ending(case, of_case),
-        ]  # fmt: skip
+        figures = (f"{mae:.2f}{limit(case.must.mae)}", f"{highest:.1f}{limit(case.must.highest)}")
+        yield [name.replace(" um", " µm"), *figures, ending(of_case)]
 
 
 def limit(must: float) -> str:
@@ -84,7 +81,7 @@ def limit(must: float) -> str:
     return "" if isnan(must) else f" / {must:g}"
 
 
-def ending(case: Case, prints: Sequence[Mapping[str, str]]) -> str:
+def ending(prints: Sequence[Mapping[str, str]]) -> str:
     """How the prints of a case end, and from which layer on they are not trusted."""
     stopped = sorted({each["layers"] for each in prints if each["ending"] == STOPPED}, key=int)
     warned = [int(each["untrusted_from"]) for each in prints if each["untrusted_from"]]
