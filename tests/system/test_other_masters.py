@@ -1,4 +1,4 @@
-"""The loop of three FMUs prints the same part, bit by bit, in any master, with any step and algorithm."""
+"""The loop of three FMUs prints the same part, bit by bit, in any master that hands on scan 0, with any step and algorithm."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
 from support.masters.six_by_six import LAYERS, STEPS_S, TEXT, difference, our_run, scenario_in
 
+NO_SCAN_0 = "its connections start at zero: the controller does not learn datum and noise from scan 0"
+
 
 def cases() -> Iterator[Any]:
     for loop in (THREE_FMUS, ONE_BLOCK):
@@ -34,6 +36,8 @@ def cases() -> Iterator[Any]:
                     is_first = number == 0 and step_s == min(STEPS_S)
                     is_long = master.program is MAESTRO or not is_first
                     marks = [pytest.mark.long] if is_long else []
+                    if loop is THREE_FMUS and "simulate_ssp" in master.name:
+                        marks.append(pytest.mark.xfail(strict=True, reason=NO_SCAN_0))
                     yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
 
 

@@ -40,15 +40,15 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
         weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
-    const bool is_big = weight < CERTAIN, is_told = told != 0.0;
+    const bool is_big = weight < CERTAIN, has_surprised = told != 0.0;
     const bool is_same = is_big && told * rest > 0.0 && fabs(told) > SAME * fabs(rest);
     const bool is_back = is_big && told * rest < 0.0 && fabs(rest) > SAME * fabs(told);
     const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
-    count->vanished += is_told && (update->is_robust ? !is_big : is_back);
+    count->vanished += has_surprised && (update->is_robust ? !is_big : is_back);
     const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet that did not come */
-    count->lasted += is_told && !is_failed && (update->is_robust ? is_same : !is_big);
+    count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
     if (is_big && (is_real || !update->is_robust))

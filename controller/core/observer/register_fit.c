@@ -94,7 +94,7 @@ static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *
     }
 }
 
-/* What the threads share that add up the normal equations. */
+/* Memory that the threads share while they add up the normal equations. */
 typedef struct {
     const ScanEvidence *evidence;
     size_t shares;

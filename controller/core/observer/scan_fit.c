@@ -47,7 +47,8 @@ void average_prediction(const ScanEvidence *evidence, const double share[], doub
     average_under_spot(nx, ny, predicted, spread, room->lists[0], room->averaged, room->spread_slope);
 }
 
-/* What the threads share that look for misfits: lists of squares by class, and sums over cells with a droplet. */
+/* Memory that the threads share while they look for misfits: lists of squares by class, and sums over cells with a
+ * droplet. */
 typedef struct {
     const ScanEvidence *evidence;
     const InkFit *fit;

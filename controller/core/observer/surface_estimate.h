@@ -170,7 +170,7 @@ double learnt_volume(const EstimatorOptions *options, const Knowledge *known);
 /* Height of a nominal full layer, the largest of the inks [m]. */
 double layer_of(const EstimatorOptions *options);
 
-/* What is known before any scan. */
+/* Knowledge before any scan. */
 Knowledge first_knowledge(const EstimatorOptions *options);
 
 /* The geometry by which scans are read: as estimated, with a point for a spot that cannot be distinguished from one,

@@ -34,7 +34,7 @@ static bool has_single_drops(const int32_t *plan, size_t cells, int32_t inks) {
     return true;
 }
 
-/* What is known after the scan of the layer that the state before has planned. */
+/* Estimate after the scan of the layer that the state before has planned. */
 static bool estimate_layer(const LayerStep *step, const void *before, SurfaceEstimate *after) {
     const LayerControllerVariables *v = step->values;
     const EstimatorOptions options = estimator_options(step);

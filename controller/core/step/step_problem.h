@@ -14,7 +14,7 @@ typedef struct {
     const EstimateFigures *figures; /* of which ink, droplet_std and is_foreign count */
 } SurfaceToPlan;
 
-/* What a problem points to: maps of nx * ny, and choices of horizon * nx * ny. */
+/* Memory that a problem points to: maps of nx * ny, and choices of horizon * nx * ny. */
 typedef struct {
     double *ceiling, *weight;
     uint16_t *choices;

@@ -6,7 +6,7 @@
 #include "horizon_planner.h"
 #include "step_options.h"
 
-/* What is reported of a plan. */
+/* Figures of a plan. */
 typedef struct {
     int32_t status;   /* PLAN_...; 0: its objective is the bound, 6: settled by a rule, without an objective */
     int32_t left_out; /* LEFT_..., and 16: the certificate */

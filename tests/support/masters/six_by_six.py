@@ -22,14 +22,13 @@ part = {{ shape = "cuboid", height_um = 30.0, size_x_um = 1100.0, size_y_um = 11
 [components.controller]
 kind = "LayerController"
 horizon = 2
-sensor_noise_std_um = 0.05
 [components.printer]
 kind = "LayerDeposition"
 variation = 0.2
 layer_duration_s = 2.0
 [components.profiler]
 kind = "ProfileSensor"
-noise_std_um = 0.05
+noise_std_um = 0.2
 scan_duration_s = 3.0
 [run]
 layers_max = {LAYERS}
