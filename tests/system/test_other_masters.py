@@ -1,4 +1,4 @@
-"""The loop of three FMUs prints the same part, bit by bit, in any master that hands on scan 0, with any step and algorithm."""
+"""The loop of three FMUs prints the same part, bit by bit, in any master that hands on scan 0, by any algorithm."""
 
 from __future__ import annotations
 
