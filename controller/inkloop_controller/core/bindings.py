@@ -54,7 +54,7 @@ __all__ = [
     "split",
 ]
 
-_NO_MEMORY = 4
+_NO_MEMORY, _NO_SCAN = 4, 5
 
 
 def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
@@ -220,6 +220,11 @@ def objective_of(found: ObjectiveStruct) -> Objective:
 def answered(code: int) -> int:
     if code == _NO_MEMORY:
         raise MemoryError("no memory for the search of a plan; it takes about 40 bytes per cell and 10 more per step")
+    if code == _NO_SCAN:
+        raise ValueError(
+            "the first scan has readings on less than 2 % of the cells; needs one of the surface to print on: look at "
+            "the sensor"
+        )
     return code
 
 
