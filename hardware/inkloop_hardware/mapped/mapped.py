@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from struct import Struct
 from struct import error as StructError
+from zlib import crc32
 
 import numpy as np
 from udsoncan import MemoryLocation
@@ -16,6 +18,7 @@ from udsoncan import MemoryLocation
 from inkloop.component import Job, Port, Status, Values
 from inkloop.contract import (
     LAYER_COMMAND,
+    LAYER_UNKNOWN,
     LAYERS_PRINTED,
     LAYERS_SCANNED,
     MEASURED_HEIGHT,
@@ -26,24 +29,29 @@ from inkloop.contract import (
     contract_ports,
 )
 from inkloop.errors import ComponentError
+from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.errors import LinkTimeout, TransferError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
 from inkloop_hardware.mapped.mapping_file import factor, load, resolved
-from inkloop_hardware.mapped.mapping_tables import Download, Memory, Read, RoutineStep, Send, Step, Upload, Wait
+from inkloop_hardware.mapped.mapping_tables import Acting, Download, Memory, Read, RoutineStep, Send, Step, Upload, Wait
+from inkloop_hardware.mapped.open_layer import newest_layer, outcome_of
+from inkloop_hardware.protocol.services import Key
 
 LOG = logging.getLogger("inkloop_hardware")
 POLL = 0.1
 """Seconds between two reads of an identifier."""
-_STATE = Struct(">Iii")  # job, layers printed, layers scanned
+_STATE = Struct(">Iii?")  # job, layers printed, layers scanned, whether the last layer is unknown
 
 
 class Mapped:
     """Printer, profiler or both, by the steps of the mapping; a step of the loop lasts until they are done.
 
-    mapping: path of the mapping file. Raises ScenarioError with every error of the file; the errors of its steps are
-    `HardwareError`s.
+    Steps of a layer that act are in the journal of the run before and after they are made. A layer that was begun and
+    not finished is not continued: a person looks at it first (open_layer.py). `layer_unknown`: what became of the last
+    layer is not known. mapping: path of the mapping file. Raises ScenarioError with every error of the file; the errors
+    of its steps are `HardwareError`s.
     """
 
     is_device = True
@@ -55,24 +63,31 @@ class Mapped:
         self.outputs: tuple[Port, ...] = contract_ports(shape, STATUS)
         if tables.printer:
             self.inputs += contract_ports(shape, PATTERN, LAYER_COMMAND)
-            self.outputs += contract_ports(shape, LAYERS_PRINTED)
+            self.outputs += contract_ports(shape, LAYERS_PRINTED, LAYER_UNKNOWN)
         if tables.profiler:
             self.inputs += () if tables.printer else contract_ports(shape, LAYERS_PRINTED)
             self.outputs += contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
         self.outputs += tuple(Port(name, self._unit(name), start=math.nan) for name in tables.outputs)
         self._bus: MappedBus | None = None
-        self._printed, self._scanned = 0, -1
+        self._journal = MasterJournal()
+        self._printed, self._scanned, self._is_unknown = 0, -1, False
         self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
-        self._pattern = np.zeros(shape, np.int32)
+        self._pattern, self._pattern_crc = np.zeros(shape, np.int32), 0
 
     def use_rig(self, rig: Rig) -> None:
         """Take the settings of the bus, its folder and the print job from this rig."""
         self._rig = rig
 
+    def use_journal(self, journal: MasterJournal) -> None:
+        """Take the journal of the run."""
+        self._journal = journal
+
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus and make the steps of the start; commands count from the present one."""
+        self._journal.begin(self._rig)
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
         self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
+        self._is_unknown = False
         self._do("start", self._mapping.tables.start, self._printed)
         return self._outputs()
 
@@ -96,18 +111,20 @@ class Mapped:
 
     def save(self) -> bytes:
         """Job, counters, and the last map."""
-        return _STATE.pack(self._rig.job, self._printed, self._scanned) + self._height.tobytes() + self._valid.tobytes()
+        state = _STATE.pack(self._rig.job, self._printed, self._scanned, self._is_unknown)
+        return state + self._height.tobytes() + self._valid.tobytes()
 
     def restore(self, saved: bytes) -> None:
         """Resume after a layer; the rig must still hold it. ComponentError for an invalid state."""
         cells = self._height.size
         try:
-            job, self._printed, self._scanned = _STATE.unpack_from(saved)
+            job, printed, scanned, is_unknown = _STATE.unpack_from(saved)
             height = np.frombuffer(saved, np.float64, cells, _STATE.size)
             valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
         except (StructError, ValueError) as error:
             raise ComponentError(f"the saved state is not one of this rig ({error})") from error
-        self._rig.job = job
+        self._journal.resume(self._rig, job)
+        self._printed, self._scanned, self._is_unknown = printed, scanned, is_unknown
         self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
 
     @property
@@ -122,28 +139,43 @@ class Mapped:
         return output.unit or signal.unit or "1"
 
     def _print(self, command: int, pattern: np.ndarray) -> None:
-        if command == self._printed + 1:
-            self._pattern = np.asarray(pattern)
-            self._do(f"layer {command}", self._mapping.tables.printer, command)
-            self._printed = command
+        if command != self._printed + 1:
+            return
+        steps = self._mapping.tables.printer
+        self._pattern, self._pattern_crc = np.asarray(pattern), crc32(np.asarray(pattern, "<i4").tobytes())
+        outcome = outcome_of(command, self._pattern_crc, newest_layer(self._journal), steps)
+        if outcome is None:
+            self._do(f"layer {command}", steps, command, is_layer=True)
+            self._journal.done(Asked.LAYER, Key(self._rig.job, command), self._pattern_crc)
+        self._printed, self._is_unknown = command, outcome is Event.UNKNOWN
 
     def _scan(self, newest: int) -> None:
         if newest != self._scanned:
             self._do(f"scan of layer {newest}", self._mapping.tables.profiler, newest)
             self._scanned = newest
 
-    def _do(self, what: str, steps: Sequence[Step], layer: int) -> None:
-        """Make steps in order; `what` names them in log and errors."""
+    def _do(self, what: str, steps: Sequence[Step], layer: int, *, is_layer: bool = False) -> None:
+        """Make steps in order; `what` names them in log and errors; is_layer: the journal records those that act."""
         fields = {"job": self._rig.job, "layer": layer, "nx": self._job.nx, "ny": self._job.ny}
         for place, step in enumerate(steps, 1):
             LOG.info("%s: step %d of %d (%s)", what, place, len(steps), step.do)
             if not isinstance(step, Wait | Read):
                 self._open.forget()
-            with self._open.enabled(step.enables):
+            is_recorded = is_layer and isinstance(step, Acting) and step.acts
+            with self._recorded(Key(self._rig.job, layer, place), is_recorded), self._open.enabled(step.enables):
                 try:
                     self._one(step, fields)
                 except ValueError as error:  # a template that was right for layer 1
                     raise ComponentError(f"{what}, step {place} ({step.do}): {error}; correct the mapping") from error
+
+    @contextmanager
+    def _recorded(self, key: Key, is_recorded: bool) -> Iterator[None]:
+        """Record a step before and after it is made."""
+        if is_recorded:
+            self._journal.intend(Asked.STEP, key, self._pattern_crc)
+        yield
+        if is_recorded:
+            self._journal.done(Asked.STEP, key, self._pattern_crc)
 
     def _one(self, step: Step, fields: dict[str, int]) -> None:
         bus = self._open
@@ -202,6 +234,7 @@ class Mapped:
         values: dict[str, np.ndarray | float] = {
             STATUS: Status.IDLE,
             LAYERS_PRINTED: self._printed,
+            LAYER_UNKNOWN: self._is_unknown,
             MEASURED_HEIGHT: self._height.copy(),
             VALID: self._valid.copy(),
             LAYERS_SCANNED: self._scanned,

@@ -260,7 +260,7 @@ class Peer:
 def rig(tmp_path: Path, clock: Clock) -> Any:
     """A rig after its start, its bus and its peers."""
     part = Mapped(JOB, mapping=str(written(tmp_path)))
-    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9)
+    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9, is_open=False)
     part.use_rig(rig)  # type: ignore[arg-type]
     part.initialize(0, {"layer_command": np.asarray(2)})
     bus: Any = part._bus
@@ -316,7 +316,7 @@ def test_state_of_a_rig_comes_back(rig: Any, tmp_path: Path) -> None:
     before = rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
     saved = rig.part.save()
     other = Mapped(JOB, mapping=str(tmp_path / "rig.toml"))
-    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1)
+    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1, is_open=False)
     other.use_rig(own)  # type: ignore[arg-type]
     other.initialize(0, {})
     other.restore(saved)
