@@ -27,13 +27,13 @@ PATIENCE_S = 600.0
 
 
 @contextmanager
-def rig(folder: Path, mapping: str = foreign_rig.MAPPING) -> Iterator[Path]:
+def rig(folder: Path, mapping: str = foreign_rig.MAPPING, layers: int = LAYERS) -> Iterator[Path]:
     """A rig on a wire, and a scenario that prints on it; its log is rig.log in `folder`."""
     with EmulatedBench({"nx": 6, "ny": 5}) as wire, foreign_rig.running(wire.channel, f"log={folder / 'rig.log'}"):
         (folder / "rig.dbc").write_text(foreign_rig.DBC)
         (folder / "rig.toml").write_text(mapping)
-        text = foreign_rig.SCENARIO.replace("CHANNEL", wire.channel).replace("layers_max = 2", f"layers_max = {LAYERS}")
-        (folder / "part.toml").write_text(text.replace("layers = 2", f"layers = {LAYERS}"))
+        text = foreign_rig.SCENARIO.replace("CHANNEL", wire.channel).replace("layers_max = 2", f"layers_max = {layers}")
+        (folder / "part.toml").write_text(text.replace("layers = 2", f"layers = {layers}"))
         yield folder / "part.toml"
 
 
@@ -115,3 +115,15 @@ def test_wait_that_ran_out_of_time_asks_before_anything_is_sent_again(tmp_path: 
         words = master("resume", run, "--layer-is", "printed").communicate()[0]
         assert "the run is finished" in words
     assert_printed_once(tmp_path, run)
+
+
+def test_second_run_on_the_channel_of_a_print_is_refused(tmp_path: Path) -> None:
+    with rig(tmp_path, layers=1000) as part:
+        first = master("run", part, "--out", tmp_path / "run")
+        until = time.monotonic() + PATIENCE_S
+        while not starts(tmp_path) and time.monotonic() < until:
+            time.sleep(0.01)
+        words = master("run", part, "--out", tmp_path / "second").communicate()[0]
+        first.kill()
+        assert f"another inkloop prints there (process {first.pid} since" in words, first.communicate()[0]
+        assert max(starts(tmp_path).values()) == 1

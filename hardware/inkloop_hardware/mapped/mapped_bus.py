@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from inkloop_hardware.bus.channel_lock import lock_channel
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
@@ -39,7 +40,12 @@ class MappedBus:
         self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
         own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
-        self._bus = BusConnection(own, session, job, answers)
+        self._release = lock_channel(settings)
+        try:
+            self._bus = BusConnection(own, session, job, answers)
+        except BaseException:
+            self._release()
+            raise
         self._peers = {
             name: Peer(name, _Wire(self, answer), request, answer, peer.answer_s, fd=peer.fd)
             for name, (request, answer) in mapping.ids.items()
@@ -116,8 +122,11 @@ class MappedBus:
             self._bus.send_keep_alive(self._enables)
 
     def close(self) -> None:
-        """Release the adapter."""
-        self._bus.close()
+        """Release the adapter and its channel."""
+        try:
+            self._bus.close()
+        finally:
+            self._release()
 
     def receive(self, identifier: int, wait_s: float) -> bytes | None:
         """Data of the next frame of a peer."""

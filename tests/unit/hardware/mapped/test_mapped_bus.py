@@ -75,6 +75,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     for module in (mapped_bus, mapped):
         monkeypatch.setattr(module, "time", found)
     monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
+    monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel
     return found
 
 
