@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +11,6 @@ from struct import error as StructError
 from zlib import crc32
 
 import numpy as np
-from udsoncan import MemoryLocation
 
 from inkloop.component import Job, Port, Status, Values
 from inkloop.contract import (
@@ -30,18 +27,14 @@ from inkloop.contract import (
 )
 from inkloop.errors import ComponentError
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
-from inkloop_hardware.errors import LinkTimeout, TransferError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
-from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
-from inkloop_hardware.mapped.mapping_file import factor, load, resolved
-from inkloop_hardware.mapped.mapping_tables import Acting, Download, Memory, Read, RoutineStep, Send, Step, Upload, Wait
+from inkloop_hardware.mapped.mapped_steps import MappedSteps
+from inkloop_hardware.mapped.mapping_file import factor, load
+from inkloop_hardware.mapped.mapping_tables import Step
 from inkloop_hardware.mapped.open_layer import newest_layer, outcome_of
 from inkloop_hardware.protocol.services import Key
 
-LOG = logging.getLogger("inkloop_hardware")
-POLL = 0.1
-"""Seconds between two reads of an identifier."""
 _STATE = Struct(">Iii?")  # job, layers printed, layers scanned, whether the last layer is unknown
 
 
@@ -71,8 +64,7 @@ class Mapped:
         self._bus: MappedBus | None = None
         self._journal = MasterJournal()
         self._printed, self._scanned, self._is_unknown = 0, -1, False
-        self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
-        self._pattern, self._pattern_crc = np.zeros(shape, np.int32), 0
+        self._height, self._valid, self._pattern_crc = np.zeros(shape), np.zeros(shape, np.bool_), 0
 
     def use_rig(self, rig: Rig) -> None:
         """Take the settings of the bus, its folder and the print job from this rig."""
@@ -86,6 +78,7 @@ class Mapped:
         """Open the bus and make the steps of the start; commands count from the present one."""
         self._journal.begin(self._rig)
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
+        self._made = MappedSteps(self._bus, self._mapping, self._job, self._rig.job)
         self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
         self._is_unknown = False
         self._do("start", self._mapping.tables.start, self._printed)
@@ -142,7 +135,7 @@ class Mapped:
         if command != self._printed + 1:
             return
         steps = self._mapping.tables.printer
-        self._pattern, self._pattern_crc = np.asarray(pattern), crc32(np.asarray(pattern, "<i4").tobytes())
+        self._made.pattern, self._pattern_crc = np.asarray(pattern), crc32(np.asarray(pattern, "<i4").tobytes())
         outcome = outcome_of(command, self._pattern_crc, newest_layer(self._journal), steps)
         if outcome is None:
             self._do(f"layer {command}", steps, command, is_layer=True)
@@ -152,83 +145,21 @@ class Mapped:
     def _scan(self, newest: int) -> None:
         if newest != self._scanned:
             self._do(f"scan of layer {newest}", self._mapping.tables.profiler, newest)
-            self._scanned = newest
+            height, self._valid = self._made.scan
+            self._height, self._scanned = np.where(self._valid, height, self._height), newest
 
     def _do(self, what: str, steps: Sequence[Step], layer: int, *, is_layer: bool = False) -> None:
-        """Make steps in order; `what` names them in log and errors; is_layer: the journal records those that act."""
-        fields = {"job": self._rig.job, "layer": layer, "nx": self._job.nx, "ny": self._job.ny}
-        for place, step in enumerate(steps, 1):
-            LOG.info("%s: step %d of %d (%s)", what, place, len(steps), step.do)
-            if not isinstance(step, Wait | Read):
-                self._open.forget()
-            is_recorded = is_layer and isinstance(step, Acting) and step.acts
-            with self._recorded(Key(self._rig.job, layer, place), is_recorded), self._open.enabled(step.enables):
-                try:
-                    self._one(step, fields)
-                except ValueError as error:  # a template that was right for layer 1
-                    raise ComponentError(f"{what}, step {place} ({step.do}): {error}; correct the mapping") from error
+        """Make steps in order; is_layer: the journal records those that act."""
+        self._open.take()
+        self._made.do(what, steps, layer, self._recorded if is_layer else None)
 
     @contextmanager
-    def _recorded(self, key: Key, is_recorded: bool) -> Iterator[None]:
+    def _recorded(self, layer: int, place: int) -> Iterator[None]:
         """Record a step before and after it is made."""
-        if is_recorded:
-            self._journal.intend(Asked.STEP, key, self._pattern_crc)
+        key = Key(self._rig.job, layer, place)
+        self._journal.intend(Asked.STEP, key, self._pattern_crc)
         yield
-        if is_recorded:
-            self._journal.done(Asked.STEP, key, self._pattern_crc)
-
-    def _one(self, step: Step, fields: dict[str, int]) -> None:
-        bus = self._open
-        if isinstance(step, Download):
-            self._download(step, fields)
-        elif isinstance(step, Upload):
-            self._upload(step, fields)
-        elif isinstance(step, Send):
-            bus.send(step.message, {name: resolved(value, fields) for name, value in step.signals.items()})
-        elif isinstance(step, Wait):
-            unless = None if step.unless is None else resolved(step.unless, fields)
-            bus.wait(step.message, step.signal, resolved(step.expected, fields), step.limit_s, unless)
-        elif isinstance(step, RoutineStep):
-            found = bus.peer(step.peer).routine(step.routine, hexadecimal(step.option, fields), step.limit_s)
-            expected = hexadecimal(step.answer, fields)
-            if not found.startswith(expected):
-                raise TransferError(
-                    f"{bus.peer(step.peer).name} answers routine 0x{step.routine:04X} with "
-                    f"{found.hex(' ') or 'nothing'}, expected {expected.hex(' ')}; check the rig before you continue"
-                )
-        elif isinstance(step, Read):
-            self._read(step, number(step.expected, fields))
-
-    def _download(self, step: Download, fields: dict[str, int]) -> None:
-        table = self._mapping.tables.pattern
-        assert table is not None  # the file is checked
-        try:
-            blob = pattern_bytes(self._pattern, table, fields)
-        except ValueError as error:
-            raise ComponentError(str(error)) from error
-        self._open.peer(step.peer).download(_place(step, len(blob), fields), blob, step.check == "crc32")
-
-    def _upload(self, step: Upload, fields: dict[str, int]) -> None:
-        table = self._mapping.tables.map
-        assert table is not None  # the file is checked
-        size = map_size(table, fields)
-        data = self._open.peer(step.peer).upload(_place(step, size, fields), size, step.check == "crc32")
-        height, valid = read_map(data, table, fields)
-        self._height, self._valid = np.where(valid, height, self._height), valid
-
-    def _read(self, step: Read, expected: int) -> None:
-        peer, until = self._open.peer(step.peer), time.monotonic() + step.limit_s
-        while True:
-            data = peer.read(step.identifier)
-            found = int.from_bytes(data[step.at : step.at + step.bytes], "big")
-            if len(data) >= step.at + step.bytes and found == expected:
-                return
-            if time.monotonic() > until:
-                raise LinkTimeout(
-                    f"identifier 0x{step.identifier:04X} of {peer.name} was not {expected} within "
-                    f"{step.limit_s:g} s; it is {data.hex(' ')}"
-                )
-            time.sleep(POLL)
+        self._journal.done(Asked.STEP, key, self._pattern_crc)
 
     def _outputs(self) -> Values:
         values: dict[str, np.ndarray | float] = {
@@ -245,8 +176,3 @@ class Mapped:
             found = math.nan if reading is None else reading.values.get(output.signal, math.nan)
             values[name] = found * (factor(signal.unit or "1", self._unit(name)) or 1.0)
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
-
-
-def _place(step: Memory, size: int, fields: dict[str, int]) -> MemoryLocation:
-    address = number(step.address, fields)
-    return MemoryLocation(address, size, address_format=8 * step.address_bytes, memorysize_format=8 * step.size_bytes)

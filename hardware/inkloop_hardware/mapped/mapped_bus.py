@@ -25,9 +25,21 @@ KEPT = 4096
 
 
 class MappedBus:
-    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first."""
+    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first.
 
-    def __init__(self, settings: BusSettings, folder: Path | None, mapping: RigMapping, session: int, job: int) -> None:
+    is_alone: no other print of this machine may use its channel.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        folder: Path | None,
+        mapping: RigMapping,
+        session: int,
+        job: int,
+        *,
+        is_alone: bool = True,
+    ) -> None:
         log = settings.traffic_log
         if log is not None and folder is not None:
             log = folder / log
@@ -40,7 +52,7 @@ class MappedBus:
         self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
         own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
-        self._release = lock_channel(settings)
+        self._release = lock_channel(settings) if is_alone else lambda: None
         try:
             self._bus = BusConnection(own, session, job, answers)
         except BaseException:

@@ -150,7 +150,8 @@ class OutputTable(Table):
 
 
 class MappingFile(Table):
-    """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order."""
+    """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order; `start` those of
+    the beginning of a run, `stop` those of a person who stops the rig."""
 
     dbc: str = Field(description="file name, in the folder of the mapping file")
     heartbeat: bool = Field(default=False, description="send MasterAlive, as inkloop's own nodes need it")
@@ -160,4 +161,5 @@ class MappingFile(Table):
     start: tuple[Step, ...] = Field(default=(), strict=False)
     printer: tuple[Step, ...] = Field(default=(), strict=False)
     profiler: tuple[Step, ...] = Field(default=(), strict=False)
+    stop: tuple[Step, ...] = Field(default=(), strict=False)
     outputs: dict[str, OutputTable] = {}

@@ -18,7 +18,7 @@ from inkloop.testing import job as small_job
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
-from inkloop_hardware.mapped import mapped, mapped_bus
+from inkloop_hardware.mapped import mapped_bus, mapped_steps
 from inkloop_hardware.mapped.mapped import Mapped
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapping_file import load
@@ -72,7 +72,7 @@ def state(code: int, layers: int = 0, bed_mm: float = 0.0, celsius: float = 0.0)
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    for module in (mapped_bus, mapped):
+    for module in (mapped_bus, mapped_steps):
         monkeypatch.setattr(module, "time", found)
     monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
     monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel
