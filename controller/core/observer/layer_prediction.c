@@ -5,7 +5,6 @@
 
 #include "map_memory.h"
 
-static const double LEVELLED = 0.5;    /* of the variance of single cells that droplets around them level (assumed) */
 static const double NO_VOLUME = 1e-12; /* of a droplet of a dead nozzle */
 
 /* Takes the memory of all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` is one for
@@ -51,17 +50,6 @@ static JettedLayer living_droplets(const EstimatorOptions *options, const Surfac
     return living;
 }
 
-/* Share of the variance of a height that a layer leaves: where a cell is higher than its neighbours, more of their
- * droplets stays with them. Errors that neighbours share stay: of those of single cells half is levelled (assumed). */
-static double levelled(const EstimatorOptions *options, const JettedLayer *layer, const Ink *ink) {
-    const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
-    size_t droplets = 0;
-    for (size_t cell = 0; cell < cells; cell++)
-        droplets += layer->pattern[cell] > 0;
-    const double runs = 4.0 * ink->h2 / (ink->h1 + ink->h2) + 4.0 * ink->h3 / (ink->h1 + ink->h3);
-    return 1.0 - LEVELLED * fmin(runs, 1.0) * (double)droplets / fmax((double)part, 1.0);
-}
-
 bool predict_layer(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    bool is_unknown, LayerMaps *maps) {
     const size_t cells = options->nx * options->ny;
@@ -74,9 +62,7 @@ bool predict_layer(const EstimatorOptions *options, const SurfaceEstimate *befor
     maps->living = living_droplets(options, before, layer, ink, factor, maps->full_own);
     droplet_increments(&maps->living, before->height, options->ink.inks, ink, maps->room.averaged, increments,
                        maps->predicted);
-    const double left = levelled(options, layer, ink);
-    for (size_t cell = 0; cell < cells; cell++)
-        maps->variance[cell] = before->variance[cell] * (increments->squares[cell] > 0.0 ? left : 1.0);
+    memcpy(maps->variance, before->variance, cells * sizeof(double));
     if (!is_unknown)
         return true;
     for (size_t cell = 0; cell < cells; cell++) {

@@ -28,17 +28,6 @@ static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     return TAPS_MAX;
 }
 
-double spot_energy(double spread) {
-    double weights[TAPS_MAX + 1], sum;
-    if (spread < POINT)
-        return 1.0;
-    const size_t reach = spot_weights(spread, weights);
-    sum = weights[0] * weights[0];
-    for (size_t k = 1; k <= reach; k++)
-        sum += 2.0 * weights[k] * weights[k];
-    return sum * sum;
-}
-
 static INLINED size_t clamped(size_t at, size_t away, bool is_before, size_t count) {
     if (is_before)
         return at > away ? at - away : 0;

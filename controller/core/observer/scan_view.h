@@ -29,14 +29,6 @@ static inline double value_at(const double *map, const Place *place) {
     return near + place->x * (far - near);
 }
 
-/* Variance of the value there, of a map of variances of errors that are independent. */
-static inline double variance_at(const double *map, const Place *place) {
-    const double *first = map + place->cell, *second = first + place->below;
-    const double x = place->x * place->x, y = place->y * place->y;
-    const double up = (1.0 - place->x) * (1.0 - place->x), left = (1.0 - place->y) * (1.0 - place->y);
-    return up * (left * first[0] + y * first[place->right]) + x * (left * second[0] + y * second[place->right]);
-}
-
 /* Where the reading of a cell lies [cells]. */
 typedef struct {
     double x, y;
@@ -96,9 +88,6 @@ static inline double view_variance(const Slopes *slopes, double spread) {
 /* Variance of a reading whose spot reaches beyond the grid [m^2]: the surface there may continue that of the border, as
  * average_under_spot has it, or not count. */
 double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread);
-
-/* Share that the average over a spot leaves of the variance of independent errors. */
-double spot_energy(double spread);
 
 /* The map averaged over a spot of this variance [cells^2], and how that goes with it [m per cells^2]; `lines` holds a
  * map. */

@@ -73,7 +73,7 @@ static size_t class_at(const int32_t *all, const Place *place, double squares) {
     return is_own ? OWN : squares > 0.0 ? SPILL : CLASSES;
 }
 
-static void look_at_wall(const double *x, double energy, const WallFit *fit, Wall *wall) {
+static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     const double *variance = evidence->variance, *squares = evidence->increments->squares;
@@ -86,10 +86,9 @@ static void look_at_wall(const double *x, double energy, const WallFit *fit, Wal
     geometry_column(slopes, wall->u, wall->w, wall->column);
     datum_terms(wall->u, wall->w, wall->column + DATUM);
     wall->slopes = slopes->along_x * slopes->along_x + slopes->along_y * slopes->along_y;
-    wall->squares = energy * variance_at(squares, &reading.place);
+    wall->squares = value_at(squares, &reading.place);
     wall->class = class_at(evidence->layer->pattern, &reading.place, wall->squares);
-    wall->alone = view + energy * variance_at(variance, &reading.place) + droplets * wall->squares;
-    wall->variance = view + value_at(variance, &reading.place) + droplets * value_at(squares, &reading.place);
+    wall->variance = view + value_at(variance, &reading.place) + droplets * wall->squares;
     wall->rest = evidence->scan[wall->cell] - reading.value - (x[SPREAD] - fit->spread) * slopes->with_spread;
     for (size_t k = 0; k < DATUM_TERMS; k++)
         wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
@@ -101,9 +100,8 @@ static void look_at_wall(const double *x, double energy, const WallFit *fit, Wal
 }
 
 void look_at_walls(const double *x, WallFit *fit) {
-    const double energy = spot_energy(fit->spread);
     for (size_t k = 0; k < fit->count; k++)
-        look_at_wall(x, energy, fit, &fit->walls[k]);
+        look_at_wall(x, fit, &fit->walls[k]);
 }
 
 double heat_of(const WallFit *fit, const double *covariance) {
@@ -117,18 +115,11 @@ double heat_of(const WallFit *fit, const double *covariance) {
     return count > LEAST_READINGS / 2 ? fmax(1.0, median(fit->values, count) / MEDIAN_SQUARE) : 1.0;
 }
 
-/* Groups of walls: by their class, steep ones, and even ones with a droplet of their own. */
-enum { ALL_STEEP = CLASSES, EVEN_OWN, GROUPS };
-
-static bool is_in_group(const Wall *wall, size_t group, double steep) {
-    if (group < CLASSES)
-        return wall->class == group;
-    return (wall->slopes > steep) == (group == ALL_STEEP) && (group == ALL_STEEP || wall->class == OWN);
-}
+/* Groups of walls: by their class, and steep ones. */
+enum { STEEP_WALLS = CLASSES, GROUPS };
 
 /* The median, and half the upper quartile while scans are not displaced, since droplets of another kind often leave
- * half of the walls alone. Droplets are learnt from even cells: on steep ones what the view does not model hides them.
- */
+ * half of the walls alone. */
 double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;
@@ -137,22 +128,20 @@ double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
         double squares = 0.0, variance = 0.0;
         for (size_t k = 0; k < fit->count; k++) {
             const Wall *wall = &fit->walls[k];
-            if (!is_in_group(wall, group, steep))
+            if (group == STEEP_WALLS ? wall->slopes <= steep : wall->class != group)
                 continue;
-            fit->values[count++] = wall->rest * wall->rest / (group == EVEN_OWN ? wall->alone : wall->variance);
+            fit->values[count++] = wall->rest * wall->rest / wall->variance;
             squares += wall->squares;
-            variance += wall->alone;
+            variance += wall->variance;
         }
         const bool is_many = count >= LEAST_READINGS;
         const double high = is_many ? upper_quartile(fit->values, count) / QUARTILE_SQUARE : 1.0;
         const double found = is_many ? median(fit->values, count) / MEDIAN_SQUARE : 1.0;
-        if (group < EVEN_OWN)
-            largest = fmax(largest, fmax(found, is_displaced ? 0.0 : 0.5 * high));
+        largest = fmax(largest, fmax(found, is_displaced ? 0.0 : 0.5 * high));
         if (group < CLASSES)
             displaced->misfit[group] = found;
-        if (group < EVEN_OWN || count < LEAST_READINGS)
+        if (group != OWN || !is_many)
             continue;
-        displaced->misfit[OWN] = found;
         displaced->droplets = count;
         displaced->mean_droplets = squares / (double)count;
         displaced->mean_base = variance / (double)count - fit->evidence->droplet_variance * displaced->mean_droplets;

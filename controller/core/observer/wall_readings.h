@@ -12,7 +12,7 @@ enum { DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MA
 typedef struct {
     size_t cell;
     double u, w, column[FITTED], rest, variance, slopes;
-    double alone, squares; /* variance and that of its droplets where no neighbours have the same error */
+    double squares; /* of its droplets, as in DropletIncrements */
     size_t class;
 } Wall;
 

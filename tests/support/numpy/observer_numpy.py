@@ -231,7 +231,7 @@ class Observer:
         predicted = o.printed(before.height, pattern, inks, living)
         adds, squares, own = o.increments(before.height, pattern, inks, living)
         ledger = o.printed(before.ledger, pattern, o.nominal, living)
-        variance = before.variance * np.where(squares > 0.0, o.levelled(pattern, inks[0]), 1.0)
+        variance = before.variance.copy()
         if is_unknown:
             variance += (predicted - before.height) ** 2 / 12.0
             predicted, ledger = (before.height + predicted) / 2.0, (before.ledger + ledger) / 2.0

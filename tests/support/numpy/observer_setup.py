@@ -110,11 +110,6 @@ def spot_weights(spread: float) -> Any:
     return weights / weights.sum()
 
 
-def energy(spread: float) -> float:
-    """Share that the average over a spot leaves of the variance of independent errors."""
-    return float(np.sum(spot_weights(spread) ** 2) ** 2)
-
-
 def blurred(height: Any, spread: float) -> Any:
     """Averaged over a spot."""
     if spread < c.POINT:
@@ -132,11 +127,8 @@ def misfit(squares: Any) -> float:
 
 def upper_misfit(squares: Any) -> float:
     """Half of the same of the upper quartile."""
-    return (
-        0.5 * float(np.sort(squares)[3 * len(squares) // 4]) / c.QUARTILE_SQUARE
-        if len(squares) >= c.LEAST_CELLS
-        else 1.0
-    )
+    few = len(squares) < c.LEAST_CELLS
+    return 1.0 if few else 0.5 * float(np.sort(squares)[3 * len(squares) // 4]) / c.QUARTILE_SQUARE
 
 
 class Setup:
@@ -162,11 +154,6 @@ class Setup:
         self.free = ~near(self.part, 3)
         if self.free.sum() < c.LEAST_GROUND:
             self.free = ~near(self.part)
-
-    def levelled(self, pattern: Any, ink: Any) -> float:
-        """Share of the variance of a height that a layer leaves, where its droplets reach."""
-        runs = 4.0 * ink[1] / (ink[0] + ink[1]) + 4.0 * ink[2] / (ink[0] + ink[2])
-        return float(1.0 - c.LEVELLED * min(runs, 1.0) * np.sum(pattern > 0) / max(self.part.sum(), 1))
 
     def no_geometry(self) -> tuple[Any, Any]:
         """(g, covariance) before any scan: shifts, rotation, magnification, shear, spot."""

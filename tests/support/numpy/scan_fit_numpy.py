@@ -15,7 +15,6 @@ from support.numpy.observer_setup import (
     State,
     blurred,
     central,
-    energy,
     inverse,
     misfit,
     near,
@@ -87,7 +86,7 @@ class View:
     def average(self, spread: float, share: Any) -> None:
         self.spread, self.share = max(spread, 0.0), share
         expected = self.data.predicted + self.data.change(share)
-        self.averaged, self.energy = blurred(expected, self.spread), energy(self.spread)
+        self.averaged = blurred(expected, self.spread)
         self.with_spot = (blurred(expected, self.spread + c.SPOT_STEP) - self.averaged) / c.SPOT_STEP
 
     def is_averaged(self, x: Any) -> bool:
@@ -112,11 +111,11 @@ class View:
         self.J = np.stack([*geometry, *terms, *shares], axis=1)
         change = np.concatenate([[x[c.SPREAD] - self.spread], x[7:13], x[13:] - self.share[: len(x) - 13]])
         self.rest = data.scan[cells] - S @ self.averaged.ravel() - self.J[:, c.SPREAD :] @ change
-        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, self.energy * S**2 @ data.squares.ravel()
+        self.slopes, self.squares = slope[0] ** 2 + slope[1] ** 2, S @ data.squares.ravel()
         self.own_variance = c.OF_SLOPE**2 * self.slopes + (c.OF_SPOT * x[c.SPREAD] * self.J[:, c.SPREAD]) ** 2
         self.own_variance += border_variance(o, data.predicted, S @ self.averaged.ravel(), at, self.spread)
         native = (data.variance + data.of_droplet * data.squares).ravel()
-        self.variance, self.alone = (data.noise + self.own_variance + each @ native for each in (S, self.energy * S**2))
+        self.variance = data.noise + self.own_variance + S @ native
         is_own = np.any((S > 0.0) & (data.pattern.ravel() > 0), axis=1)
         self.classes = np.where(is_own, 0, np.where(self.squares > 0.0, 1, 2))
 
@@ -295,17 +294,11 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
     fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
     is_steep = view.slopes > (c.STEEP * o.layer) ** 2
-    groups = [squares[each] for each in (is_steep, view.classes == 0, view.classes == 1)]
-    left, even = (
-        max(1.0, *map(misfit, groups), *(() if s.is_displaced else map(upper_misfit, groups))),
-        (view.classes == 0) & ~is_steep,
-    )
-    if even.sum() >= c.LEAST_CELLS:
-        fit.droplets, fit.squares = int(even.sum()), np.mean(view.squares[even])
-        fit.base, fit.misfit[0] = (
-            np.mean(view.alone[even]) - look.of_droplet * fit.squares,
-            misfit((view.rest**2 / view.alone)[even]),
-        )
+    groups, own = [squares[each] for each in (is_steep, view.classes == 0, view.classes == 1)], view.classes == 0
+    left = max(1.0, *map(misfit, groups), *(() if s.is_displaced else map(upper_misfit, groups)))
+    if own.sum() >= c.LEAST_CELLS:
+        fit.droplets, fit.squares = int(own.sum()), np.mean(view.squares[own])
+        fit.base = np.mean(view.variance[own]) - look.of_droplet * fit.squares
     variance = c.NU * np.minimum(view.variance, look.native[cells])
     plain = min(np.sum(np.log1p(look.rest(one, o.terms)[cells] ** 2 / variance)) for one in (in_register, fit))
     gained = (c.NU + 1.0) / 2.0 * (plain - np.sum(np.log1p(view.rest**2 / variance)))

@@ -109,7 +109,6 @@ def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float, 
     assert found.error.max() < 3e-6
 
 
-@pytest.mark.xfail(strict=True, reason="the shape of droplets takes a part of a spot of one cell, and 2 um are left")
 @pytest.mark.system
 def test_droplets_whose_shape_is_learnt_are_not_taken_for_wide_ones_where_the_spot_is_wide() -> None:
     """Wide droplets spread the growth of one layer, a wide spot the whole wall: without a look for it 8 um are left."""
