@@ -8,7 +8,7 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
 from inkloop_controller.baselines.planners import judged, one_layer
-from inkloop_controller.core.droplet_relaxation import diffuse
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices, RegionTest
 from inkloop_controller.model.layer_model import ink_maps

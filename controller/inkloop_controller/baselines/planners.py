@@ -66,10 +66,11 @@ class StochasticGreedy:
         self._model = LayerModel.of(job)
         self._problems = one_layer(job, DropletChoices(job, region_test="surface"), alpha)
         self._batch, self._iterations_max = batch, iterations_max
+        self._seed = job.seed % 2**32 << 32
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
-        problem, key = self._problems.problem(estimate, layer), int(self._problems.work(layer).seed)
+        problem, key = self._problems.problem(estimate, layer), self._seed + layer
         found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
         idle = bindings.objective(problem, no_droplets(problem))
         if found.objective.value >= idle.value:
@@ -82,7 +83,7 @@ class StochasticGreedy:
 def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
     """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
     plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
-    return LayerProblems(job, plain, choices, ahead=1, horizon=1)
+    return LayerProblems(job, plain, choices, horizon=1)
 
 
 def nominal_layer_height(job: Job) -> float:

@@ -94,7 +94,6 @@ class LayerMpc:
             job,
             replace(criterion, droplet_std=0.0) if has_bound else criterion,
             choices or DropletChoices(job),
-            ahead=horizon,
             threads=work.threads,
             finish=finish,
             horizon=given,
@@ -120,8 +119,9 @@ class LayerMpc:
         watch, problem = Stopwatch(self._time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
         found = best_plan(
+            self._problems.step,
+            layer,
             problem,
-            self._problems.work(layer),
             relaxed=relaxed.droplets,
             last=last,
             seconds_max=watch.remaining,

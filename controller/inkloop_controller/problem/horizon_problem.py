@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntFlag
+from enum import Enum
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -179,15 +179,6 @@ class Objective:
     error: float
     over_ceiling: float
     deviation: float
-
-
-class Moves(IntFlag):
-    """The moves of a search: what one step may change."""
-
-    FLIPS = 1  # a cell's droplet: put, taken, or of another kind
-    SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
-    SHIFTS = 4  # the layer of a droplet on its cell
-    ALL = 7
 
 
 class SearchStatus(Enum):
