@@ -119,6 +119,11 @@ class LayerController:
         return dict(self._outputs)
 
 
+def controller_as_read(job: Job, planner: Planner) -> LayerController:
+    """The controller around a planner that takes ink and scans as they are."""
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
 def _without_bound(port: Port) -> Port:
     """Without a bound there is no number for it."""
     return Port(port.name, port.unit, port.shape, port.dtype, nan) if port.name == "bound" else port

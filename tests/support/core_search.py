@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from ctypes import c_double, c_int32, c_int64, c_uint64, c_void_p
-from enum import IntFlag
+from dataclasses import dataclass
+from enum import Enum, IntFlag
 from math import inf
 from typing import Any, NamedTuple
 
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
-from inkloop_controller.core.bindings import AfterSweep, answered, droplets_of, result_of
+from inkloop_controller.core.bindings import AfterSweep, answered, droplets_of, objective_of
 from inkloop_controller.core.library import AFTER_SWEEP, ReportStruct, library, problem_struct, structure
 from inkloop_controller.problem.arrays import checked
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, SearchProgress, SearchResult
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, Objective, SearchProgress
 
 ITERATIONS = 30  # by trial: within 0.01 um of the optimum on rough and on nearly flat surfaces up to 100x100
 
@@ -43,6 +44,34 @@ class Moves(IntFlag):
     SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
     SHIFTS = 4  # the layer of a droplet on its cell
     ALL = 7
+
+
+class SearchStatus(Enum):
+    """Why a search ended."""
+
+    DONE = 0  # no single change improves the plan
+    BUDGET = 1  # all sweeps done
+    TIME = 2  # the guard by the clock
+    STOPPED = 3  # by after_sweep
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """A plan (layers, nx, ny) with its objective, evaluated from scratch; `incremental`: its value by running sums [m].
+
+    interrupted: it was stopped by KeyboardInterrupt.
+    """
+
+    plan: IntPlan
+    objective: Objective
+    incremental: float
+    status: SearchStatus
+    sweeps: int
+    evaluations: int
+    flips: int
+    swaps: int
+    shifts: int
+    interrupted: bool = False
 
 
 class RelaxedDroplets(NamedTuple):
@@ -77,7 +106,9 @@ def search(
     budget = (annealing_sweeps, sweeps_max, seed, seconds_max, threads)
     options = SearchOptions(int(moves), *budget, asked.callback, None)
     code = _called("search", problem, options, plan, report)
-    return result_of(plan, report, code, asked.was_interrupted())
+    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
+    value, status = objective_of(report.objective), SearchStatus(code)
+    return SearchResult(plan, value, report.incremental, status, *counts, asked.was_interrupted())
 
 
 def relax(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,11 +23,18 @@ from inkloop_controller.problem.horizon_problem import (
     IntPlan,
     Objective,
     SearchProgress,
-    SearchResult,
-    SearchStatus,
 )
 
-_NO_MEMORY = 4
+_DONE, _NO_MEMORY = 0, 4
+
+
+class SearchResult(NamedTuple):
+    """A plan (layers, nx, ny) with its objective; is_done: no single change that is tried improves it."""
+
+    plan: IntPlan
+    objective: Objective
+    is_done: bool
+    progress: SearchProgress
 
 
 def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
@@ -51,10 +58,9 @@ def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations
             f"choices holds {problem.layers} layers with up to {np.bitwise_count(problem.choices).max()} kinds on a "
             "cell; the paper's search needs 1 layer and at most 1 kind"
         )
-    plan = droplets_of(problem, start)
-    report = ReportStruct()
+    plan, report = droplets_of(problem, start), ReportStruct()
     code = library().inkloop_paper_search(problem_struct(problem), pointer(plan), batch, iterations_max, seed, report)
-    return result_of(plan, report, answered(code), False)
+    return SearchResult(plan, objective_of(report.objective), answered(code) == _DONE, progress_of(report))
 
 
 def layer(
@@ -72,7 +78,7 @@ def layer(
         raise ValueError(f"pattern holds {droplets.min()} to {droplets.max()}; needs 0 to {len(inks)}, the inks given")
     if len(order) and sorted(order) != [0, 1, 2, 3]:
         raise ValueError(f"order is {list(order)}; needs each of the colours 0 to 3 once")
-    colours = np.array(order or range(4), np.int32)
+    colours = np.array(order if len(order) else range(4), np.int32)
     factors = None if factor is None else pointer(checked("factor", factor, "f8", shape))
     passes = 4 if len(order) else 1
     scratch, after = np.empty(shape), np.empty(shape)
@@ -119,9 +125,7 @@ class AfterSweep:
 
     def _ask(self, _: int | None, so_far: Any) -> int:
         try:
-            if self._wanted is None:
-                return 0
-            return int(bool(self._wanted(SearchProgress(so_far.contents.objective.value, *_counts(so_far.contents)))))
+            return int(self._wanted is not None and bool(self._wanted(progress_of(so_far.contents))))
         except BaseException as error:
             self._raised = error
             return 1
@@ -144,13 +148,10 @@ def droplets_of(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
     return droplets
 
 
-def _counts(report: Any) -> tuple[int, int, int, int, int]:
-    return report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts
-
-
-def result_of(plan: IntPlan, report: Any, code: int, interrupted: bool) -> SearchResult:
-    value, status = objective_of(report.objective), SearchStatus(code)
-    return SearchResult(plan, value, report.incremental, status, *_counts(report), interrupted)
+def progress_of(report: Any) -> SearchProgress:
+    """How far a search is, from C."""
+    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
+    return SearchProgress(report.objective.value, *counts)
 
 
 def objective_of(found: Any) -> Objective:
