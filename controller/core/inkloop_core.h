@@ -91,9 +91,9 @@ INKLOOP_CORE_API void inkloop_step_take(const LayerStep *step, const void *befor
                                         const PlanFigures *figures, void *after);
 INKLOOP_CORE_API void inkloop_step_outputs(const LayerStep *step, const void *state);
 
-/* The problem of the layers that follow layer number `layer` (step_problem.h), and the best plan found for it, of no more
- * layers than are worth it (shortest_plan.h), with the work that the options allow. relaxation: RELAX_... with `relaxed`;
- * last: the plan before, NULL: none; seconds_max: guard by the clock. */
+/* The problem of the layers that follow layer number `layer` (step_problem.h), and the best plan found for it, of no
+ * more layers than are worth it (shortest_plan.h), with the work that the options allow. relaxation: RELAX_... with
+ * `relaxed`; last: the plan before, NULL: none; seconds_max: guard by the clock. */
 INKLOOP_CORE_API void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
                                             const ProblemMaps *maps, HorizonProblem *problem);
 INKLOOP_CORE_API int32_t inkloop_plan(const LayerStep *step, int32_t layer, const HorizonProblem *problem,

@@ -102,9 +102,7 @@ class LayerMpc:
             iterations=work.iterations,
         )
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
-        self._programs: dict[
-            tuple[bool, int], HorizonProgram | SequentialProgram
-        ] = {}  # without alpha the deviation falls out; layers
+        self._programs: dict[tuple[bool, int], HorizonProgram | SequentialProgram] = {}
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
         if relaxation in ("slp", "ipopt", "highs"):
@@ -179,8 +177,9 @@ class LayerMpc:
         from inkloop_controller.program.program import HorizonProgram
         from inkloop_controller.program.sequential_program import SequentialProgram
 
-        kind, seconds_max = (problem.alpha == 1.0, len(problem.choices)), SOLVER_SHARE * self._time_limit
+        kind = (problem.alpha == 1.0, problem.layers)  # with alpha 1 the deviation falls out
         if kind not in self._programs:
+            seconds_max = SOLVER_SHARE * self._time_limit
             assert self._relaxation in ("slp", "ipopt", "highs")
             self._programs[kind] = (
                 SequentialProgram(problem, seconds_max=seconds_max)
