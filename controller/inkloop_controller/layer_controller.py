@@ -18,7 +18,7 @@ from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner, PlanStatus, gap_of
 from inkloop_controller.problem.arrays import is_finite
-from inkloop_controller.problem.options import errors_of
+from inkloop_controller.problem.options import errors_of, refuse
 from inkloop_controller.problem.variables import variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
@@ -37,9 +37,7 @@ class LayerController:
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
-        errors = errors_of(on_doubt=on_doubt)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors_of(on_doubt=on_doubt))
         self._planner, self._estimator = planner, estimator
         self._state: Block
         self._outputs: Values | None

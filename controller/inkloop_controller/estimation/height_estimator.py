@@ -17,7 +17,7 @@ from inkloop_controller.core.library import library
 from inkloop_controller.estimation.estimate_figures import EstimateFigures, FiguresStruct
 from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
@@ -111,9 +111,7 @@ class HeightEstimator:
             "volume_least": volume_least,
             "volume_most": volume_most,
         }
-        errors = errors_of(**options, threads=threads)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors_of(**options, threads=threads))
         self.options = {**options, "drop_levels": drop_levels, "take_as_read": take_as_read, "threads": threads}
         self._step = LayerStep(job, **self.options)
         self._shape, self._inks = (job.nx, job.ny), len(job.inks)

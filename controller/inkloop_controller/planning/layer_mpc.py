@@ -22,7 +22,7 @@ from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, be
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -74,9 +74,7 @@ class LayerMpc:
         certified: Annotated[bool, declared("certified")] = default("certified"),
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        errors = errors_of(finish=finish, horizon=horizon, relaxation=relaxation)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors_of(finish=finish, horizon=horizon, relaxation=relaxation))
         given, horizon = horizon, ending_of(finish).horizon if horizon is None else horizon
         if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
@@ -42,9 +42,7 @@ class Criterion:
         if not isinstance(self.alpha, int | float):
             object.__setattr__(self, "alpha", _sorted(self.alpha))
         errors = [error for _, weight in self._schedule() for error in errors_of(alpha=weight)]
-        errors += errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"})
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors + errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"}))
 
     def alpha_of(self, layer: int) -> float:
         """The weight for layer number `layer`, counted from 1."""

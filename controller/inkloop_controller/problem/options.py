@@ -64,6 +64,12 @@ def errors_of(**given: Any) -> list[str]:
     return [error for name, value in given.items() for error in options()[name].errors(value)]
 
 
+def refuse(errors: list[str]) -> None:
+    """Raises ValueError with all errors in one sentence, if there is one."""
+    if errors:
+        raise ValueError("; ".join(errors))
+
+
 @dataclass(frozen=True)
 class Keyword:
     """An option as a scenario writes it: an argument under its key, with the default in the unit of the key."""
