@@ -34,9 +34,9 @@ INKLOOP_CORE_API double inkloop_layer(size_t nx, size_t ny, const double *height
 /* Objective of a plan (layers * nx * ny). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
 
-/* Improves `plan` (in: start, out: the best found) by annealing, if requested, then by the requested moves until none
- * helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse than it began. The same
- * input gives the same bits, on any number of threads, unless the clock ends it. */
+/* For tests and benchmarks. Improves `plan` (in: start, out: the best found) by annealing, if requested, then by the
+ * requested moves until none helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse
+ * than it began. The same input gives the same bits, on any number of threads, unless the clock ends it. */
 INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
                                         SearchReport *report);
 
@@ -45,8 +45,8 @@ INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const Sea
 INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch,
                                               int64_t iterations_max, uint64_t seed, SearchReport *report);
 
-/* Moves relaxed `droplets` (layers * nx * ny, relaxed_surface.h; in: start, out: not worse) against the gradient of the
- * smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
+/* For tests. Moves relaxed `droplets` (layers * nx * ny, relaxed_surface.h; in: start, out: not worse) against the
+ * gradient of the smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options,
                                        double *droplets, RelaxationReport *report);
 

@@ -17,13 +17,7 @@ from inkloop_controller.core.library import (
     problem_struct,
 )
 from inkloop_controller.problem.arrays import checked, first_cell, pointer
-from inkloop_controller.problem.horizon_problem import (
-    HorizonProblem,
-    IntMap,
-    IntPlan,
-    Objective,
-    SearchProgress,
-)
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, Objective, SearchProgress
 
 _DONE, _NO_MEMORY = 0, 4
 
