@@ -8,7 +8,6 @@
 #include "layer_surface.h"
 #include "observer.h"
 #include "paper_search.h"
-#include "relaxed_surface.h"
 #include "step_outputs.h"
 
 int32_t inkloop_core_interface(void) {
