@@ -85,7 +85,7 @@ int32_t inkloop_estimate_first(const LayerStep *step, int32_t layer, const doubl
                                void *estimate) {
     const EstimatorOptions options = estimator_options(step);
     SurfaceEstimate first = estimate_in(estimate, cells_of(step));
-    return estimate_first(&options, layer, measured, valid, &first) ? CORE_DONE : CORE_NO_MEMORY;
+    return estimate_first(&options, layer, measured, valid, &first) ? CORE_DONE : CORE_NO_SCAN;
 }
 
 int32_t inkloop_estimate_next(const LayerStep *step, const void *before, const int32_t *pattern, const double *factor,

@@ -65,7 +65,7 @@ INKLOOP_CORE_API size_t inkloop_estimate_size(size_t cells);
 INKLOOP_CORE_API size_t inkloop_knowledge_size(void);
 
 /* The estimate after the first scan, and after each one that follows a layer (observer.h), in blocks. pattern, factor:
- * see JettedLayer. CORE_DONE or CORE_NO_MEMORY. */
+ * see JettedLayer. CORE_DONE, CORE_NO_MEMORY, or CORE_NO_SCAN: the first scan has hardly a reading. */
 INKLOOP_CORE_API int32_t inkloop_estimate_first(const LayerStep *step, int32_t layer, const double *measured,
                                                 const uint8_t *valid, void *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const LayerStep *step, const void *before, const int32_t *pattern,

@@ -59,8 +59,8 @@ class LayerController:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Answer a new scan of the layer commanded last, or the scan that stopped the print, once a person has looked.
 
-        Raises ComponentError for a scan of another shape, and for heights that are not finite or beyond the limits of
-        measured_height; the state is then as before.
+        Raises ComponentError for a scan of another shape, for heights that are not finite or beyond the limits of
+        measured_height, and for a first scan with hardly a reading; the state is then as before.
         """
         if self._step.is_due(inputs, self._state):
             self._answer(inputs)
@@ -98,7 +98,10 @@ class LayerController:
         scanned, scan = perf_counter(), int(inputs[LAYERS_SCANNED])
         _check_scan(scan, inputs[MEASURED_HEIGHT], inputs[VALID], self._step.shape)
         measured, valid = self._estimator.scan(inputs[MEASURED_HEIGHT], inputs[VALID])
-        state, lacks_plan = self._step.begin(measured, valid, self._state)
+        try:
+            state, lacks_plan = self._step.begin(measured, valid, self._state)
+        except ValueError as error:
+            raise ComponentError(f"layer controller: scan {scan}: {error}") from None
         self._state, self._outputs = state, None  # where planning fails, it is begun again from the estimate
         if lacks_plan:
             estimate, last = self._estimator.estimate(self._step.estimate_in(state)), self._step.plan_in(state)

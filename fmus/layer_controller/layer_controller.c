@@ -76,6 +76,11 @@ static Outcome answer(Instance *instance, LayerStep *step, const void *before, v
     const int32_t begun = step_begin(step, before, after);
     if (begun == STEP_NO_MEMORY)
         return refuse(instance, "no memory to estimate %lu cells", cells);
+    if (begun == STEP_NO_SCAN)
+        return refuse(instance,
+                      "scan %ld, the first one, has readings on less than 2 %% of %lu cells; expected a scan of the "
+                      "surface to print on: look at the sensor",
+                      (long)*step->values->layers_scanned, cells);
     if (begun == STEP_ANSWERED)
         return ACCEPTED;
     const Outcome outcome = check_heights(instance, step, state_estimate(after).height);

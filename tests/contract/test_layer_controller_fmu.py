@@ -180,6 +180,16 @@ def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str, hig
                 assert "cell (2, 1) is estimated at" in fmu.messages[-1]
 
 
+@EVERY_FORM
+def test_first_scan_without_a_reading_is_refused_and_changes_nothing(form: str) -> None:
+    with Driver("LayerController", form).start({"valid": False, "layers_scanned": 0}) as fmu:
+        before = fmu.save()
+        assert fmu.step(0.0) in (DISCARD, ERROR)
+        assert fmu.save() == before
+        if form != "fmi2":
+            assert "scan 0, the first one, has readings on less than 2 %" in fmu.messages[-1]
+
+
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
 

@@ -234,3 +234,24 @@ def test_table_gives_a_remedy(path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "error" in output
     assert "plug the adapter in" in output
     assert "1 error: correct it before a print" in output
+
+
+@pytest.mark.parametrize(
+    ("part", "found"),
+    [
+        ("not-ready", "head: not ready: ink temperature or back pressure"),
+        ("end-switches", "head: the gate is not confirmed closed"),
+    ],
+)
+def test_head_that_is_not_in_order_is_not_ready_to_print(
+    part: str, found: str, path: Path, doctor: Doctor, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By doctor, status and run alike, and the message names the bit."""
+    with bench(path, f"broken:part={part}") as channel:
+        code, errors = doctor(channel)
+        assert code == 1
+        assert errors["states"].split(": ")[1] == found.split(": ")[1]  # of the last node with this fault
+        assert main(["device", str(path), "--set", f"bench.channel={channel}", "status"]) == 0
+        assert found.partition(": ")[2] in capsys.readouterr().out.splitlines()[0]
+        assert main(["run", str(path), "--set", f"bench.channel={channel}", "--out", str(path.parent / "run")]) == 1
+        assert f"{found}; " in capsys.readouterr().err

@@ -13,6 +13,7 @@ import can
 import numpy as np
 import pytest
 
+from inkloop.cli import main
 from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
@@ -204,3 +205,20 @@ def test_state_is_restored_and_anything_else_is_refused(bus: str, tmp_path: Path
     part.restore(part.save())
     with pytest.raises(ComponentError, match="not one of this rig"):
         part.restore(b"short")
+
+
+def test_stop_steps_of_a_mapping_are_made_and_without_them_nothing_is_sent(
+    bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steps = '[[stop]]\ndo = "send"\nmessage = "PlcCommand"\nsignals = { LayerNo = 0, Go = "HOLD", Lamp = 0 }\n'
+    steps += '[[stop]]\ndo = "wait"\nmessage = "PlcState"\nsignal = "State"\nexpected = "FAULT"\n'
+    part = str(tmp_path / "part.toml")
+    with foreign_rig.running(bus):
+        scenario(tmp_path, bus, foreign_rig.MAPPING)
+        assert main(["device", part, "stop"]) == 1
+        assert "has no [[stop]] steps, so nothing was sent: use the hard-wired stop" in capsys.readouterr().err
+        assert main(["device", part, "clear"]) == 1
+        assert "clear is for inkloop's own nodes" in capsys.readouterr().err
+        scenario(tmp_path, bus, foreign_rig.MAPPING.replace("[outputs", f"{steps}\n[outputs"))
+        assert main(["device", part, "stop"]) == 0
+        assert "all 2 [[stop]] steps of rig.toml were made" in capsys.readouterr().out

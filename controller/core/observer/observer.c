@@ -57,9 +57,19 @@ static void take_flat_ground(const EstimatorOptions *options, const double *meas
     }
 }
 
+static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
+    const size_t cells = options->nx * options->ny;
+    size_t seen = 0;
+    for (size_t cell = 0; cell < cells; cell++)
+        seen += valid[cell] != 0;
+    return (double)seen >= LEAST_SEEN * (double)cells && seen > 0;
+}
+
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate) {
     const size_t cells = options->nx * options->ny;
+    if (!is_scan(options, valid))
+        return false;
     *estimate->known = first_knowledge(options);
     const double noise = estimate->known->noise_variance;
     for (size_t cell = 0; cell < cells; cell++) {
@@ -100,14 +110,6 @@ static void count_droplets(const EstimatorOptions *options, const SurfaceEstimat
     layer_surface(layer, before->ledger, both, scratch, after->ledger);
     for (size_t cell = 0; is_unknown && cell < options->nx * options->ny; cell++)
         after->ledger[cell] = 0.5 * (before->ledger[cell] + after->ledger[cell]);
-}
-
-static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
-    const size_t cells = options->nx * options->ny;
-    size_t seen = 0;
-    for (size_t cell = 0; cell < cells; cell++)
-        seen += valid[cell] != 0;
-    return (double)seen >= LEAST_SEEN * (double)cells && seen > 0;
 }
 
 /* Heights as they were read. */

@@ -17,7 +17,7 @@
 #include "surface_estimate.h"
 
 /* The surface of layer number `layer`, on which the print begins; a cell that was not measured counts as bare
- * substrate, height 0. False if there is no memory. */
+ * substrate, height 0. False if less than 2 % of the grid was measured: that is no scan. */
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate);
 

@@ -35,7 +35,7 @@ static bool has_single_drops(const int32_t *plan, size_t cells, int32_t inks) {
 }
 
 /* Estimate after the scan of the layer that the state before has planned. */
-static bool estimate_layer(const LayerStep *step, const void *before, SurfaceEstimate *after) {
+static int32_t estimate_layer(const LayerStep *step, const void *before, SurfaceEstimate *after) {
     const LayerControllerVariables *v = step->values;
     const EstimatorOptions options = estimator_options(step);
     const SurfaceEstimate known = known_estimate(before);
@@ -45,7 +45,7 @@ static bool estimate_layer(const LayerStep *step, const void *before, SurfaceEst
     double *factor = is_grey ? malloc(cells * (sizeof(double) + sizeof(int32_t))) : NULL;
     int32_t *pattern = factor ? (int32_t *)(factor + cells) : NULL, order[4];
     if (is_grey && !factor)
-        return false;
+        return CORE_NO_MEMORY;
     for (size_t cell = 0; is_grey && cell < cells; cell++) {
         pattern[cell] = material_of(plan[cell], *v->inks);
         factor[cell] = drops_of(plan[cell], *v->inks);
@@ -61,15 +61,16 @@ static bool estimate_layer(const LayerStep *step, const void *before, SurfaceEst
     const bool is_done = estimate_next(&options, &known, &layer, *v->layers_scanned, *v->layer_unknown,
                                        v->measured_height, (const uint8_t *)v->valid, after);
     free(factor);
-    return is_done;
+    return is_done ? CORE_DONE : CORE_NO_MEMORY;
 }
 
-static bool estimate_scan(const LayerStep *step, const void *before, SurfaceEstimate *after) {
+static int32_t estimate_scan(const LayerStep *step, const void *before, SurfaceEstimate *after) {
     const LayerControllerVariables *v = step->values;
     const EstimatorOptions options = estimator_options(step);
     if (((const StateHead *)before)->estimated != NO_SCAN)
         return estimate_layer(step, before, after);
-    return estimate_first(&options, *v->layers_scanned, v->measured_height, (const uint8_t *)v->valid, after);
+    const uint8_t *valid = (const uint8_t *)v->valid;
+    return estimate_first(&options, *v->layers_scanned, v->measured_height, valid, after) ? CORE_DONE : CORE_NO_SCAN;
 }
 
 int32_t step_begin(const LayerStep *step, const void *before, void *after) {
@@ -81,8 +82,9 @@ int32_t step_begin(const LayerStep *step, const void *before, void *after) {
     memcpy(state_plan(after), last_plan(before), (size_t)head->layers * cells * sizeof(int32_t));
     state_plan(after)[-1] = state_plan(after)[-2] = 0; /* nothing may lie between the maps and the plan */
     if (head->estimated < *step->values->layers_scanned && !looked_at) {
-        if (!estimate_scan(step, before, &estimate))
-            return STEP_NO_MEMORY;
+        const int32_t status = estimate_scan(step, before, &estimate);
+        if (status != CORE_DONE)
+            return status;
         head->estimated = *step->values->layers_scanned;
     } else
         memcpy(head + 1, (const StateHead *)before + 1, size); /* where planning has failed, it is begun again */

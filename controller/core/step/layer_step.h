@@ -14,8 +14,9 @@
 
 #include "step_state.h"
 
-/* STEP_ANSWERED: the state after is whole; STEP_PLAN: it lacks a plan. */
-enum { STEP_ANSWERED, STEP_PLAN, STEP_NO_MEMORY = CORE_NO_MEMORY };
+/* STEP_ANSWERED: the state after is whole; STEP_PLAN: it lacks a plan; STEP_NO_SCAN: the first scan has hardly a
+ * reading. */
+enum { STEP_ANSWERED, STEP_PLAN, STEP_NO_MEMORY = CORE_NO_MEMORY, STEP_NO_SCAN = CORE_NO_SCAN };
 
 /* Whether the inputs ask for anything: a new scan of the layer commanded last, or a person has looked at a print that
  * was stopped. */

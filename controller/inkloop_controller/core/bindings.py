@@ -19,7 +19,7 @@ from inkloop_controller.core.library import (
 from inkloop_controller.problem.arrays import checked, first_cell, pointer
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, Objective, SearchProgress
 
-_DONE, _NO_MEMORY = 0, 4
+_DONE, _NO_MEMORY, _NO_SCAN = 0, 4, 5
 
 
 class SearchResult(NamedTuple):
@@ -154,7 +154,12 @@ def objective_of(found: Any) -> Objective:
 
 
 def answered(code: int) -> int:
-    """What C has returned. Raises MemoryError where it had none."""
+    """The code that C has returned. Raises MemoryError where it had none, ValueError for no scan."""
     if code == _NO_MEMORY:
         raise MemoryError("no memory for the search of a plan; it takes about 40 bytes per cell and 10 more per step")
+    if code == _NO_SCAN:
+        raise ValueError(
+            "the first scan has readings on less than 2 % of the cells; needs one of the surface to print on: look at "
+            "the sensor"
+        )
     return code

@@ -119,7 +119,8 @@ class HeightEstimator:
     def first(self, measured: FloatMap, valid: BoolMap, layer: int = 0) -> Estimate:
         """The surface on which the print begins, that of layer number `layer`.
 
-        A cell that was not measured counts as bare substrate, height 0, give or take a layer.
+        A cell that was not measured counts as bare substrate, height 0, give or take a layer. Raises ValueError if less
+        than 2 % of the cells were.
         """
         after, (scan, seen) = self._step.new_estimate(), self.scan(measured, valid)
         given = (self._step.struct, layer, pointer(scan), pointer(seen), pointer(after))

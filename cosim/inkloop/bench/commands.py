@@ -6,11 +6,13 @@ import argparse
 import importlib
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from inkloop.bench.emulation import Emulation, emulation_of
 from inkloop.components import devices
-from inkloop.components.bench import Bench
+from inkloop.components.bench import Bench, load
+from inkloop.components.catalog import MAPPED
 from inkloop.errors import InkloopError
 from inkloop.printing.device_log import live_words
 from inkloop.printing.listening import check_listening, local_port
@@ -69,6 +71,16 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Ter
 def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
     """One action of a person on the bench of a scenario. Raises HardwareError."""
     bench = Bench(scenario.tables.bench)
+    if mapped := [name for name, table in scenario.tables.components.items() if table.kind == MAPPED]:
+        if options.action != "stop":
+            raise InkloopError(
+                f"{scenario.source}: {options.action} is for inkloop's own nodes; this rig goes by its mapping, which "
+                "knows [[stop]] steps alone"
+            )
+        stop_rig = load("inkloop_hardware.mapped.mapped_stop", "stop_rig")
+        for name in mapped:
+            _show(stop_rig(bench.rig.settings, Path(scenario.options(name)["mapping"]), scenario.job()), console)
+        return 0
     if options.action in ("stop", "release"):
         stop = importlib.import_module("inkloop_hardware.devices.stop")
         send = stop.request_stop if options.action == "stop" else stop.release_stop

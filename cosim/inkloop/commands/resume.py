@@ -13,6 +13,11 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser("resume", help="resume an interrupted run")
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of the interrupted run")
+    parser.add_argument(
+        "--layer-is",
+        choices=("printed", "blank", "unknown"),
+        help="of a rig with its own frames: what a person has seen of the layer that was begun and not finished",
+    )
     add_pictures(parser)
     add_isolate(parser)
     return parser
@@ -26,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
     with classes_from(printing.scenario_file(options.run).parent):
         scenario = printing.scenario_of_run(options.run)
         if not is_isolated(options, scenario):
-            return printing.resume(scenario, options.run, screen(options), pictures=options.pictures)
+            seen = options.layer_is
+            return printing.resume(scenario, options.run, screen(options), pictures=options.pictures, layer_is=seen)
         from inkloop.printing.isolation import run_isolated
 
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar, cast
 
 from numpy.typing import NDArray
@@ -51,6 +52,14 @@ KINDS: Mapping[str, Device] = {
         Device("hardware.profiler", "ProfileSensor", "inkloop_hardware.devices.profiler", "Profiler"),
     )
 }
+
+
+def settle_layer(folder: Path, layer_is: str) -> None:
+    """Write into the journal of a run what a person has seen of the open layer of a mapped rig.
+
+    layer_is: "printed", "blank" or "unknown". Raises ComponentError if no layer is open.
+    """
+    load("inkloop_hardware.mapped.open_layer", "settle")(folder, layer_is)
 
 
 def job_with_overrides(job: Job, options: Mapping[str, object]) -> Job:

@@ -1,7 +1,8 @@
 """Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
 
 Options are checked against these types. A class is a component, or has a method `pattern` or `act` and becomes a
-controller that goes by it; a method `use_rig(rig)` is given the bus of `[bench]` before the loop is initialized.
+controller that goes by it; a method `use_rig(rig)` is given the bus of `[bench]` before the loop is initialized,
+`use_journal(journal)` the journal of the run.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class PythonClass:
 
         def construct() -> _Made:
             made = factory(job, **copy.deepcopy(chosen))
-            return _Made(_component(self.entry.name, job, made), getattr(made, "use_rig", None))
+            return _Made(_component(self.entry.name, job, made), made)
 
         first = construct()
         return Checked(self.entry.name, ports=Ports.of(first.component), construct=_Constructed(first, construct))
@@ -90,10 +91,10 @@ class PythonClass:
 
 @dataclass(frozen=True)
 class _Made:
-    """A component, and what takes the rig of its loop, if anything does."""
+    """A component, and the instance of the class, which may take rig and journal of its loop."""
 
     component: Component
-    use_rig: Callable[[Any], None] | None
+    instance: Any
 
 
 class _Constructed:
@@ -111,8 +112,10 @@ class _Constructed:
         """The component at the first call, a new one at every other; it has the rig of the bench."""
         made, self._first = self._first or self._construct(), None
         self._terminate.detach()
-        if made.use_rig is not None:
-            made.use_rig(bench.rig)
+        if hasattr(made.instance, "use_rig"):
+            made.instance.use_rig(bench.rig)
+        if hasattr(made.instance, "use_journal"):
+            made.instance.use_journal(bench.journal)
         return made.component
 
 

@@ -63,10 +63,18 @@ def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
     return new_run_folder(out, name)
 
 
-def resume(scenario: Scenario, folder: Path, console: Terminal, *, pictures: Sequence[str] = (PNG,)) -> int:
+def resume(
+    scenario: Scenario,
+    folder: Path,
+    console: Terminal,
+    *,
+    pictures: Sequence[str] = (PNG,),
+    layer_is: str | None = None,
+) -> int:
     """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
-    scenario: that of `scenario_of_run`. Raises ResultError if the folder cannot be resumed, ComponentError.
+    scenario: that of `scenario_of_run`; layer_is: what a person has seen of the open layer of a mapped rig, "printed",
+    "blank" or "unknown". Raises ResultError if the folder cannot be resumed, ComponentError.
     """
     record = read_record(folder)
     if not is_unchanged(folder, record):
@@ -89,6 +97,9 @@ def resume(scenario: Scenario, folder: Path, console: Terminal, *, pictures: Seq
         if console.as_json:
             console.result(**run_report.record(folder))
         return 0
+    if layer_is is not None:
+        with sole_writer(folder):
+            devices.settle_layer(next(place for place in places if place not in finished), layer_is)
     return _print_all(scenario, folder, console, record["compare"], pictures)
 
 

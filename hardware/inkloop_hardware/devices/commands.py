@@ -10,11 +10,12 @@ import numpy as np
 
 from inkloop.component import Job
 from inkloop_hardware.devices.layer_steps import LayerSteps
-from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, set_dry_run
+from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, missing, set_dry_run
 from inkloop_hardware.devices.readiness import home as find_zero
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.node_state import Flags, NodeState
+from inkloop_hardware.protocol.records import NodeStatus
 from inkloop_hardware.protocol.services import ClearOption, Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
@@ -63,7 +64,7 @@ def status(rig: Rig) -> Iterator[NodeReport]:
     rig.wait_for(NODES)
     for node in NODES:
         link = rig.link(node)
-        yield _report(node, link.state(), link.version())
+        yield _report(node, link.state(), link.version(), rig.status(node))
 
 
 def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
@@ -108,7 +109,7 @@ def dry_run(rig: Rig, job: Job, *, cure_ms: int) -> Iterator[str]:
         yield f"its scan: {job.nx} x {job.ny} cells, {valid.mean():.0%} of them valid"
 
 
-def _report(node: Node, state: NodeState, version: str) -> NodeReport:
+def _report(node: Node, state: NodeState, version: str, status: NodeStatus | None) -> NodeReport:
     off = state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE
     return NodeReport(
         node.lower(),
@@ -118,6 +119,9 @@ def _report(node: Node, state: NodeState, version: str) -> NodeReport:
         state.passes,
         state.done.bit_count(),
         state.unknown.bit_count(),
-        tuple(words for flag, words in CONDITIONS.items() if state.flags & flag),
+        (
+            *(words for flag, words in CONDITIONS.items() if state.flags & flag),
+            *(reason.partition("; ")[0] for reason in missing(node, status)),
+        ),
         version,
     )

@@ -20,8 +20,9 @@ from inkloop.component import Job
 from inkloop.contract import pass_colours
 from inkloop.units import KILO, MS_PER_S
 from inkloop_hardware.devices.master_journal import Asked, MasterJournal
-from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
+from inkloop_hardware.devices.readiness import MARGIN_S, NotReady, missing
 from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError
+from inkloop_hardware.link.link import CONDITIONS
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
 from inkloop_hardware.protocol.pattern_bytes import PatternBytes
@@ -180,12 +181,17 @@ class LayerSteps:
             Routine.CURE: limits.lamp + limits.gate,
             Routine.SCAN: limits.scan,
         }.get(routine, limits.motion)
-        if (asked := JOURNALLED.get(routine)) is None or self._dry:
+        asked = None if self._dry else JOURNALLED.get(routine)
+        if asked is not None:
+            self._journal.intend(asked, key, self._pattern_crc)
+        try:
             self._rig.link(node).routine(routine, key, option, limit_s=longest_s + MARGIN_S)
-            return
-        self._journal.intend(asked, key, self._pattern_crc)
-        self._rig.link(node).routine(routine, key, option, limit_s=longest_s + MARGIN_S)
-        self._journal.done(asked, key, self._pattern_crc)
+        except NodeRefused as error:
+            if reasons := missing(node, self._rig.status(node)) if error.code == CONDITIONS else []:
+                raise NodeRefused(f"{error}. By its status: {'. '.join(reasons)}", error.code) from error
+            raise
+        if asked is not None:
+            self._journal.done(asked, key, self._pattern_crc)
 
 
 def _form_begun(state: NodeState, made: PatternBytes) -> bool:

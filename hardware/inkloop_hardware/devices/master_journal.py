@@ -1,8 +1,9 @@
 """Journal of the master: an append-only file in the run folder, a line per record.
 
-An INTENT is on the disk (fsync) before a node is asked for a step, a DONE after the node has confirmed it. So an INTENT
-without DONE is a step that may have happened; the journal of the node decides. Each line is a JSON object and its
-CRC-32; a last line that is incomplete or damaged precedes its request, so it is cut off.
+An INTENT is on the disk (fsync) before a device is asked for a step, a DONE after the device has confirmed it. So an
+INTENT without DONE is a step that may have happened. The journal of a node decides whether it has; a mapped rig has
+none, so that a person looks and says what became of the layer. Each line is a JSON object and its CRC-32; a last line
+that is incomplete or damaged precedes its request, so it is cut off.
 """
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ class Event(StrEnum):
     """a master with a new session number began or resumed the job"""
     INTENT = "intent"
     DONE = "done"
+    PRINTED = "printed"
+    BLANK = "blank"
+    UNKNOWN = "unknown"
+    """the last three: a person has looked at a layer of a mapped rig that was begun and not finished"""
 
 
 class Asked(StrEnum):
@@ -44,6 +49,10 @@ class Asked(StrEnum):
     PASS = "pass"
     CURE = "cure"
     SCAN = "scan"
+    STEP = "step"
+    """a step of the mapping that acts; its number, from 1, is the pass of the key"""
+    LAYER = "layer"
+    """all steps of the mapping"""
 
 
 @dataclass(frozen=True)
@@ -156,6 +165,10 @@ class MasterJournal:
     def done(self, asked: Asked, key: Key, pattern_crc: int = 0) -> None:
         """Record that the node has confirmed the step: on the disk when this returns."""
         self._append(Event.DONE, asked, key, pattern_crc)
+
+    def settle(self, seen: Event, key: Key, pattern_crc: int) -> None:
+        """Record what a person has seen of an open layer: PRINTED, BLANK or UNKNOWN."""
+        self._append(seen, Asked.LAYER, key, pattern_crc)
 
     def _append(self, event: Event, asked: Asked, key: Key, crc: int, session: int | None = None) -> None:
         records = self._known()

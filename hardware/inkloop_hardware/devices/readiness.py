@@ -9,10 +9,17 @@ from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
+from inkloop_hardware.protocol.records import NodeStatus
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
+NOT_READY = {
+    Node.HEAD: ("ink temperature or back pressure", "wait for them, or check ink supply and heater"),
+    Node.CURE: ("lamp or gate", "check both"),
+    Node.PROFILER: ("its sensor", "check its supply"),
+}
+"""What is not in order where Ready of the status of a node is 0, and what to do; a run homes the stage by itself."""
 AT_ONCE_S = 5.0  # for a routine that moves nothing (assumed)
 MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own answer comes first (assumed)
 
@@ -35,6 +42,9 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
     reasons = _foreign(rig, states) or [reason for node, state in states.items() if (reason := blocked(node, state))]
     if reasons:
         raise NotReady("\n".join(reasons))
+    reasons = [f"{node.lower()}: {reason}" for node in nodes for reason in missing(node, rig.status(node))]
+    if reasons:
+        raise NotReady("\n".join(reasons))
     for node, state in states.items():
         clear(rig, node)
         if state.flags & Flags.DRY_RUN:  # left over: a real layer would be printed without ink
@@ -42,6 +52,17 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
     if Node.STAGE in nodes:
         home(rig)
     return {node: rig.link(node).limits() for node in nodes}
+
+
+def missing(node: Node, status: NodeStatus | None) -> list[str]:
+    """What is not in order by the status of a node, each with what to do."""
+    found = []
+    if status is not None and not status.ready and node in NOT_READY:
+        what, advice = NOT_READY[node]
+        found.append(f"not ready: {what}; {advice}")
+    if status is not None and node in (Node.HEAD, Node.CURE) and not (status.gate_closed or status.gate_open):
+        found.append("the gate is not confirmed closed; check the gate and its end switches")
+    return found
 
 
 def blocked(node: Node, state: NodeState) -> str | None:

@@ -61,7 +61,8 @@ def examine(
             if not heard.nodes:
                 yield Finding.skipped("services", "no node is present")
                 return
-            yield from _noted(ask(links(adapter, codec, _understood(heard, codec)), expected), errors)
+            asked = links(adapter, codec, _understood(heard, codec))
+            yield from _noted(ask(asked, expected, heard.status), errors)
             refused = _why_not(self_test, errors, adapter, codec)
         if refused is not None:
             yield refused

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from inkloop.component import Job
 from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
-from inkloop_hardware.devices.readiness import ROLES, blocked
+from inkloop_hardware.devices.readiness import ROLES, blocked, missing
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import Flags, JournalRecord, NodeLimits, NodeState
 from inkloop_hardware.protocol.pattern_bytes import PatternBytes
-from inkloop_hardware.protocol.records import MasterAlive
+from inkloop_hardware.protocol.records import MasterAlive, NodeStatus
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 CLOCK_TOLERANCE = 0.02
@@ -81,7 +81,7 @@ class ClockReading:
 
 @dataclass(frozen=True)
 class NodeReport:
-    """The answers of one node; map_shape: of a profiler, else None."""
+    """The answers of one node; map_shape: of a profiler, else None; status: the last one that was heard."""
 
     node: Node
     version: str
@@ -90,6 +90,7 @@ class NodeReport:
     journal: tuple[JournalRecord, ...]
     map_shape: tuple[int, int] | None
     clock: tuple[ClockReading, ClockReading]
+    status: NodeStatus | None = None
 
 
 def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
@@ -97,8 +98,8 @@ def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
     return [Link(node, codec, OwnWire(adapter, codec.answer_id(node)), str(adapter.settings)) for node in nodes]
 
 
-def read_node(link: Link) -> NodeReport:
-    """Read everything that the checks need of a node. Raises HardwareError."""
+def read_node(link: Link, status: NodeStatus | None = None) -> NodeReport:
+    """Read everything that the checks need of a node whose last status is known. Raises HardwareError."""
     first = _read_clock(link)
     shape = None
     if link.node is Node.PROFILER:
@@ -106,15 +107,20 @@ def read_node(link: Link) -> NodeReport:
         shape = (size.nx, size.ny)
     version, state, limits, journal = link.version(), link.state(), link.limits(), link.journal()
     time.sleep(max(0.0, first.answered + CLOCK_SPAN - time.monotonic()))
-    return NodeReport(link.node, version, state, limits, journal, shape, (first, _read_clock(link)))
+    return NodeReport(link.node, version, state, limits, journal, shape, (first, _read_clock(link)), status)
 
 
-def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
-    """Check services, states, clocks, journals and limits. BusError when the adapter is disconnected."""
+def ask(
+    asked: Sequence[Link], expected: Expected | None, heard: Mapping[Node, NodeStatus] | None = None
+) -> Iterator[Finding]:
+    """Check services, states, clocks, journals and limits; heard: the last statuses of the nodes.
+
+    BusError when the adapter is disconnected.
+    """
     reports = []
     for link in asked:
         try:
-            reports.append(read_node(link))
+            reports.append(read_node(link, (heard or {}).get(link.node)))
         except BusError:
             raise
         except HardwareError as error:
@@ -156,6 +162,9 @@ def _read_clock(link: Link) -> ClockReading:
 
 
 def _states(report: NodeReport) -> Iterator[Finding]:
+    for condition in missing(report.node, report.status):
+        what, _, remedy = condition.partition("; ")
+        yield Finding.error("states", f"{report.node.lower()}: {what}", remedy)
     state, name = report.state, report.node.lower()
     because = f" because of {state.cause.name}" if state.cause is not Fault.NONE else ""
     if not state.roles & ROLES[report.node]:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from inkloop_hardware.bus.channel_lock import lock_channel
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
@@ -24,9 +25,21 @@ KEPT = 4096
 
 
 class MappedBus:
-    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first."""
+    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first.
 
-    def __init__(self, settings: BusSettings, folder: Path | None, mapping: RigMapping, session: int, job: int) -> None:
+    is_alone: no other print of this machine may use its channel.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        folder: Path | None,
+        mapping: RigMapping,
+        session: int,
+        job: int,
+        *,
+        is_alone: bool = True,
+    ) -> None:
         log = settings.traffic_log
         if log is not None and folder is not None:
             log = folder / log
@@ -39,7 +52,12 @@ class MappedBus:
         self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
         own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
-        self._bus = BusConnection(own, session, job, answers)
+        self._release = lock_channel(settings) if is_alone else lambda: None
+        try:
+            self._bus = BusConnection(own, session, job, answers)
+        except BaseException:
+            self._release()
+            raise
         self._peers = {
             name: Peer(name, _Wire(self, answer), request, answer, peer.answer_s, fd=peer.fd)
             for name, (request, answer) in mapping.ids.items()
@@ -116,8 +134,11 @@ class MappedBus:
             self._bus.send_keep_alive(self._enables)
 
     def close(self) -> None:
-        """Release the adapter."""
-        self._bus.close()
+        """Release the adapter and its channel."""
+        try:
+            self._bus.close()
+        finally:
+            self._release()
 
     def receive(self, identifier: int, wait_s: float) -> bytes | None:
         """Data of the next frame of a peer."""

@@ -101,7 +101,7 @@ class _Check:
                 self._try(f"{name}.header", hexadecimal, table.header)
         if tables.map is not None and tables.map.unit not in METRES:
             self.errors.append(f"map.unit is {tables.map.unit!r}; expected one of {', '.join(METRES)}")
-        for section in ("start", "printer", "profiler"):
+        for section in ("start", "printer", "profiler", "stop"):
             steps: tuple[Step, ...] = getattr(tables, section)
             for place, step in enumerate(steps, 1):
                 self._step(f"{section} step {place} ({step.do})", step)
@@ -123,9 +123,8 @@ class _Check:
             self.errors.append("pattern is missing; add the table [pattern], which defines the bytes of the cells")
         if uploads and tables.map is None:
             self.errors.append("map is missing; add the table [map], which defines the heights of the bytes")
-        if _count(tables.start, Download) + _count(tables.start, Upload) + _count(tables.printer, Upload) or _count(
-            tables.profiler, Download
-        ):
+        others = (*tables.start, *tables.stop)
+        if _count((*others, *tables.profiler), Download) + _count((*others, *tables.printer), Upload):
             self.errors.append("a download is a step of the printer, an upload one of the profiler; move it there")
 
     def _step(self, place: str, step: Step) -> None:

@@ -69,6 +69,12 @@ class StepBase(Table):
     )
 
 
+class Acting(StepBase):
+    """A step after which the layer may have changed."""
+
+    acts: bool = Field(default=True, description="the journal of the run has it; false: to make it twice does no harm")
+
+
 class Memory(StepBase):
     """A place of a peer's memory."""
 
@@ -79,7 +85,7 @@ class Memory(StepBase):
     check: Literal["none", "crc32"] = Field(default="none", description="CRC-32 (zlib) of all bytes with 0x37")
 
 
-class Download(Memory):
+class Download(Memory, Acting):
     """0x34, 0x36, 0x37: the pattern goes to a peer."""
 
     do: Literal["download"]
@@ -91,7 +97,7 @@ class Upload(Memory):
     do: Literal["upload"]
 
 
-class RoutineStep(StepBase):
+class RoutineStep(Acting):
     """0x31 01; done when it is answered, "still busy" (0x78) extends. Never repeated."""
 
     do: Literal["routine"]
@@ -112,7 +118,7 @@ class Read(StepBase):
     expected: int | str = Field(description='number, or template such as "{layer}"')
 
 
-class Send(StepBase):
+class Send(Acting):
     """A frame with all its signals."""
 
     do: Literal["send"]
@@ -144,7 +150,8 @@ class OutputTable(Table):
 
 
 class MappingFile(Table):
-    """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order."""
+    """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order; `start` those of
+    the beginning of a run, `stop` those of a person who stops the rig."""
 
     dbc: str = Field(description="file name, in the folder of the mapping file")
     heartbeat: bool = Field(default=False, description="send MasterAlive, as inkloop's own nodes need it")
@@ -154,4 +161,5 @@ class MappingFile(Table):
     start: tuple[Step, ...] = Field(default=(), strict=False)
     printer: tuple[Step, ...] = Field(default=(), strict=False)
     profiler: tuple[Step, ...] = Field(default=(), strict=False)
+    stop: tuple[Step, ...] = Field(default=(), strict=False)
     outputs: dict[str, OutputTable] = {}

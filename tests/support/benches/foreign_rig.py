@@ -1,9 +1,10 @@
 """A rig that is not ours, as a process: a PLC that speaks frames, a head controller and a scanner that speak services.
 
-    python foreign_rig.py CHANNEL [wide]
+    python foreign_rig.py CHANNEL [wide] [log=FILE]
 
-It knows nothing of inkloop: stock python-can and can-isotp, a DBC of its own, patterns and maps in forms of its own.
-The wide one has ids of 29 bits and speaks CAN FD only, with bit-rate switch.
+It notes in FILE each pattern, start and end of a layer and scan, with the number of the layer. It knows nothing of
+inkloop: stock python-can and can-isotp, a DBC of its own, patterns and maps in forms of its own. The wide one has ids
+of 29 bits and speaks CAN FD only, with bit-rate switch.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def wide_mapping() -> str:
 
 @contextmanager
 def running(channel: str, *words: str) -> Iterator[None]:
-    """The rig on a bus, in a process of its own."""
+    """The rig on a bus, in a process of its own; words: of its command line."""
     command = [sys.executable, __file__, channel, *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -92,10 +93,25 @@ def running(channel: str, *words: str) -> Iterator[None]:
         process.communicate()
 
 
+class Log:
+    """What the rig did, a line each: what, and the number of the layer."""
+
+    def __init__(self, path: str | None) -> None:
+        self._path = path
+
+    def note(self, what: str, layer: int) -> None:
+        if self._path is not None:
+            with Path(self._path).open("a", encoding="utf-8") as file:
+                file.write(f"{what} {layer}\n")
+
+
 class Server:
     """The UDS services of one address; subclasses define what they do."""
 
-    def __init__(self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int, wide: bool) -> None:
+    def __init__(
+        self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int, wide: bool, log: Log
+    ) -> None:
+        self.log = log
         mode = isotp.AddressingMode.Normal_29bits if wide else isotp.AddressingMode.Normal_11bits
         address = isotp.Address(mode, txid=LONG * wide + answer, rxid=LONG * wide + request)
         params = {"tx_padding": 0} | ({"can_fd": True, "tx_data_length": 64, "bitrate_switch": True} if wide else {})
@@ -136,6 +152,7 @@ class Head(Server):
                 return b"\x7f\x37\x31"
             lines = np.frombuffer(self.blob[3:], np.uint8).reshape(NY, line)
             bits = np.unpackbits(lines, axis=1, bitorder="little")[:, : 2 * NX].reshape(NY, NX, 2)
+            self.log.note("pattern", self.layer)
             self.pattern = (bits[..., 0] + 2 * bits[..., 1].astype(np.int64)).T
             return b"\x77"
         return bytes([0x7F, request[0], 0x31])
@@ -152,6 +169,7 @@ class Scanner(Server):
             self.stack.send(b"\x7f\x31\x78")
             time.sleep(0.1)
             self.layer = int.from_bytes(request[4:6], "big")
+            self.log.note("scan", self.layer)
             seen = self.surface_um.astype("<f4")
             seen[2, 1] = -999.0
             self.blob = b"HM" + bytes([NX, NY]) + seen.T.tobytes()
@@ -187,6 +205,7 @@ class Plc(can.Listener):
         if message.data[2] & 1 and not self.failed:
             self.asked, self.busy_until = int.from_bytes(message.data[:2], "little"), time.monotonic() + 0.1
             self.done = self.asked - 1
+            self.head.log.note("start", self.asked)
 
     def run(self) -> None:
         while True:
@@ -194,6 +213,7 @@ class Plc(can.Listener):
             if self.asked > self.done and now > self.busy_until and self.head.layer == self.asked:
                 self.scanner.surface_um = self.scanner.surface_um + DROPLET_UM * self.head.pattern
                 self.done = self.asked
+                self.head.log.note("done", self.done)
             state = 3 if self.failed else 1 if self.asked > self.done else 2
             data = struct.pack("<BHHhx", 0 if self.wide else state, self.done, 1250, 215)
             data += bytes([0, 0, 0, state]) if self.wide else b""
@@ -203,12 +223,12 @@ class Plc(can.Listener):
             time.sleep(0.02)
 
 
-def main(channel: str, wide: bool) -> None:
+def main(channel: str, wide: bool, log: Log) -> None:
     is_line = "/" in channel
     bus = can.Bus(channel, "slcan", sleep_after_open=0.0) if is_line else can.Bus(channel, "socketcan", fd=wide)
     with bus:
         notifier = can.Notifier(bus, [], timeout=0.05)
-        head, scanner = Head(bus, notifier, 0x7A0, 0x7A8, wide), Scanner(bus, notifier, 0x7B0, 0x7B8, wide)
+        head, scanner = Head(bus, notifier, 0x7A0, 0x7A8, wide, log), Scanner(bus, notifier, 0x7B0, 0x7B8, wide, log)
         plc = Plc(bus, head, scanner, wide)
         notifier.add_listener(plc)
         for server in (head, scanner):
@@ -218,4 +238,5 @@ def main(channel: str, wide: bool) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], "wide" in sys.argv)
+    logs = [word.removeprefix("log=") for word in sys.argv[2:] if word.startswith("log=")]
+    main(sys.argv[1], "wide" in sys.argv, Log(logs[0] if logs else None))

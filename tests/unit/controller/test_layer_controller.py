@@ -194,6 +194,13 @@ def test_height_that_is_no_number_is_refused_where_it_is_marked_valid() -> None:
     assert answer(started(LayerMpcController(JOB)), broken, 0, 0, valid)["layer_command"] == 1
 
 
+def test_first_scan_without_a_reading_is_refused_and_the_next_one_answered() -> None:
+    controller = started(LayerMpcController(JOB))
+    with pytest.raises(ComponentError, match=r"layer controller: scan 0: .* less than 2 % of the cells; .* sensor"):
+        answer(controller, FLAT, 0, 0, np.zeros(FLAT.shape, np.bool_))
+    assert answer(controller, FLAT, 0, 0)["layer_command"] == 1
+
+
 @pytest.mark.system
 def test_part_is_printed_through_cells_that_are_never_measured() -> None:
     """The model fills in for them: the error stays within a few droplets' spread."""

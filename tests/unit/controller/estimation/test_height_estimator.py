@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -150,9 +151,23 @@ def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any)
 
 
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
-    job = block()
+    job = replace(block(), height_start=np.full((block().nx, block().ny), 2e-6))
     valid = np.zeros((job.nx, job.ny), np.bool_)
-    np.testing.assert_array_equal(HeightEstimator(job).first(np.full(valid.shape, 7.0), valid).height, 0.0)
+    valid[0] = True
+    height = HeightEstimator(job).first(np.full(valid.shape, 2e-6), valid).height
+    np.testing.assert_array_equal(height, np.where(valid, 2e-6, 0.0))
+
+
+def test_first_scan_with_hardly_a_reading_is_refused() -> None:
+    job = block(20, 20)
+    valid = np.zeros((20, 20), np.bool_)
+    for row in (7, 8):  # the least is 8 readings of 400
+        valid.flat[:row] = True
+        if row == 8:
+            HeightEstimator(job).first(np.zeros(valid.shape), valid)
+            continue
+        with pytest.raises(ValueError, match=r"first scan has readings on less than 2 % of the cells"):
+            HeightEstimator(job).first(np.zeros(valid.shape), valid)
 
 
 SPIKE = (10, 10)

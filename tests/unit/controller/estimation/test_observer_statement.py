@@ -216,6 +216,7 @@ def compare(case: Case) -> tuple[Estimate, State]:
     statement = Observer(setup)
     height = case.rough * rng.random(job.mask.shape)
     scan, valid = scan_of(case, height, rng)
+    valid |= case.missing > 0.9  # or it is no first scan
     found, stated = core.first(scan, valid), statement.first(scan, valid)
     for layer in range(1, case.layers + 1):
         pattern = jetted(case, job, layer, rng)

@@ -113,7 +113,9 @@ class Rig(SimpleNamespace):
 
     def status(self, node: Node) -> Any:
         right = Codec().protocol_version
-        return SimpleNamespace(protocol_version=self.version if node == self.changed else right)
+        return SimpleNamespace(
+            protocol_version=self.version if node == self.changed else right, ready=True, gate_closed=True
+        )
 
     @contextmanager
     def enabled(self, **enables: bool) -> Any:

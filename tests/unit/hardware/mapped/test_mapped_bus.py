@@ -18,7 +18,7 @@ from inkloop.testing import job as small_job
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
-from inkloop_hardware.mapped import mapped, mapped_bus
+from inkloop_hardware.mapped import mapped_bus, mapped_steps
 from inkloop_hardware.mapped.mapped import Mapped
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapping_file import load
@@ -72,9 +72,10 @@ def state(code: int, layers: int = 0, bed_mm: float = 0.0, celsius: float = 0.0)
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    for module in (mapped_bus, mapped):
+    for module in (mapped_bus, mapped_steps):
         monkeypatch.setattr(module, "time", found)
     monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
+    monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel
     return found
 
 
@@ -260,7 +261,7 @@ class Peer:
 def rig(tmp_path: Path, clock: Clock) -> Any:
     """A rig after its start, its bus and its peers."""
     part = Mapped(JOB, mapping=str(written(tmp_path)))
-    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9)
+    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9, is_open=False)
     part.use_rig(rig)  # type: ignore[arg-type]
     part.initialize(0, {"layer_command": np.asarray(2)})
     bus: Any = part._bus
@@ -316,7 +317,7 @@ def test_state_of_a_rig_comes_back(rig: Any, tmp_path: Path) -> None:
     before = rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
     saved = rig.part.save()
     other = Mapped(JOB, mapping=str(tmp_path / "rig.toml"))
-    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1)
+    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1, is_open=False)
     other.use_rig(own)  # type: ignore[arg-type]
     other.initialize(0, {})
     other.restore(saved)

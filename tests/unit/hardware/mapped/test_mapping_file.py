@@ -198,7 +198,7 @@ def ports(folder: Path, job: Job, keep: str) -> tuple[set[str], set[str]]:
 def test_rig_has_the_ports_that_it_has_steps_for(tmp_path: Path) -> None:
     inputs, outputs = ports(tmp_path, JOB, "printer")
     assert inputs == {"pattern", "layer_command"}
-    assert outputs == {"layers_printed", "status", "bed_position"}
+    assert outputs == {"layers_printed", "layer_unknown", "status", "bed_position"}
     inputs, outputs = ports(tmp_path, JOB, "profiler")
     assert inputs == {"layers_printed"}
     assert outputs == {"measured_height", "valid", "layers_scanned", "status", "bed_position"}

@@ -1,0 +1,44 @@
+"""One mapped rig at a time prints on a channel of this machine."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from inkloop_hardware.bus.channel_lock import lock_channel
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import AnotherMaster, BusError
+from support.other_process import other_process
+
+HOLDING = """
+import sys, tempfile
+tempfile.tempdir = sys.argv[1]
+from inkloop_hardware.bus.channel_lock import lock_channel
+from inkloop_hardware.bus.settings import BusSettings
+release = lock_channel(BusSettings(interface="socketcan", channel="can0", bitrate=500000))
+print("held", flush=True)
+sys.stdin.read()
+"""
+CAN0 = BusSettings(interface="socketcan", channel="can0")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_channel_that_another_process_has_is_refused_until_that_ends(folder: Path) -> None:
+    with other_process(HOLDING, str(folder)) as process:
+        with pytest.raises(AnotherMaster, match=rf"can0: another inkloop prints there \(process {process.pid} since"):
+            lock_channel(CAN0)
+        lock_channel(BusSettings(interface="socketcan", channel="can1"))()
+    lock_channel(CAN0)()
+
+
+def test_lock_that_cannot_be_written_is_an_error_of_the_bus(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(folder / "missing"))
+    with pytest.raises(BusError, match="the channel cannot be locked: No such file"):
+        lock_channel(CAN0)
