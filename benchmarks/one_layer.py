@@ -19,6 +19,7 @@ from inkloop.units import UM_PER_M
 from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
+from support.core_search import search
 
 SIDES = (20, 500, 2048)
 SWEEPS = 50  # at most
@@ -60,7 +61,7 @@ def measure() -> Group:
 
 
 def _ours(problem: HorizonProblem) -> IntPlan:
-    return bindings.search(problem, full_layers(problem), sweeps_max=SWEEPS).plan
+    return search(problem, full_layers(problem), sweeps_max=SWEEPS).plan
 
 
 def _least(search: Search, problem: HorizonProblem) -> tuple[float, float]:

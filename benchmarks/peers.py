@@ -26,6 +26,7 @@ from inkloop_controller.model.starts import full_layers
 from inkloop_controller.model.symbolic_layer import symbolic_layer
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.program.program import HorizonProgram
+from support.core_search import search
 from support.numpy.lu_numpy import one_pass
 
 LIMIT_S = 20.0  # for each problem
@@ -63,7 +64,7 @@ def measure() -> Group:
     """Distance of each plan from the best one of all, and wall time."""
     solvers: dict[str, Solver] = {
         "inkloop": lambda problem: Answer(planned(problem).plan),
-        "search alone": lambda problem: Answer(bindings.search(problem, full_layers(problem), sweeps_max=50).plan),
+        "search alone": lambda problem: Answer(search(problem, full_layers(problem), sweeps_max=50).plan),
         "paper's, in C": _paper,
         "paper's, NumPy": _naive,
         "IPOPT, rounded": _ipopt,

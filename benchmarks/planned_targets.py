@@ -19,6 +19,7 @@ from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program.program import HorizonProgram
+from support.core_search import search
 
 FOUND_UM = 1e-9
 HIGHS_S = 20.0  # limit for each problem
@@ -107,9 +108,7 @@ def _large(surface: Callable[[int], HorizonProblem]) -> list[Figure]:
     """Time per cell of a large grid, and on a piece that annealing can do, by how much annealing is better."""
     problem, piece = surface(2048), surface(PIECE)
     ours, searched = _timed(problem), _searched(problem)
-    annealed = (
-        bindings.search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM_PER_M
-    )
+    annealed = search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM_PER_M
     cells = problem.height.size / MEGA
     return [
         Figure("objective, um", [ours[0]]),
@@ -131,7 +130,7 @@ def _timed(problem: HorizonProblem) -> tuple[float, float]:
 def _searched(problem: HorizonProblem) -> tuple[float, float]:
     """The same of the search core alone, from full layers."""
     begin = process_time()
-    found = bindings.search(problem, full_layers(problem), sweeps_max=50)
+    found = search(problem, full_layers(problem), sweeps_max=50)
     return found.objective.value * UM_PER_M, process_time() - begin
 
 

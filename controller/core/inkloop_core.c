@@ -8,7 +8,6 @@
 #include "layer_surface.h"
 #include "observer.h"
 #include "paper_search.h"
-#include "relaxed_surface.h"
 #include "step_outputs.h"
 
 int32_t inkloop_core_interface(void) {
@@ -62,23 +61,8 @@ int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *op
     return relax_droplets(problem, options, droplets, report);
 }
 
-int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets, double smoothing, double *value,
-                                 double *gradient) {
-    RelaxedSurface surface;
-    if (!relaxed_open(&surface, problem))
-        return CORE_NO_MEMORY;
-    (void)relaxed_value(&surface, droplets, smoothing, value);
-    (void)relaxed_gradient(&surface, droplets, smoothing, gradient);
-    relaxed_close(&surface);
-    return CORE_DONE;
-}
-
 int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
     return diffuse_droplets(problem, droplets, INFINITY, plan);
-}
-
-int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
-    return plan_shortest(problem, work, plan, report);
 }
 
 void inkloop_finish(int32_t finish, Finish *chosen) {
@@ -177,8 +161,17 @@ void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, 
     *problem = layer_problem(step, surface, layer, maps);
 }
 
-void inkloop_plan_work(const LayerStep *step, int32_t layer, PlanWork *work) {
-    *work = plan_work(step, layer);
+int32_t inkloop_plan(const LayerStep *step, int32_t layer, const HorizonProblem *problem, int32_t relaxation,
+                     const double *relaxed, const int32_t *last, size_t last_layers, double seconds_max,
+                     AfterSweep *after_sweep, int32_t *plan, PlanReport *report) {
+    PlanWork work = plan_work(step, layer);
+    work.relaxation = relaxation;
+    work.relaxed = relaxed;
+    work.last = last;
+    work.last_layers = last_layers;
+    work.seconds_max = seconds_max;
+    work.after_sweep = after_sweep;
+    return plan_shortest(problem, &work, plan, report);
 }
 
 void inkloop_pattern(const int32_t *layer, size_t cells, int32_t inks, int32_t *pattern, int32_t *drop_level) {

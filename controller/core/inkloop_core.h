@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 17 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 18 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -34,9 +34,9 @@ INKLOOP_CORE_API double inkloop_layer(size_t nx, size_t ny, const double *height
 /* Objective of a plan (layers * nx * ny). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
 
-/* Improves `plan` (in: start, out: the best found) by annealing, if requested, then by the requested moves until none
- * helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse than it began. The same
- * input gives the same bits, on any number of threads, unless the clock ends it. */
+/* For tests and benchmarks. Improves `plan` (in: start, out: the best found) by annealing, if requested, then by the
+ * requested moves until none helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse
+ * than it began. The same input gives the same bits, on any number of threads, unless the clock ends it. */
 INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
                                         SearchReport *report);
 
@@ -45,22 +45,13 @@ INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const Sea
 INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch,
                                               int64_t iterations_max, uint64_t seed, SearchReport *report);
 
-/* Moves relaxed `droplets` (layers * nx * ny, relaxed_surface.h; in: start, out: not worse) against the gradient of the
- * smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
+/* For tests. Moves relaxed `droplets` (layers * nx * ny, relaxed_surface.h; in: start, out: not worse) against the
+ * gradient of the smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options,
                                        double *droplets, RelaxationReport *report);
 
-/* Smoothed objective of relaxed droplets in *value [m], and its gradient (layers * nx * ny) [m per droplet]. CORE_DONE
- * or CORE_NO_MEMORY. */
-INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets,
-                                                  double smoothing, double *value, double *gradient);
-
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
-
-/* The best plan found for a problem, of no more layers than are worth it (shortest_plan.h). */
-INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
-                                      PlanReport *report);
 
 /* The horizons and the worth of a layer for a FINISH_.... */
 INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
@@ -100,11 +91,15 @@ INKLOOP_CORE_API void inkloop_step_take(const LayerStep *step, const void *befor
                                         const PlanFigures *figures, void *after);
 INKLOOP_CORE_API void inkloop_step_outputs(const LayerStep *step, const void *state);
 
-/* The problem of the layers that follow a layer, and the work that their plan may take (step_problem.h,
- * step_options.h). */
+/* The problem of the layers that follow layer number `layer` (step_problem.h), and the best plan found for it, of no
+ * more layers than are worth it (shortest_plan.h), with the work that the options allow. relaxation: RELAX_... with
+ * `relaxed`; last: the plan before, NULL: none; seconds_max: guard by the clock. */
 INKLOOP_CORE_API void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
                                             const ProblemMaps *maps, HorizonProblem *problem);
-INKLOOP_CORE_API void inkloop_plan_work(const LayerStep *step, int32_t layer, PlanWork *work);
+INKLOOP_CORE_API int32_t inkloop_plan(const LayerStep *step, int32_t layer, const HorizonProblem *problem,
+                                      int32_t relaxation, const double *relaxed, const int32_t *last,
+                                      size_t last_layers, double seconds_max, AfterSweep *after_sweep, int32_t *plan,
+                                      PlanReport *report);
 
 /* Pattern and drops of a layer of a plan, as they are printed. */
 INKLOOP_CORE_API void inkloop_pattern(const int32_t *layer, size_t cells, int32_t inks, int32_t *pattern,

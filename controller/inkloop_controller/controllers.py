@@ -9,7 +9,7 @@ from inkloop.component import Job
 from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.layer_controller import LayerController, OnDoubt
+from inkloop_controller.layer_controller import LayerController, OnDoubt, controller_as_read
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import Planner
@@ -32,63 +32,36 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
     Raises ValueError with the errors of all of them.
     """
     errors: list[str] = []
-    criterion = _tried(errors, lambda: Criterion(**arguments(Criterion, options)))
-    choices = _tried(errors, lambda: DropletChoices(job, **arguments(DropletChoices, options)))
-    work = _tried(errors, lambda: Work(**arguments(Work, options)))
-    planner = _tried(
-        errors,
-        lambda: LayerMpc(
-            job,
-            criterion=criterion or Criterion(alpha=1.0),  # of which no certificate complains
-            choices=choices,
-            work=work or Work(),
-            **arguments(LayerMpc, options),
-        ),
-    )
+
+    def made(part: Callable[..., T], *given: object, **others: object) -> T | None:
+        """The part with its options, or None with its error appended, so that all errors are reported together."""
+        try:
+            return part(*given, **others, **arguments(part, options))
+        except ValueError as error:
+            errors.append(str(error))
+            return None
+
+    criterion = made(Criterion) or Criterion(alpha=1.0)  # of which no certificate complains
+    choices, work = made(DropletChoices, job), made(Work) or Work()
+    planner = made(LayerMpc, job, criterion=criterion, choices=choices, work=work)
     levels = arguments(DropletChoices, options).get("drop_levels", 1)
-    threads = (work or Work()).threads
-    estimator = _tried(
-        errors,
-        lambda: HeightEstimator(job, drop_levels=levels, threads=threads, **arguments(HeightEstimator, options)),
-    )
+    estimator = made(HeightEstimator, job, drop_levels=levels, threads=work.threads)
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
     return LayerController(job, planner, estimator, on_doubt_option(**arguments(on_doubt_option, options)))
 
 
-@made_of(OpenLoop)
-def OpenLoopController(job: Job, **options: object) -> LayerController:
-    """Full layers, blindly; see OpenLoop."""
-    return _of_planner(job, OpenLoop(job, **arguments(OpenLoop, options)))
+def _of(planner: Callable[..., Planner]) -> Callable[..., LayerController]:
+    """The controller around a planner that takes ink and scans as they are."""
+
+    @made_of(planner)
+    def controller(job: Job, **options: object) -> LayerController:
+        return controller_as_read(job, planner(job, **arguments(planner, options)))
+
+    return controller
 
 
-@made_of(StochasticGreedy)
-def StochasticGreedyController(job: Job, **options: object) -> LayerController:
-    """The paper's controller; see StochasticGreedy. The paper takes ink and scans as they are."""
-    return _of_planner(job, StochasticGreedy(job, **arguments(StochasticGreedy, options)))
-
-
-@made_of(CohenLipson)
-def CohenLipsonController(job: Job, **options: object) -> LayerController:
-    """Greedy geometric feedback; see CohenLipson. Scans are taken as they are."""
-    return _of_planner(job, CohenLipson(job, **arguments(CohenLipson, options)))
-
-
-@made_of(ErrorDiffusion)
-def ErrorDiffusionController(job: Job, **options: object) -> LayerController:
-    """Error diffusion of what each layer lacks; see ErrorDiffusion. Scans are taken as they are."""
-    return _of_planner(job, ErrorDiffusion(job, **arguments(ErrorDiffusion, options)))
-
-
-def _of_planner(job: Job, planner: Planner) -> LayerController:
-    """A planner that takes ink and scans as they are."""
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
-
-
-def _tried(errors: list[str], make: Callable[[], T]) -> T | None:
-    """The result of `make`, or None with its error appended, so that all errors are reported together."""
-    try:
-        return make()
-    except ValueError as error:
-        errors.append(str(error))
-        return None
+OpenLoopController = _of(OpenLoop)
+StochasticGreedyController = _of(StochasticGreedy)
+CohenLipsonController = _of(CohenLipson)
+ErrorDiffusionController = _of(ErrorDiffusion)

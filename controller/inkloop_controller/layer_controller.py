@@ -13,12 +13,12 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap, Job, Port, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, VALID
 from inkloop.errors import ComponentError
-from inkloop_controller.core.layer_step import Block
-from inkloop_controller.core.structs import ObjectiveStruct, PlanFiguresStruct
+from inkloop_controller.core.layer_step import Block, LayerStep
+from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner, PlanStatus, gap_of
 from inkloop_controller.problem.arrays import is_finite
-from inkloop_controller.problem.options import errors_of
+from inkloop_controller.problem.options import errors_of, refuse
 from inkloop_controller.problem.variables import variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
@@ -37,13 +37,11 @@ class LayerController:
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
-        errors = errors_of(on_doubt=on_doubt)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors_of(on_doubt=on_doubt))
         self._planner, self._estimator = planner, estimator
         self._state: Block
         self._outputs: Values | None
-        self._step = estimator.step.with_options(on_doubt=on_doubt)
+        self._step = LayerStep(job, on_doubt=on_doubt, **estimator.options)
         shape = self._step.shape
         self.inputs = tuple(each.port(shape) for each in variables().values() if each.causality == "input")
         self.outputs = (
@@ -122,18 +120,23 @@ class LayerController:
         return dict(self._outputs)
 
 
+def controller_as_read(job: Job, planner: Planner) -> LayerController:
+    """The controller around a planner that takes ink and scans as they are."""
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
 def _without_bound(port: Port) -> Port:
     """Without a bound there is no number for it."""
     return Port(port.name, port.unit, port.shape, port.dtype, nan) if port.name == "bound" else port
 
 
-def _figures_of(plan: LayerPlan, seconds: float) -> PlanFiguresStruct:
+def _figures_of(plan: LayerPlan, seconds: float) -> Any:
     found = plan.objective
     return PlanFiguresStruct(
         status=list(PlanStatus).index(plan.status),
         left_out=int(plan.left_out),
         sweeps=plan.sweeps,
-        objective=ObjectiveStruct(found.value, found.error, found.over_ceiling, found.deviation),
+        objective=(found.value, found.error, found.over_ceiling, found.deviation),
         bound=plan.bound if isfinite(plan.bound) else nan,
         bound_confidence=plan.bound_confidence,
         seconds=seconds,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from inkloop.component import FloatMap, Job
 from inkloop.errors import ComponentError
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.layer_controller import LayerController
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.baselines.planners import judged
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.layer_controller import LayerController, controller_as_read
+from inkloop_controller.planning.layer_plan import LayerPlan
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
@@ -33,15 +32,12 @@ class RulePlanner:
     """A rule as a planner. Its objective is the mean error over the part that the layer model predicts [m]."""
 
     def __init__(self, job: Job, rule: PatternRule) -> None:
-        self._job, self._rule, self._model = job, rule, LayerModel.of(job)
+        self._job, self._rule = job, rule
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern of the rule, DONE for None. Raises ComponentError for an invalid pattern."""
         pattern = self._checked(np.asarray(self._rule.pattern(estimate.height.copy(), layer)), layer)
-        status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE
-        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
-        objective = surface_objective(predicted, self._job.target_height, self._job.mask, 1.0)
-        return LayerPlan.of_pattern(pattern, objective, predicted, status, "rule")
+        return judged(self._job, estimate, layer, pattern, "rule")
 
     def _checked(self, pattern: np.ndarray, layer: int) -> IntMap:
         shape, inks = (self._job.nx, self._job.ny), len(self._job.inks)
@@ -61,4 +57,4 @@ class RulePlanner:
 
 def rule_controller(job: Job, rule: PatternRule) -> LayerController:
     """The layer controller that goes by `rule`; it takes the nominal ink as known."""
-    return LayerController(job, RulePlanner(job, rule), HeightEstimator(job, adapt_ink="off", take_as_read=True))
+    return controller_as_read(job, RulePlanner(job, rule))

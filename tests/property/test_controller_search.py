@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
-from inkloop_controller.core.bindings import HorizonProblem
+from inkloop_controller.problem.horizon_problem import HorizonProblem
+from support.core_search import search
 from support.examples import examples
 
 KINDS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
@@ -90,7 +91,7 @@ def evaluated(problem: HorizonProblem, plan: Any) -> float:
 def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
     assert bindings.objective(problem, start).value == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-14)
-    found = bindings.search(problem, start, sweeps_max=100)
+    found = search(problem, start, sweeps_max=100)
     assert found.objective.value == pytest.approx(evaluated(problem, found.plan), rel=1e-9, abs=1e-14)
     assert found.incremental == pytest.approx(found.objective.value, rel=1e-9, abs=1e-13)
 
@@ -100,7 +101,7 @@ def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, 
 def test_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any], annealing_sweeps: int) -> None:
     problem, start = case
     before = bindings.objective(problem, start).value
-    found = bindings.search(problem, start, sweeps_max=100, annealing_sweeps=annealing_sweeps)
+    found = search(problem, start, sweeps_max=100, annealing_sweeps=annealing_sweeps)
     assert found.objective.value <= before + 1e-14
 
 
@@ -120,7 +121,7 @@ def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem
 def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, Any], seed: int) -> None:
     problem, start = case
     kept = start.copy()
-    one, other = (bindings.search(problem, start, sweeps_max=100, annealing_sweeps=5, seed=seed) for _ in range(2))
+    one, other = (search(problem, start, sweeps_max=100, annealing_sweeps=5, seed=seed) for _ in range(2))
     np.testing.assert_array_equal(one.plan, other.plan)
     np.testing.assert_array_equal(start, kept)
 
@@ -129,7 +130,7 @@ def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, An
 @settings(max_examples=examples(100))
 def test_droplets_keep_to_the_choices(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    plan = bindings.search(problem, start, sweeps_max=100, annealing_sweeps=2).plan
+    plan = search(problem, start, sweeps_max=100, annealing_sweeps=2).plan
     assert ((2 * problem.choices.astype(np.int32) + 1) >> plan & 1).all()
 
 
@@ -139,7 +140,7 @@ def test_no_single_droplet_betters_the_plan_of_one_layer_where_evenness_counts()
     height = rng.uniform(0.0, 1.2e-5, (16, 15))
     ones = np.ones(height.shape, np.bool_)
     problem = HorizonProblem(height, np.full_like(height, 1.4e-5), ones, ones[None].astype(np.uint16), KINDS[:1], 0.1)
-    found = bindings.search(problem, np.zeros(problem.choices.shape, np.int32), sweeps_max=1000)
+    found = search(problem, np.zeros(problem.choices.shape, np.int32), sweeps_max=1000)
     for cell in np.ndindex(found.plan.shape):
         flipped = found.plan.copy()
         flipped[cell] = 1 - flipped[cell]

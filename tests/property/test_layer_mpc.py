@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
 from inkloop.geometry import contained
 from inkloop_controller.core import bindings
-from inkloop_controller.core.droplet_relaxation import diffuse
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel

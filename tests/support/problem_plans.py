@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
-from inkloop_controller.core.structs import PlanWorkStruct
+from inkloop.testing import job
+from inkloop_controller.core.layer_step import LayerStep
 from inkloop_controller.planning.horizon_planner import FoundPlan, RelaxedStart
 from inkloop_controller.planning.horizon_planner import best_plan as core_plan
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
@@ -21,13 +23,13 @@ def best_plan(
     seed: int,
     seconds_max: float = inf,
 ) -> FoundPlan:
-    """The core's plan; layer_worth: what a layer must gain (Criterion); seed: of the annealing."""
-    budget = PlanWorkStruct(
+    """The core's plan; layer_worth: what a layer must gain (Criterion); seed: of the annealing, job and layer."""
+    step = LayerStep(
+        replace(job(), seed=seed >> 32),
         layer_worth=layer_worth,
-        sweeps=work.sweeps,
-        annealing_sweeps=-1 if work.annealing_sweeps is None else work.annealing_sweeps,
+        sweeps_max=work.sweeps,
+        annealing_sweeps=work.annealing_sweeps,
         iterations=work.iterations,
-        seed=seed,
         threads=work.threads,
     )
-    return core_plan(problem, budget, relaxed=relaxed, last=last, seconds_max=seconds_max)
+    return core_plan(step, seed % 2**32, problem, relaxed=relaxed, last=last, seconds_max=seconds_max)

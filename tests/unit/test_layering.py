@@ -39,7 +39,7 @@ PLOTS = (
     *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
-    *("inkloop_controller.planning.plan_picture", "inkloop_controller.planning.layer_plan"),
+    "inkloop_controller.planning.layer_plan",
 )
 DOORS = {
     "fmpy": ("inkloop.fmu",),

@@ -19,12 +19,13 @@ from inkloop.results.metrics import SIGN
 from inkloop.units import UM_PER_M
 from inkloop_controller import LayerMpc
 from inkloop_controller.core import bindings
-from inkloop_controller.core.droplet_relaxation import diffuse, relax
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import DEFAULT_WORK
 from inkloop_controller.program.certificate import certify
+from support.core_search import relax, search
 
 HERE = DOCS / "explanation"
 RECORD = HERE / "layer-problem.json"
@@ -101,7 +102,7 @@ def rounding() -> Figure:
     problem = nearly_flat(SIDE, LAYERS)
     relaxed = relax(problem, even_droplets(problem)).droplets
     diffused = diffuse(problem, relaxed)
-    repaired = bindings.search(problem, diffused, sweeps_max=DEFAULT_WORK.sweeps).plan
+    repaired = search(problem, diffused, sweeps_max=DEFAULT_WORK.sweeps).plan
     plans: dict[str, FloatMap] = {
         "relaxed": relaxed,
         "rounded plainly": np.round(relaxed),
@@ -145,7 +146,7 @@ def certificates() -> list[dict[str, Any]]:
         "nearly flat, 100 x 100": nearly_flat(100, 1),
     }.items():
         start = diffuse(problem, relax(problem, even_droplets(problem)).droplets)
-        plan = bindings.search(problem, start, sweeps_max=50, annealing_sweeps=200).plan
+        plan = search(problem, start, sweeps_max=50, annealing_sweeps=200).plan
         proof = certify(problem, plan, seconds_max=CERTIFICATE_S)
         found.append(
             {
@@ -196,6 +197,6 @@ def runaway(alpha: float) -> float:
     level, full = problem.height.mean(), np.ones((1, SIDE, SIDE), np.int32)
     problem = replace(problem, target=np.full_like(problem.height, level))
     for _ in range(RUNAWAY_LAYERS):
-        plan = bindings.search(problem, full, sweeps_max=DEFAULT_WORK.sweeps).plan
+        plan = search(problem, full, sweeps_max=DEFAULT_WORK.sweeps).plan
         problem = replace(problem, height=bindings.layer(problem.height, plan[0], (INK,)))
     return float(problem.height.mean() - level)

@@ -31,7 +31,7 @@ typedef struct {
     uint64_t seed;            /* of the annealing */
     double seconds_max;       /* guard by the clock; infinite: none */
     int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
-    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop the repairs; NULL: none */
+    AfterSweep *after_sweep;  /* of the repairs; NULL: none */
     void *caller;
 } PlanWork;
 

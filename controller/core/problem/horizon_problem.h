@@ -58,6 +58,9 @@ typedef struct {
     int64_t flips, swaps, shifts; /* changes made: of a cell's droplet, to a neighbouring cell, to another layer */
 } SearchReport;
 
+/* Called after each sweep; not 0: stop here. */
+typedef int32_t AfterSweep(void *caller, const SearchReport *so_far);
+
 typedef struct {
     int32_t moves;            /* MOVE_... that the descent may make */
     int64_t annealing_sweeps; /* before the descent; 0: none */
@@ -65,7 +68,7 @@ typedef struct {
     uint64_t seed;            /* of the annealing */
     double seconds_max;       /* guard by the clock; infinite: none */
     int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
-    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop here; NULL: none */
+    AfterSweep *after_sweep;  /* NULL: none */
     void *caller;
 } SearchOptions;
 

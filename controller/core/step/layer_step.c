@@ -126,7 +126,13 @@ int32_t step_plan(const LayerStep *step, const void *before, void *after, double
     const ProblemMaps maps = {memory, memory + cells, (uint16_t *)(memory + 2 * cells)};
     uint8_t *dead = (uint8_t *)(maps.choices + layers * cells);
     mark_dead(&estimate, cells, dead);
-    const SurfaceToPlan surface = {estimate.height, estimate.variance, dead, estimate.capped, &figures};
+    const SurfaceToPlan surface = {.height = estimate.height,
+                                   .variance = estimate.variance,
+                                   .dead = dead,
+                                   .capped = estimate.capped,
+                                   .ink = {figures.ink[0], figures.ink[1]},
+                                   .droplet_std = figures.droplet_std,
+                                   .is_foreign = figures.is_foreign != 0};
     const HorizonProblem problem = layer_problem(step, &surface, scan, &maps);
     PlanWork work = plan_work(step, scan);
     work.last = last_plan(before);

@@ -41,7 +41,7 @@ static void limit_cells(const LayerStep *step, const SurfaceToPlan *surface, dou
     const LayerControllerVariables *v = step->values;
     double squares = 0.0;
     for (int32_t k = 0; k < *v->inks; k++) {
-        const Ink ink = surface->figures->ink[k];
+        const Ink ink = surface->ink[k];
         squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
     }
     for (size_t cell = 0; cell < cells_of(step); cell++) {
@@ -64,12 +64,11 @@ static void add_kinds(const LayerStep *step, const Ink ink[INKS_MAX], HorizonPro
 HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
                              const ProblemMaps *maps) {
     const LayerControllerVariables *v = step->values;
-    const EstimateFigures *figures = surface->figures;
-    const double droplet_std = *v->droplet_std < 0.0 ? figures->droplet_std : *v->droplet_std;
+    const double droplet_std = *v->droplet_std < 0.0 ? surface->droplet_std : *v->droplet_std;
     const bool is_limited = *v->overshoot_limit < NO_LIMIT, has_fringe = *v->fringe_weight > 0.0;
     HorizonProblem problem = {.nx = (size_t)*v->nx,
                               .ny = (size_t)*v->ny,
-                              .layers = horizon_of(step, figures->is_foreign),
+                              .layers = horizon_of(step, surface->is_foreign),
                               .height = surface->height,
                               .target = v->target_height,
                               .ceiling = is_limited ? maps->ceiling : NULL,
@@ -81,7 +80,7 @@ HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface
                               .ceiling_cost = CEILING_COST,
                               .droplet_std = droplet_std,
                               .passes = *v->passes};
-    add_kinds(step, figures->ink, &problem);
+    add_kinds(step, surface->ink, &problem);
     for (size_t ahead = 0; ahead < problem.layers; ahead++)
         allow_droplets(step, surface, ahead, ahead == 0 && is_probe((int64_t)layer + 1),
                        maps->choices + ahead * cells_of(step));

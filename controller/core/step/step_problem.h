@@ -7,11 +7,13 @@
 
 /* The surface that a plan begins on; maps of nx * ny. */
 typedef struct {
-    const double *height;           /* [m] */
-    const double *variance;         /* of its error [m^2] */
-    const uint8_t *dead;            /* cells whose droplets bring nothing: tried again in some layers */
-    const uint8_t *capped;          /* cells that are given no more ink */
-    const EstimateFigures *figures; /* of which ink, droplet_std and is_foreign count */
+    const double *height;   /* [m] */
+    const double *variance; /* of its error [m^2] */
+    const uint8_t *dead;    /* cells whose droplets bring nothing: tried again in some layers */
+    const uint8_t *capped;  /* cells that are given no more ink */
+    Ink ink[INKS_MAX];      /* these three as in EstimateFigures */
+    double droplet_std;
+    int32_t is_foreign;
 } SurfaceToPlan;
 
 /* Memory that a problem points to: maps of nx * ny, and choices of horizon * nx * ny. */

@@ -8,11 +8,11 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
 from inkloop_controller.baselines.planners import judged, one_layer
-from inkloop_controller.core.droplet_relaxation import diffuse
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices, RegionTest
 from inkloop_controller.model.layer_model import ink_maps
-from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
+from inkloop_controller.planning.layer_plan import LayerPlan
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 from inkloop_controller.problem.options import Length, Option
 
@@ -45,7 +45,7 @@ class CohenLipson:
         material = self._problems.materials(estimate.height)
         dropped = self.droplets(estimate.height, ink_maps(estimate.inks, material))
         pattern = np.where(dropped, 1 + material, 0).astype(np.int32)
-        return _judged(self._job, estimate, layer, pattern, "greedy choice")
+        return judged(self._job, estimate, layer, pattern, "greedy choice")
 
     def droplets(self, height: FloatMap, ink: tuple[FloatMap, FloatMap, FloatMap]) -> BoolMap:
         """Where the greedy choice drops, (nx, ny), for heights h1, h2, h3 of each cell's ink [m].
@@ -83,11 +83,7 @@ class ErrorDiffusion:
         h1, h2, h3 = ink_maps(estimate.inks, self._problems.materials(estimate.height))
         lacking = (job.target_height - estimate.height) / (h1 + 4.0 * h2 + 4.0 * h3)
         pattern = diffuse(problem, np.where(problem.choices > 0, lacking, 0.0))[0]
-        return _judged(job, estimate, layer, pattern, "error diffusion")
-
-
-def _judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, start: str) -> LayerPlan:
-    return judged(job, estimate, layer, pattern, PlanStatus.FIXED if pattern.any() else PlanStatus.DONE, start)
+        return judged(job, estimate, layer, pattern, "error diffusion")
 
 
 def _gathered(field: FloatMap, ink: tuple[FloatMap, FloatMap, FloatMap]) -> FloatMap:

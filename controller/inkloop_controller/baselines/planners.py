@@ -16,7 +16,7 @@ from inkloop_controller.model.layer_problems import LayerProblems
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 from inkloop_controller.problem.options import Count, Option
 
 
@@ -39,8 +39,7 @@ class OpenLoop:
         lacking = layer < self._layers
         nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
         pattern = np.where(lacking, 1 + self._problems.materials(nominal_surface), 0).astype(np.int32)
-        status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
-        return judged(self._job, estimate, layer, pattern, status, "full layer")
+        return judged(self._job, estimate, layer, pattern, "full layer")
 
 
 class StochasticGreedy:
@@ -66,23 +65,25 @@ class StochasticGreedy:
         self._model = LayerModel.of(job)
         self._problems = one_layer(job, DropletChoices(job, region_test="surface"), alpha)
         self._batch, self._iterations_max = batch, iterations_max
+        self._seed = job.seed % 2**32 << 32
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
-        problem, key = self._problems.problem(estimate, layer), int(self._problems.work(layer).seed)
+        problem, key = self._problems.problem(estimate, layer), self._seed + layer
         found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
         idle = bindings.objective(problem, no_droplets(problem))
         if found.objective.value >= idle.value:
             return LayerPlan.of_pattern(no_droplets(problem)[0], idle, estimate.height, PlanStatus.DONE, "nothing")
         predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
-        status = PlanStatus.REPAIRED if found.status is SearchStatus.DONE else PlanStatus.BUDGET
-        return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", found.sweeps)
+        status = PlanStatus.REPAIRED if found.is_done else PlanStatus.BUDGET
+        sweeps = found.progress.sweeps
+        return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", sweeps)
 
 
 def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
     """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
     plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
-    return LayerProblems(job, plain, choices, ahead=1, horizon=1)
+    return LayerProblems(job, plain, choices, horizon=1)
 
 
 def nominal_layer_height(job: Job) -> float:
@@ -91,8 +92,9 @@ def nominal_layer_height(job: Job) -> float:
     return sum(ink.layer_height for ink in inks) / len(inks)
 
 
-def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:
+def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, start: str) -> LayerPlan:
     """A pattern that was chosen without an objective, as a plan; the mean error that it leaves is what it is worth."""
+    status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE
     predicted = replace(LayerModel.of(job), inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
     objective = surface_objective(predicted, job.target_height, job.mask, 1.0)
     return LayerPlan.of_pattern(pattern, objective, predicted, status, start)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, Ink, Job, Values
+from inkloop.component import BoolMap, Job, Values
 from inkloop.contract import (
     DROP_LEVEL,
     LAYER_UNKNOWN,
@@ -21,9 +21,9 @@ from inkloop.contract import (
 )
 from inkloop.errors import InkloopError
 from inkloop.geometry import Columns
-from inkloop_controller.core.bindings import answered, laid_out, pointer
-from inkloop_controller.core.library import library
-from inkloop_controller.core.structs import LayerStepStruct, PlanFiguresStruct
+from inkloop_controller.core.bindings import answered
+from inkloop_controller.core.library import PlanFiguresStruct, StepStruct, library
+from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import IntPlan
 from inkloop_controller.problem.variables import variables
 
@@ -53,33 +53,32 @@ class LayerStep:
         if len(variables()) != library().inkloop_variables():
             raise InkloopError("variables.toml is not of the same build as the core; run make, or pip install again")
         self.shape = job.nx, job.ny
-        self._made_of = {"job": job, "jettable": jettable, "columns": columns, "threads": threads, **options}
-        self._made_of["take_as_read"] = take_as_read
-        everywhere = job.mask if jettable is None else jettable
-        self._values = {name: np.array(each.start, each.dtype) for name, each in variables().items()}
-        for name, value in {**_of_job(job), **options}.items():
-            self._values[name][...] = variables()[name].number(value)
-        for name, map_ in (("target_height", job.target_height), ("mask", job.mask), ("jettable", everywhere)):
-            self._values[name] = np.ascontiguousarray(map_)
-        region = (None, None, None) if columns is None else (columns.offsets, columns.bottoms, columns.tops)
-        self._pointers = (ctypes.c_void_p * len(variables()))()
         self._places = {name: place for place, name in enumerate(variables())}
-        for name in self._values:
-            self._point(name)
-        columns_of_region = [None if each is None else pointer(np.ascontiguousarray(each)) for each in region]
-        self.struct = LayerStepStruct(ctypes.addressof(self._pointers), *columns_of_region, threads, take_as_read)
-
-    def with_options(self, **options: Any) -> LayerStep:
-        """Another one with some other values."""
-        return LayerStep(**{**self._made_of, **options})
+        self._pointers = (ctypes.c_void_p * len(variables()))()
+        self._values: dict[str, NDArray[Any]] = {}
+        for name, each in variables().items():
+            self._point(name, np.array(each.start, each.dtype))
+        for name, value in {**_of_job(job), **options}.items():
+            self.set(name, value)
+        self._point("target_height", np.ascontiguousarray(job.target_height))
+        self._point("mask", np.ascontiguousarray(job.mask))
+        self._point("jettable", np.ascontiguousarray(job.mask if jettable is None else jettable))
+        region = () if columns is None else (columns.offsets, columns.bottoms, columns.tops)
+        self._region = [np.ascontiguousarray(each) for each in region]  # C looks there as long as the step lives
+        places = [pointer(each) for each in self._region] or [None] * 3
+        self.struct = StepStruct(ctypes.addressof(self._pointers), *places, threads, take_as_read)
 
     def set(self, name: str, value: Any) -> None:
         """Gives a variable another value."""
         self._values[name][...] = variables()[name].number(value)
 
+    def new_estimate(self) -> Block:
+        """Memory for C to write an estimate."""
+        return np.zeros(self.estimate_size, np.uint8)
+
     def new_state(self, layers: int, layers_printed: int) -> Block:
         """The state before the first scan, with room for a plan of `layers`."""
-        state = np.empty(self._size(layers), np.uint8)
+        state = self._room(layers)
         library().inkloop_state_start(self.struct, layers, layers_printed, pointer(state))
         return state
 
@@ -102,8 +101,8 @@ class LayerStep:
         """Of an estimate [bytes]."""
         return int(library().inkloop_estimate_size(self.shape[0] * self.shape[1]))
 
-    def figures_in(self, state: Block) -> PlanFiguresStruct:
-        """What is reported of the last plan."""
+    def figures_in(self, state: Block) -> Any:
+        """The PlanFigures of the last plan."""
         figures = PlanFiguresStruct()
         library().inkloop_state_plan(pointer(state), figures)
         return figures
@@ -116,21 +115,20 @@ class LayerStep:
 
     def begin(self, measured: NDArray[Any], valid: NDArray[Any], before: Block) -> tuple[Block, bool]:
         """The state after the scan of a step that is due, and whether it lacks a plan."""
-        self._values[MEASURED_HEIGHT], self._values[VALID] = measured, valid
-        for name in (MEASURED_HEIGHT, VALID):
-            self._point(name)
+        self._point(MEASURED_HEIGHT, measured)
+        self._point(VALID, valid)
         after = np.empty_like(before)
         code = answered(library().inkloop_step_begin(self.struct, pointer(before), pointer(after)))
         return after, code == _PLAN
 
-    def take(self, state: Block, plan: IntPlan, figures: PlanFiguresStruct) -> Block:
+    def take(self, state: Block, plan: IntPlan, figures: Any) -> Block:
         """The state with a plan (layers, nx, ny): the same one, changed, or another one for as many layers.
 
-        Raises ValueError for a plan of another grid, or of no layer.
+        figures: PlanFiguresStruct. Raises ValueError for a plan of another grid, or of no layer.
         """
         layers = max(1, len(plan))
-        droplets = laid_out("plan", plan, "i4", (layers, *self.shape))
-        after = state if self.layers_of(state) == layers else np.empty(self._size(layers), np.uint8)
+        droplets = checked("plan", plan, "i4", (layers, *self.shape))
+        after = state if self.layers_of(state) == layers else self._room(layers)
         library().inkloop_step_take(self.struct, pointer(state), pointer(droplets), layers, figures, pointer(after))
         return after
 
@@ -148,29 +146,26 @@ class LayerStep:
             found[DROP_LEVEL] = np.broadcast_to(np.int32(1), self.shape)
         return found
 
-    def _size(self, layers: int) -> int:
-        return int(library().inkloop_state_size(self.shape[0] * self.shape[1], layers))
+    def _room(self, layers: int) -> Block:
+        return np.empty(library().inkloop_state_size(self.shape[0] * self.shape[1], layers), np.uint8)
 
-    def _point(self, name: str) -> None:
-        self._pointers[self._places[name]] = self._values[name].ctypes.data
+    def _point(self, name: str, value: NDArray[Any]) -> None:
+        """The variable of this name lies here."""
+        self._values[name] = value
+        self._pointers[self._places[name]] = value.ctypes.data
 
 
 def _of_job(job: Job) -> dict[str, Any]:
-    first, last = job.inks[0], job.inks[-1]
     return {
         "nx": job.nx,
         "ny": job.ny,
         "pitch": job.pitch,
         "inks": len(job.inks),
         "has_region": job.region is not None,
-        **_heights("a", first),
-        **_heights("b", last),
+        **{f"{h}_a": getattr(job.inks[0], h) for h in ("h1", "h2", "h3")},
+        **{f"{h}_b": getattr(job.inks[-1], h) for h in ("h1", "h2", "h3")},
         "passes": job.passes,
         "pass_order": job.pass_order,
         "pass_rotation": job.pass_rotation,
         "seed": np.uint32(job.seed % 2**32).astype(np.int32),
     }
-
-
-def _heights(material: str, ink: Ink) -> dict[str, float]:
-    return {f"h1_{material}": ink.h1, f"h2_{material}": ink.h2, f"h3_{material}": ink.h3}

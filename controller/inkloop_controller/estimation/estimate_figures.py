@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from ctypes import c_double, c_int64
 from dataclasses import dataclass, fields
 from enum import IntFlag
 from typing import Any
 
-from inkloop.component import Ink
-from inkloop_controller.core.bindings import ink_pair
-from inkloop_controller.core.structs import InkStruct
+from inkloop_controller.core.library import InkStruct, structure
 
 
 class UntrustedReason(IntFlag):
@@ -30,7 +28,6 @@ class UntrustedReason(IntFlag):
 
 
 NO_REASON = UntrustedReason(0)
-_GROUND = "tuple[float, float, float]"
 TRANSFORMS = (
     "", "", "mirrored in x", "mirrored in y", "turned by 180 degrees", "transposed", "turned by 90 degrees",
     "turned by 270 degrees", "transposed and turned by 180 degrees",
@@ -40,20 +37,9 @@ TRANSFORMS = (
 
 @dataclass(frozen=True)
 class EstimateFigures:
-    """What is reported of an estimate (controller/core/observer/surface_estimate.h).
+    """What is reported of an estimate; controller/core/observer/surface_estimate.h says what each figure is.
 
-    volume: of the inks as a share of the nominal ones, mean over the inks; droplet_std: of a droplet's volume, as a
-    share of it, 0 before any layer; noise_std: of a reading [m]; ground: of the first scan on ground called flat:
-    height of its middle, its rise over the grid along x and y [m]; surprise: what scans differ from predictions by, in
-    standard deviations; blind_share: of the part that the last scan did not measure; excess: the most that a cell is
-    higher by its droplets than by its scan [m], at number excess_cell; rise: the most that a cell stands above its
-    target and what its droplets explain [m], at rise_cell; shift_x, shift_y: of the last scan in the middle of the
-    grid [cells]: its reading of a cell is of the plant so far beyond it; shift_std: of their errors, the larger one;
-    spot_radius: standard deviation of the Gaussian spot [cells], 0 while it cannot be distinguished from a point;
-    spot_std: of its error; rotation [rad] and magnification [1] of the scans; stop: the reason that stopped the print,
-    in layer stop_layer; transform: number in TRANSFORMS; stop_figure: how many times better a scan fits than as read,
-    or a volume; is_displaced: scans are read as displaced ones; is_foreign: droplets spill onto their neighbours in
-    another way than the model's; scans: so far.
+    Heights are in metres, shift and spot in cells; transform is a number in TRANSFORMS.
     """
 
     volume: float = 1.0
@@ -86,26 +72,20 @@ class EstimateFigures:
     scans: int = 0
 
     @classmethod
-    def of_struct(cls, struct: FiguresStruct) -> EstimateFigures:
+    def of_struct(cls, struct: Any) -> EstimateFigures:
         """The figures from C."""
         return cls(**{field.name: _OF_C[str(field.type)](getattr(struct, field.name)) for field in fields(cls)})
 
-    def struct(self, inks: Sequence[Ink]) -> FiguresStruct:
-        """The figures for C, with inks."""
-        return FiguresStruct(ink_pair(inks), *(getattr(self, field.name) for field in fields(self)))
 
-
-_C_TYPES: Mapping[str, Any] = {"float": ctypes.c_double, _GROUND: 3 * ctypes.c_double}
+_GROUND = "tuple[float, float, float]"
+_C_TYPES: Mapping[str, Any] = {"float": c_double, _GROUND: 3 * c_double}
 _OF_C: Mapping[str, Callable[[Any], Any]] = {
     "float": float, "int": int, "bool": bool, "UntrustedReason": UntrustedReason, _GROUND: tuple,
 }  # fmt: skip
 """By the type of a field: its type in C, 64 bits of an integer if not given, and how it comes from there."""
 
-
-class FiguresStruct(ctypes.Structure):
-    """`EstimateFigures` of surface_estimate.h: the inks, and the figures in the same order."""
-
-    _fields_ = (
-        ("ink", InkStruct * 2),
-        *((each.name, _C_TYPES.get(str(each.type), ctypes.c_int64)) for each in fields(EstimateFigures)),
-    )
+FiguresStruct = structure(
+    "EstimateFigures",
+    (InkStruct * 2, "ink"),
+    *((_C_TYPES.get(str(each.type), c_int64), each.name) for each in fields(EstimateFigures)),
+)

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller.core.bindings import answered, checked, laid_out, pointer
+from inkloop_controller.core.bindings import answered
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import library
 from inkloop_controller.estimation.estimate_figures import EstimateFigures, FiguresStruct
+from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
@@ -110,10 +111,9 @@ class HeightEstimator:
             "volume_least": volume_least,
             "volume_most": volume_most,
         }
-        errors = errors_of(**options, threads=threads)
-        if errors:
-            raise ValueError("; ".join(errors))
-        self.step = LayerStep(job, threads=threads, take_as_read=take_as_read, drop_levels=drop_levels, **options)
+        refuse(errors_of(**options, threads=threads))
+        self.options = {**options, "drop_levels": drop_levels, "take_as_read": take_as_read, "threads": threads}
+        self._step = LayerStep(job, **self.options)
         self._shape, self._inks = (job.nx, job.ny), len(job.inks)
 
     def first(self, measured: FloatMap, valid: BoolMap, layer: int = 0) -> Estimate:
@@ -122,8 +122,8 @@ class HeightEstimator:
         A cell that was not measured counts as bare substrate, height 0, give or take a layer. Raises ValueError if less
         than 2 % of the cells were.
         """
-        after, (scan, seen) = self._room(), self.scan(measured, valid)
-        given = (self.step.struct, layer, pointer(scan), pointer(seen), pointer(after))
+        after, (scan, seen) = self._step.new_estimate(), self.scan(measured, valid)
+        given = (self._step.struct, layer, pointer(scan), pointer(seen), pointer(after))
         answered(library().inkloop_estimate_first(*given))
         return self.estimate(after)
 
@@ -146,8 +146,8 @@ class HeightEstimator:
         scan, seen = self.scan(measured, valid)
         jetted = pointer(checked("pattern", pattern, "i4", self._shape))
         volumes = None if factor is None else pointer(checked("factor", factor, "f8", self._shape))
-        known, after = pointer(self._known(before)), self._room()
-        given = (self.step.struct, known, jetted, volumes, layer, is_unknown, pointer(scan), pointer(seen))
+        known, after = pointer(self._known(before)), self._step.new_estimate()
+        given = (self._step.struct, known, jetted, volumes, layer, is_unknown, pointer(scan), pointer(seen))
         answered(library().inkloop_estimate_next(*given, pointer(after)))
         return self.estimate(after)
 
@@ -161,9 +161,9 @@ class HeightEstimator:
 
     def estimate(self, block: Block) -> Estimate:
         """An estimate from its bytes. Raises ValueError for those of another grid."""
-        whole = laid_out("block", block, "u1", (self.step.estimate_size,))
+        whole = checked("block", block, "u1", (self._step.estimate_size,))
         maps, dead, found = _maps_of(whole, self._shape), np.empty(self._shape, np.bool_), FiguresStruct()
-        library().inkloop_estimate_figures(self.step.struct, pointer(whole), ctypes.byref(found), pointer(dead))
+        library().inkloop_estimate_figures(self._step.struct, pointer(whole), ctypes.byref(found), pointer(dead))
         return Estimate(
             height=maps["height"],
             height_variance=maps["height_variance"],
@@ -189,7 +189,3 @@ class HeightEstimator:
         if estimate.block is None:
             raise ValueError("the estimate before has no state; needs one that `first` or `next` has returned")
         return estimate.block
-
-    def _room(self) -> Block:
-        """Memory for C to write an estimate."""
-        return np.zeros(self.step.estimate_size, np.uint8)

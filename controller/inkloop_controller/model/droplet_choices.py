@@ -9,7 +9,7 @@ import numpy as np
 
 from inkloop.component import BoolMap, Job
 from inkloop_controller.problem.horizon_problem import KINDS_MAX
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 RegionTest: TypeAlias = Literal["middle", "surface", "either"]
 """Where a cell is asked for its ink: half a layer above the surface; on it, as the paper has it; or at both ends of the
@@ -46,8 +46,7 @@ class DropletChoices:
             for nozzle in dead_nozzles
             if not 0 <= nozzle < nozzles
         ]
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors)
         alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
         self.region_test, self.drop_levels = region_test, drop_levels
         self.jettable: BoolMap = job.mask & alive

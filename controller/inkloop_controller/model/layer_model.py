@@ -10,7 +10,7 @@ import numpy as np
 from inkloop.component import FloatMap, Ink, Job
 from inkloop.contract import PassOrder, pass_colours
 from inkloop_controller.core import bindings
-from inkloop_controller.core.bindings import IntMap
+from inkloop_controller.problem.horizon_problem import IntMap
 
 if TYPE_CHECKING:
     from inkloop_controller.model.symbolic_layer import Symbolic

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from inkloop.component import FloatMap
-from inkloop_controller.core.bindings import answered, checked, objective_of, pointer, problem_struct
-from inkloop_controller.core.library import library
-from inkloop_controller.core.structs import AfterSweep, FinishStruct, PlanReportStruct, PlanWorkStruct
+from inkloop_controller.core.bindings import AfterSweep, answered, objective_of
+from inkloop_controller.core.layer_step import LayerStep
+from inkloop_controller.core.library import FinishStruct, PlanReportStruct, library, problem_struct
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
+from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
+from inkloop_controller.problem.variables import variables
 
 RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 """Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""
@@ -21,30 +23,16 @@ RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 Finish: TypeAlias = Literal["even", "fast"]
 """How a print ends: as even as it can, or in fewer layers."""
 
-_FINISHES = ("even", "fast")  # from 1 on, as in shortest_plan.h
 _STARTS = ("nothing", "full layers", "last plan", "relaxation", "longer plan")
 _PHASES = ("relaxation", "rounding", "repair")
 _RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of plan_work.h
 
 
-@dataclass(frozen=True)
-class Ending:
-    """What a `Finish` chooses: layers ahead, those on a plant that is not the model's, and what a layer must gain
-    (Criterion).
-    """
-
-    horizon: int
-    foreign_horizon: int
-    layer_worth: float
-
-
-def ending_of(finish: Finish) -> Ending:
-    """The choice of controller/core/planner/shortest_plan.c. Raises ValueError for another word."""
-    if finish not in _FINISHES:
-        raise ValueError(f"finish is {finish!r}; needs one of {', '.join(_FINISHES)}")
+def ending_of(finish: Finish) -> Any:
+    """The choice of controller/core/planner/shortest_plan.c: horizon, foreign_horizon, layer_worth."""
     chosen = FinishStruct()
-    library().inkloop_finish(1 + _FINISHES.index(finish), chosen)
-    return Ending(chosen.horizon, chosen.foreign_horizon, chosen.layer_worth)
+    library().inkloop_finish(variables()["finish"].items[finish], chosen)
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +51,9 @@ class FoundPlan:
 
 
 def best_plan(
+    step: LayerStep,
+    layer: int,
     problem: HorizonProblem,
-    work: PlanWorkStruct,
     *,
     relaxed: RelaxedStart = "gradient",
     last: IntPlan,
@@ -73,19 +62,18 @@ def best_plan(
 ) -> FoundPlan:
     """The best plan found (controller/core/planner/shortest_plan.h); its first layer is not empty unless all are.
 
-    work: what it may take (plan_work.h); last: (layers, nx, ny) the last plan, of any number of layers; that of another
-    grid is not used; seconds_max: guard by the clock, instead of that of `work`; after_sweep: sees each sweep of a
-    repair, True ends them, as does Ctrl-C.
+    step: its options say how much work it may take; layer: number of the last layer; last: (layers, nx, ny) the last
+    plan, of any number of layers; that of another grid is not used; seconds_max: guard by the clock; after_sweep: sees
+    each sweep of a repair, True ends them, as does Ctrl-C.
     """
-    asked, is_given = AfterSweep(after_sweep), isinstance(relaxed, np.ndarray)
-    droplets = checked("relaxed", relaxed, "f8", problem.choices.shape) if isinstance(relaxed, np.ndarray) else None
-    rest = _usable(problem, last)
-    work.relaxation = _RELAX_GIVEN if is_given else _RELAX_HERE if relaxed == "gradient" else _RELAX_NOTHING
-    work.relaxed = None if droplets is None else pointer(droplets)
-    work.last = None if rest is None else pointer(rest)
-    work.last_layers, work.seconds_max, work.after_sweep = len(last), seconds_max, asked.callback
+    asked = AfterSweep(after_sweep)
+    how, droplets = _RELAX_HERE if isinstance(relaxed, str) else _RELAX_NOTHING, None
+    if isinstance(relaxed, np.ndarray):
+        how, droplets = _RELAX_GIVEN, pointer(checked("relaxed", relaxed, "f8", problem.choices.shape))
+    start = (how, droplets, _usable(problem, last), len(last), seconds_max, asked.callback)
     plan, report = np.empty(problem.choices.shape, np.int32), PlanReportStruct()
-    answered(library().inkloop_plan(problem_struct(problem), work, pointer(plan), report))
+    task = (step.struct, layer, problem_struct(problem))
+    answered(library().inkloop_plan(*task, *start, pointer(plan), report))
     asked.was_interrupted()
     return FoundPlan(
         plan=plan,
@@ -98,11 +86,11 @@ def best_plan(
     )
 
 
-def _usable(problem: HorizonProblem, last: IntPlan) -> IntPlan | None:
+def _usable(problem: HorizonProblem, last: IntPlan) -> Any:
     """The last plan for C; None if it is of another grid. Raises ValueError for values that no plan has."""
     if last.shape[1:] != problem.height.shape or not len(last):
         return None
     plan = checked("last", last, "i4", last.shape)
     if plan.min() < 0 or plan.max() > KINDS_MAX:
         raise ValueError(f"last holds {plan.min()} to {plan.max()}; needs 0 to {KINDS_MAX}, 1 + a kind of droplet")
-    return plan
+    return pointer(plan)

@@ -22,7 +22,7 @@ from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, be
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -74,9 +74,7 @@ class LayerMpc:
         certified: Annotated[bool, declared("certified")] = default("certified"),
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        errors = errors_of(finish=finish, horizon=horizon, relaxation=relaxation)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(errors_of(finish=finish, horizon=horizon, relaxation=relaxation))
         given, horizon = horizon, ending_of(finish).horizon if horizon is None else horizon
         if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(
@@ -94,7 +92,6 @@ class LayerMpc:
             job,
             replace(criterion, droplet_std=0.0) if has_bound else criterion,
             choices or DropletChoices(job),
-            ahead=horizon,
             threads=work.threads,
             finish=finish,
             horizon=given,
@@ -103,9 +100,7 @@ class LayerMpc:
             iterations=work.iterations,
         )
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
-        self._programs: dict[
-            tuple[bool, int], HorizonProgram | SequentialProgram
-        ] = {}  # without alpha the deviation falls out; layers
+        self._programs: dict[tuple[bool, int], HorizonProgram | SequentialProgram] = {}
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
         if relaxation in ("slp", "ipopt", "highs"):
@@ -120,8 +115,9 @@ class LayerMpc:
         watch, problem = Stopwatch(self._time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
         found = best_plan(
+            self._problems.step,
+            layer,
             problem,
-            self._problems.work(layer),
             relaxed=relaxed.droplets,
             last=last,
             seconds_max=watch.remaining,
@@ -179,8 +175,9 @@ class LayerMpc:
         from inkloop_controller.program.program import HorizonProgram
         from inkloop_controller.program.sequential_program import SequentialProgram
 
-        kind, seconds_max = (problem.alpha == 1.0, len(problem.choices)), SOLVER_SHARE * self._time_limit
+        kind = (problem.alpha == 1.0, problem.layers)  # with alpha 1 the deviation falls out
         if kind not in self._programs:
+            seconds_max = SOLVER_SHARE * self._time_limit
             assert self._relaxation in ("slp", "ipopt", "highs")
             self._programs[kind] = (
                 SequentialProgram(problem, seconds_max=seconds_max)

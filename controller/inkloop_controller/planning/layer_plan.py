@@ -45,6 +45,7 @@ class LeftOut(IntFlag):
     CERTIFICATE = 16
 
 
+PANEL_IN = 2.2  # side of the picture of one layer, in inches
 PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
 
 
@@ -112,10 +113,8 @@ class LayerPlan:
 
     def plot(self) -> Figure:
         """A picture (matplotlib) of the droplets of each planned layer, and the surface expected after the first."""
-        from inkloop_controller.planning.plan_picture import plan_picture
-
         title = f"{self.status}, objective {self.objective.value * UM_PER_M:.3g} µm"
-        return plan_picture(self.plan, self.predicted_height, title)
+        return _picture(self.plan, self.predicted_height, title)
 
     def _repr_html_(self) -> str:
         """Its figures, for notebooks."""
@@ -150,3 +149,29 @@ def surface_objective(height: FloatMap, target: FloatMap, part: BoolMap, alpha: 
     """alpha * mean |target - height| + (1 - alpha) * std(height) over the part [m] (Lu et al. 2015, eq. 8)."""
     error, deviation = float(np.abs(target - height)[part].mean()), float(height[part].std())
     return Objective(alpha * error + (1.0 - alpha) * deviation, error, 0.0, deviation)
+
+
+def _picture(plan: IntPlan, predicted: FloatMap, title: str) -> Figure:
+    """The droplets of each planned layer (layers, nx, ny), and the surface [m] that is expected of the first one.
+
+    Each kind of droplet has a colour.
+    """
+    from matplotlib.figure import Figure
+
+    layers, shape = len(plan), predicted.shape
+    size = PANEL_IN * (layers + 1) + 1.0, PANEL_IN * shape[1] / shape[0] + 0.6
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(1, layers + 1, squeeze=False)[0]
+    kinds = max(1, int(plan.max()))
+    for number, (axes, droplets) in enumerate(zip(panels, plan, strict=False), 1):
+        axes.imshow(np.ma.masked_equal(droplets, 0).T, origin="lower", cmap="Blues", vmin=0, vmax=kinds)
+        axes.set_title(f"layer {number}: {np.count_nonzero(droplets)} droplets", fontsize=8)
+    surface = panels[layers].imshow(predicted.T * UM_PER_M, origin="lower", cmap="cividis")
+    panels[layers].set_title("expected after layer 1", fontsize=8)
+    figure.colorbar(surface, ax=panels[layers], label="height [µm]")
+    for axes in panels:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.set_facecolor("0.95")
+    figure.suptitle(title, fontsize=9)
+    return figure

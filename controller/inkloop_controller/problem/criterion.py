@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
@@ -39,30 +39,22 @@ class Criterion:
     layer_worth: Annotated[float | None, declared("layer_worth")] = default("layer_worth")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
-        errors = [error for weight in self._weights() for error in errors_of(alpha=weight)]
-        errors += errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"})
-        if errors:
-            raise ValueError("; ".join(errors))
+        if not isinstance(self.alpha, int | float):
+            object.__setattr__(self, "alpha", _sorted(self.alpha))
+        errors = [error for _, weight in self._schedule() for error in errors_of(alpha=weight)]
+        refuse(errors + errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"}))
 
     def alpha_of(self, layer: int) -> float:
         """The weight for layer number `layer`, counted from 1."""
-        if isinstance(self.alpha, int | float):
-            return float(self.alpha)
-        return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
+        schedule = self._schedule()
+        return next((weight for start, weight in reversed(schedule) if start <= layer), schedule[0][1])
 
-    def _weights(self) -> list[float]:
-        if isinstance(self.alpha, int | float):
-            return [float(self.alpha)]
-        return [weight for _, weight in self.alpha]
+    def _schedule(self) -> Sequence[tuple[int, float]]:
+        return [(1, float(self.alpha))] if isinstance(self.alpha, int | float) else self.alpha
 
 
-def _is_number(alpha: AlphaSchedule) -> bool:
-    return isinstance(alpha, int | float)
-
-
-def _sorted(alpha: AlphaSchedule) -> tuple[tuple[int, float], ...]:
-    pairs = tuple((int(layer), float(weight)) for layer, weight in alpha)  # type: ignore[union-attr]
+def _sorted(alpha: Sequence[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
+    pairs = tuple((int(layer), float(weight)) for layer, weight in alpha)
     starts = [layer for layer, _ in pairs]
     if not pairs or min(starts) < 1 or starts != sorted(set(starts)):
         raise ValueError(f"alpha is {alpha!r}; needs a number, or (layer, weight) pairs with rising layers from 1 on")

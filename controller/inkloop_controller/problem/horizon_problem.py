@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntFlag
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -181,24 +180,6 @@ class Objective:
     deviation: float
 
 
-class Moves(IntFlag):
-    """The moves of a search: what one step may change."""
-
-    FLIPS = 1  # a cell's droplet: put, taken, or of another kind
-    SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
-    SHIFTS = 4  # the layer of a droplet on its cell
-    ALL = 7
-
-
-class SearchStatus(Enum):
-    """Why a search ended."""
-
-    DONE = 0  # no single change improves the plan
-    BUDGET = 1  # all sweeps done
-    TIME = 2  # the guard by the clock
-    STOPPED = 3  # by after_sweep
-
-
 @dataclass(frozen=True)
 class SearchProgress:
     """Progress of a search: value of the plan [m], and the work done."""
@@ -209,22 +190,3 @@ class SearchProgress:
     flips: int
     swaps: int
     shifts: int
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """A plan (layers, nx, ny) with its objective, evaluated from scratch; `incremental`: its value by running sums [m].
-
-    interrupted: it was stopped by KeyboardInterrupt.
-    """
-
-    plan: IntPlan
-    objective: Objective
-    incremental: float
-    status: SearchStatus
-    sweeps: int
-    evaluations: int
-    flips: int
-    swaps: int
-    shifts: int
-    interrupted: bool = False

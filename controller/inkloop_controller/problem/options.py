@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, wraps
 from math import isinf
@@ -64,6 +64,12 @@ def errors_of(**given: Any) -> list[str]:
     return [error for name, value in given.items() for error in options()[name].errors(value)]
 
 
+def refuse(errors: list[str]) -> None:
+    """Raises ValueError with all errors in one sentence, if there is one."""
+    if errors:
+        raise ValueError("; ".join(errors))
+
+
 @dataclass(frozen=True)
 class Keyword:
     """An option as a scenario writes it: an argument under its key, with the default in the unit of the key."""
@@ -82,10 +88,7 @@ class Keyword:
 @cache
 def keywords(part: Callable[..., object]) -> tuple[Keyword, ...]:
     """The options of a class, in the order of its arguments."""
-    return tuple(_keywords(part))
-
-
-def _keywords(part: Callable[..., object]) -> Iterator[Keyword]:
+    found = []
     hints = typing.get_type_hints(part.__init__ if inspect.isclass(part) else part, include_extras=True)
     for name, parameter in inspect.signature(part).parameters.items():
         annotation: Any = hints.get(name)
@@ -97,7 +100,8 @@ def _keywords(part: Callable[..., object]) -> Iterator[Keyword]:
             annotation, default = annotation | None, None
         elif option.unit and default is not None:
             default /= UNITS[option.unit][1]
-        yield Keyword(name, f"{name}_{option.unit}" if option.unit else name, annotation, default, option)
+        found.append(Keyword(name, f"{name}_{option.unit}" if option.unit else name, annotation, default, option))
+    return tuple(found)
 
 
 def arguments(part: Callable[..., object], written: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,10 +115,10 @@ def made_of(*parts: Callable[..., object]) -> Callable[[Callable[..., T]], Calla
 
     def decorate(make: Callable[..., T]) -> Callable[..., T]:
         job = inspect.Parameter("job", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Job)
-        found = [keyword for part in parts for keyword in keywords(part)]
         keys = [
             inspect.Parameter(each.key, job.KEYWORD_ONLY, default=each.default, annotation=each.annotation)
-            for each in found
+            for part in parts
+            for each in keywords(part)
         ]
         signature = inspect.Signature([job, *keys])
 
@@ -123,9 +127,8 @@ def made_of(*parts: Callable[..., object]) -> Callable[[Callable[..., T]], Calla
             signature.bind(*given, **options)
             return make(*given, **options)
 
-        annotations = {"job": Job, **{each.key: each.annotation for each in found}}
         vars(checked).update(__signature__=signature)
-        checked.__annotations__ = annotations
+        checked.__annotations__ = {each.name: each.annotation for each in (job, *keys)}
         return checked
 
     return decorate

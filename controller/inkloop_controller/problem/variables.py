@@ -97,29 +97,20 @@ class Variable:
 
 
 @cache
-def variables() -> Mapping[str, Variable]:
-    """The variables by name, in the order of the pointers that C takes. Raises InkloopError if there is no file."""
-    return _tables()[0]
-
-
-@cache
 def options() -> Mapping[str, Variable]:
-    """The variables, and the options that the controller in Python alone has."""
-    both = _tables()
-    return {**both[0], **both[1]}
-
-
-@cache
-def _tables() -> tuple[dict[str, Variable], dict[str, Variable]]:
+    """The variables, and the options that the controller in Python alone has. Raises InkloopError without the file."""
     with installed_file("inkloop_controller", "variables.toml").open("rb") as file:
         table = tomllib.load(file)
-    return _read(table["variables"], table["types"]), _read(table["python"], {})
-
-
-def _read(entries: Mapping[str, Mapping[str, Any]], types: Mapping[str, Mapping[str, Any]]) -> dict[str, Variable]:
     known = {each.name for each in fields(Variable)}
-    items = {name: types[entry["declared"]]["items"] for name, entry in entries.items() if "declared" in entry}
-    return {
-        name: Variable(name, **{"items": items.get(name, {}), **{key: entry[key] for key in entry.keys() & known}})
-        for name, entry in entries.items()
-    }
+    python = {name: {"causality": "python", **entry} for name, entry in table["python"].items()}
+    found = {}
+    for name, entry in {**table["variables"], **python}.items():
+        items = table["types"][entry["declared"]]["items"] if "declared" in entry else {}
+        found[name] = Variable(name, **{"items": items, **{key: entry[key] for key in entry.keys() & known}})
+    return found
+
+
+@cache
+def variables() -> Mapping[str, Variable]:
+    """The variables by name, in the order of the pointers that C takes."""
+    return {name: each for name, each in options().items() if each.causality != "python"}

@@ -9,7 +9,7 @@ from math import inf
 from time import perf_counter
 from typing import Annotated
 
-from inkloop_controller.problem.options import declared, default, errors_of
+from inkloop_controller.problem.options import declared, default, errors_of, refuse
 from inkloop_controller.problem.variables import options
 
 
@@ -32,9 +32,7 @@ class Work:
 
     def __post_init__(self) -> None:
         given = {name: value for name, value in vars(self).items() if name != "sweeps"}
-        errors = options()["sweeps_max"].errors(self.sweeps, "sweeps") + errors_of(**given)
-        if errors:
-            raise ValueError("; ".join(errors))
+        refuse(options()["sweeps_max"].errors(self.sweeps, "sweeps") + errors_of(**given))
 
 
 DEFAULT_WORK = Work()

@@ -108,23 +108,6 @@ def numbers_of(problem: HorizonProblem) -> HorizonStatement:
     )
 
 
-def smoothed_cost(problem: HorizonProblem, droplets: FloatMap, smoothing: float) -> tuple[float, FloatMap]:
-    """Smoothed objective [m] of relaxed droplets (layers, nx, ny), and its gradient (layers, nx, ny) [m per droplet].
-
-    smoothing s [m]: max(x, 0) becomes (x + sqrt(x^2 + s^2)) / 2, the standard deviation sqrt(variance + s^2).
-    """
-    statement, s2 = numbers_of(problem), (smoothing / M_PER_UM) ** 2
-    U = [ca.MX.sym("U", *problem.part.shape) for _ in range(problem.layers)]
-    cost = statement.cost(
-        last_surface(statement, U),
-        positive_part=lambda x: (x + ca.sqrt(x**2 + s2)) / 2,
-        deviation=lambda cells: ca.sqrt(variance(cells) + s2),
-    )
-    evaluate = ca.Function("smoothed_cost", U, [cost, *(ca.gradient(cost, layer) for layer in U)])
-    value, *gradient = evaluate(*droplets)
-    return float(value) * M_PER_UM, np.stack([np.asarray(layer) for layer in gradient]) * M_PER_UM
-
-
 def exact_cost(statement: HorizonStatement, droplets: list[Any]) -> float:
     """Objective [um] of droplets (nx, ny) of each layer, for a statement in numbers."""
     return surface_cost(statement, last_surface(statement, droplets))

@@ -38,20 +38,30 @@ def most(problem: HorizonProblem) -> FloatMap:
     return found
 
 
+def smoothings(problem: HorizonProblem) -> tuple[float, float]:
+    """The first and the last [m]."""
+    first, last = (share * max(map(droplet_height, problem.kinds)) for share in SMOOTHING)
+    return first, last
+
+
+def step(problem: HorizonProblem, smoothing: float) -> float:
+    """The inverse curvature of the smoothed cost [1/m]."""
+    unit = max(map(droplet_height, problem.kinds))
+    return float(smoothing * problem.part.sum() / (unit**2 * problem.layers))
+
+
 def relaxed(problem: HorizonProblem, start: FloatMap, iterations: int, cost: Cost) -> tuple[FloatMap, float]:
     """Nesterov's descent within the limits, restarted where the momentum leads uphill (O'Donoghue, Candes 2015).
 
     The smoothing falls in a geometric sequence; a step is its inverse curvature. The better of start and end.
     """
-    limit, unit = most(problem), max(map(droplet_height, problem.kinds))
-    first, last = (share * unit for share in SMOOTHING)
+    limit, (first, last) = most(problem), smoothings(problem)
     droplets = np.clip(start, 0.0, limit)
     begin, ahead, t = droplets, droplets, 1.0
     for k in range(iterations):
         smoothing = first * (last / first) ** (k / iterations)
         _, gradient = cost(ahead, smoothing)
-        step = smoothing * problem.part.sum() / (unit**2 * len(limit))
-        moved = np.clip(ahead - step * gradient, 0.0, limit)
+        moved = np.clip(ahead - step(problem, smoothing) * gradient, 0.0, limit)
         if np.sum(gradient * (moved - droplets)) > 0.0:
             droplets, ahead, t = moved, moved, 1.0
         else:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from inkloop.contract import pass_colour
-from inkloop_controller.core.structs import ProblemStruct
+from inkloop_controller.core.library import ProblemStruct
 from support.compiled import BUILDS, library
 from support.long_proofs import rest_is_long
 from support.places import ROOT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 
 from inkloop.component import Ink, Job
 from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
+from inkloop_controller.baselines.planners import StochasticGreedy
 from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
+from inkloop_controller.core.bindings import paper_search
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.layer_model import ink_maps
+from inkloop_controller.model.starts import full_layers
 from inkloop_controller.planning.layer_plan import PlanStatus
 from support.closed_loop import block, cylinder, print_part
 from support.long_proofs import rest_is_long
@@ -102,6 +106,16 @@ def test_higher_threshold_leaves_the_surface_lower() -> None:
     ]
     errors = [one.errors_um(job)[0] for one in surfaces]
     assert errors[0] < errors[1] < errors[2]
+
+
+def test_seed_and_layer_have_halves_of_the_random_key_of_the_papers_search() -> None:
+    job = replace(block(34, 32), seed=2**32 + 3)
+    planner, estimate = StochasticGreedy(job), Estimate.exact(rough(job, 1), job.inks)
+    problem = planner._problems.problem(estimate, 7)
+    found = paper_search(problem, full_layers(problem), 20, 100_000, 3 * 2**32 + 7)
+    np.testing.assert_array_equal(planner.plan(estimate, 7, found.plan).plan, found.plan)
+    other = paper_search(problem, full_layers(problem), 20, 100_000, 3 * 2**32 + 8)
+    assert not np.array_equal(other.plan, found.plan)
 
 
 def test_threshold_below_zero_is_refused() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from inkloop.component import Ink, Job, Status
 from inkloop_controller.core.layer_step import Block, LayerStep
-from inkloop_controller.core.structs import ObjectiveStruct, PlanFiguresStruct
+from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block
@@ -24,9 +24,9 @@ def numbers(scanned: int, printed: int, **others: Any) -> dict[str, Any]:
     return {"layers_scanned": scanned, "layers_printed": printed, **others}
 
 
-def plan_figures(status: int = REPAIRED, value: float = 2e-6) -> PlanFiguresStruct:
+def plan_figures(status: int = REPAIRED, value: float = 2e-6) -> Any:
     return PlanFiguresStruct(
-        status=status, objective=ObjectiveStruct(value, 3e-6, 0.0, 1e-6), bound=nan, bound_confidence=1.0, seconds=0.5
+        status=status, objective=(value, 3e-6, 0.0, 1e-6), bound=nan, bound_confidence=1.0, seconds=0.5
     )
 
 

@@ -235,7 +235,9 @@ def test_estimate_comes_back_from_its_state_bit_by_bit() -> None:
 
 def test_state_that_is_none_is_refused() -> None:
     estimator = HeightEstimator(block(20, 20))
-    for size in (5, HeightEstimator(block(9, 9)).step.estimate_size):
+    other = HeightEstimator(block(9, 9)).first(np.zeros((9, 9)), np.ones((9, 9), np.bool_)).block
+    assert other is not None
+    for size in (5, other.size):
         with pytest.raises(ValueError, match="block has shape"):
             estimator.estimate(np.zeros(size, np.uint8))
     seen, none = np.ones((20, 20), np.bool_), np.zeros((20, 20), np.int32)

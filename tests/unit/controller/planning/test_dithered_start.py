@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from inkloop_controller.core import bindings
-from inkloop_controller.core.droplet_relaxation import diffuse, relax
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.layer_plan import LeftOut
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.problem.work import Work
+from support.core_search import relax, search
 from support.layer_problems import INKS, ORDERS, nearly_flat, rough
 from support.numpy.relaxation_numpy import dithered
 from support.problem_plans import best_plan
@@ -30,7 +31,7 @@ def planned(problem: HorizonProblem, last: IntPlan | None = None, **options: Any
 
 
 def repaired(problem: HorizonProblem, start: IntPlan) -> IntPlan:
-    return bindings.search(problem, start, sweeps_max=WORK.sweeps).plan
+    return search(problem, start, sweeps_max=WORK.sweeps).plan
 
 
 def two_inks(shape: tuple[int, int]) -> HorizonProblem:

@@ -14,12 +14,11 @@ from inkloop.geometry import contained
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
-from inkloop_controller.core.droplet_relaxation import diffuse
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.estimate_figures import EstimateFigures
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import LayerProblems
 from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
@@ -406,16 +405,6 @@ def test_surface_of_another_grid_is_refused() -> None:
     job, height = rough_job()
     with pytest.raises(ValueError, match=r"height has shape \(8, 9\); needs \(9, 8\)"):
         LayerMpc(job).problem(known(height.T), 0)
-
-
-def test_seed_and_layer_have_halves_of_the_random_key() -> None:
-    def key(seed: int, layer: int) -> int:
-        job = replace(block(), seed=seed)
-        return int(LayerProblems(job, Criterion(), DropletChoices(job), ahead=5).work(layer).seed)
-
-    assert key(3, 7) == 3 * 4294967296 + 7
-    assert key(2**32 + 3, 7) == key(3, 7)
-    assert key(2**32 - 1, 0) == (2**32 - 1) * 2**32
 
 
 def test_certified_plan_comes_with_a_proven_bound() -> None:

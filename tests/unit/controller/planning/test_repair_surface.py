@@ -12,10 +12,12 @@ from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.problem.work import Work
+from support.core_search import search
 from support.numpy.plan_starts_numpy import shifted
 from support.problem_plans import best_plan
 
-SHAPE, SWEEPS, SEED = (17, 15), 12, 3
+SHAPE, SWEEPS = (17, 15), 12
+SEED = ((2**32 - 1) << 32) + 7  # of the job, and of the layer
 ORDER = ((0, 3, 1, 2), (2, 1, 3, 0))
 
 
@@ -47,9 +49,7 @@ def test_repaired_plan_is_the_best_that_searches_on_new_surfaces_find(
     starts = [no_droplets(of), full_layers(of), shifted(last, of)]
     starts.sort(key=lambda plan: bindings.objective(of, plan).value)
     tasks = [(plan, 0) for plan in starts] + [(starts[0], annealing)] if annealing else [(starts[0], 0)]
-    searches = [
-        bindings.search(of, plan, sweeps_max=SWEEPS, annealing_sweeps=sweeps, seed=SEED) for plan, sweeps in tasks
-    ]
+    searches = [search(of, plan, sweeps_max=SWEEPS, annealing_sweeps=sweeps, seed=SEED) for plan, sweeps in tasks]
     best = min(searches, key=lambda search: search.objective.value)
     assert not np.array_equal(starts[0], shifted(last, of))
 

@@ -11,10 +11,10 @@ import pytest
 from scipy.special import stdtrit
 
 from inkloop.component import Ink
-from inkloop_controller.core import bindings
-from inkloop_controller.core.bindings import HorizonProblem, IntPlan
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.program.certificate import Certificate, certify, student_t
 from inkloop_controller.program.program import HorizonProgram
+from support.core_search import search
 from support.long_proofs import rest_is_long
 
 
@@ -33,7 +33,7 @@ def small(seed: int = 0) -> tuple[HorizonProblem, Certificate]:
 
 
 def searched(problem: HorizonProblem) -> IntPlan:
-    return bindings.search(problem, np.zeros(problem.choices.shape, np.int32), sweeps_max=50).plan
+    return search(problem, np.zeros(problem.choices.shape, np.int32), sweeps_max=50).plan
 
 
 @pytest.mark.parametrize("seed", range(3))

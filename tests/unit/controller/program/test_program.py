@@ -12,9 +12,10 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
-from inkloop_controller.core.bindings import HorizonProblem
+from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program import statement
 from inkloop_controller.program.program import HorizonProgram
+from support.smoothed_cost import smoothed_cost
 
 EVERY_3_BY_3 = [np.reshape(bits, (1, 3, 3)).astype(np.int32) for bits in product((0, 1), repeat=9)]
 
@@ -63,7 +64,7 @@ def test_value_is_that_of_the_droplets() -> None:
     for layers, alpha in product((1, 2), (1.0, 0.3)):
         problem = rough((5, 4), layers, alpha=alpha)
         found = HorizonProgram(problem, "ipopt").solve(problem)
-        expected, _ = statement.smoothed_cost(problem, found.droplets, 0.0)
+        expected, _ = smoothed_cost(problem)(found.droplets, 0.0)
         assert found.value == pytest.approx(expected, abs=1e-15)
 
 

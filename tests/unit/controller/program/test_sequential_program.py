@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink
-from inkloop_controller.core.droplet_relaxation import relax, relaxed_gradient
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program import linear_step, sequential_program
@@ -18,7 +17,9 @@ from inkloop_controller.program.linear_step import LinearProgram, Point, as_cell
 from inkloop_controller.program.program import HorizonProgram
 from inkloop_controller.program.sequential_program import SequentialProgram
 from inkloop_controller.program.statement import drop_limits, exact_cost, numbers_of
+from support.core_search import relax
 from support.layer_problems import nearly_flat, rough, with_everything
+from support.smoothed_cost import smoothed_cost
 
 TOLERANCE_UM = 1e-7  # of interior points
 GREY = tuple(Ink(k * Ink().h1, k * Ink().h2, k * Ink().h3) for k in (1, 2, 3))
@@ -26,9 +27,8 @@ EVERY = [with_everything((6, 7), layers, passes, 1) for layers, passes in produc
 
 
 def cost(problem: HorizonProblem, droplets: Any) -> float:
-    """True objective of droplets [m], by the search core."""
-    value, _ = relaxed_gradient(problem, droplets, 0.0)
-    return value
+    """True objective of droplets [m], of any size."""
+    return smoothed_cost(problem)(droplets, 0.0)[0]
 
 
 def around(problem: HorizonProblem, droplets: Any) -> tuple[LinearProgram, Point]:

@@ -19,7 +19,8 @@ from inkloop.printing.run import print_part
 from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
 from inkloop.tables import part_mesh
-from inkloop_controller import controllers
+from inkloop_controller import LayerMpc
+from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.link.rig import Rig
@@ -27,7 +28,7 @@ from inkloop_hardware.mapped.mapped import Mapped
 from support.benches import foreign_rig
 from support.places import ROOT
 
-CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
+CONTROLLERS = (LayerMpc, OpenLoop, StochasticGreedy)
 SMALL = {"grid.nx": 9, "grid.ny": 9, "part.radius_um": 800, "run.layers_max": 1}
 MODELS = ("LayerDeposition", "ProfileSensor")
 
@@ -52,9 +53,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
         monkeypatch.setattr(place, name, counted)
 
     reading._describe.cache_clear()
-    for name in CONTROLLERS:
-        count(controllers, name, "construct", lambda *args, name=name, **options: name)
-    for each in (Printer, Profiler, Mapped, Rig):
+    for each in (*CONTROLLERS, Printer, Profiler, Mapped, Rig):
         count(each, "__init__", "construct", lambda self, *args, **options: type(self).__name__)
     count(FmuComponent, "__init__", "construct", lambda self, path, **options: Path(path).stem)
     count(PythonClass, "check", "check", lambda self, job, options: self.entry.name)
@@ -71,12 +70,12 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
 
 def test_each_component_is_checked_once_and_constructed_once_per_print(counts: dict[str, Counter[str]]) -> None:
     scenario = Scenario.load(ROOT / "scenarios" / "cylinder.toml", SMALL)
-    assert counts["construct"] == once(*CONTROLLERS)
+    assert counts["construct"] == once(*(each.__name__ for each in CONTROLLERS))
     runs = [scenario, *map(scenario.variant, scenario.tables.compare)]
     assert [print_part(each).dataset.sizes["layer"] for each in runs] == [2, 2, 2]
     prints = len(runs)
-    assert counts["construct"] == {**once(*CONTROLLERS), **dict.fromkeys(MODELS, prints)}
-    assert counts["check"] == once(*CONTROLLERS, *MODELS)
+    assert counts["construct"] == {**once(*(each.__name__ for each in CONTROLLERS)), **dict.fromkeys(MODELS, prints)}
+    assert counts["check"] == once(*(each.__name__ for each in CONTROLLERS), *MODELS)
     assert counts["parse"] == counts["find"] == counts["describe"] == once(*MODELS)
     assert counts["job"] == once("", "controller", "printer", "profiler")
     assert counts["events"] == {"read": prints}
