@@ -5,11 +5,12 @@
 
 #include "map_memory.h"
 
-static const double LEVELLED = 0.5;    /* of the variance of single cells that droplets around them level (assumed) */
-static const double NO_VOLUME = 1e-12; /* of a droplet of a dead nozzle */
+/* share of the levelling that applies to the variance of single cells (assumed) */
+static const double LEVELLED = 0.5;
+static const double NO_VOLUME = 1e-12; /* volume of a droplet of a dead nozzle */
 
-/* Takes the memory of all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` is one for
- * the volumes of living droplets. */
+/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` holds the volumes of
+ * living droplets. */
 static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double **factor) {
     const size_t cells = options->nx * options->ny;
     const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
@@ -33,7 +34,8 @@ static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double
     return true;
 }
 
-/* The layer without droplets from dead nozzles, with the map `factor`, and what all would leave on their cells. */
+/* The layer without droplets from dead nozzles, with their volumes in `factor`; `full_own`: height that each cell's
+ * droplet would leave on it, dead nozzles included. */
 static JettedLayer living_droplets(const EstimatorOptions *options, const SurfaceEstimate *before,
                                    const JettedLayer *layer, const Ink ink[], double *factor, double *full_own) {
     JettedLayer living = *layer;
@@ -51,8 +53,9 @@ static JettedLayer living_droplets(const EstimatorOptions *options, const Surfac
     return living;
 }
 
-/* Share of the variance of a height that a layer leaves: where a cell is higher than its neighbours, more of their
- * droplets stays with them. Errors that neighbours share stay: of those of single cells half is levelled (assumed). */
+/* Share of the variance of a height that remains after a layer: where a cell is higher than its neighbours, more of
+ * their droplets stays with them. Errors common to neighbours remain; those of single cells are levelled by half
+ * (assumed). */
 static double levelled(const EstimatorOptions *options, const JettedLayer *layer, const Ink *ink) {
     const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
     size_t droplets = 0;
