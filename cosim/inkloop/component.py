@@ -99,20 +99,20 @@ class Component(Protocol):
 
 
 class HasPorts(Protocol):
-    """All that connections and events depend on: a component, or the `Ports` of one that is not built yet."""
+    """Ports for connections and events: of a component, or the `Ports` of one that is not built yet."""
 
     @property
     def inputs(self) -> tuple[Port, ...]:
-        """Ports that can be fed."""
+        """Ports that accept a value."""
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """Ports that can be read."""
+        """Ports that give a value."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """The ports of a component that need not be built yet, and what its class states about connecting them.
+    """The ports of a component that need not be built yet, and the declarations of its class on connections.
 
     starts_on_scan: a shadow whose surface begins with the first scan.
     """

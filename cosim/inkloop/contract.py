@@ -41,7 +41,7 @@ LAYERS_COMPARED = "layers_compared"
 class Signal:
     """One signal: `unit` in FMI spelling, `is_map` for one value per cell, NumPy `dtype`, value before the first step.
 
-    giver: role that puts it out, None for every role, or for the master; takers: roles that read it. An optional signal
+    giver: role that outputs it, None for every role, or for the master; takers: roles that read it. An optional signal
     may stay unconnected at its start value.
     """
 

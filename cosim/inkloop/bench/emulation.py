@@ -26,7 +26,7 @@ _SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_dura
 
 @dataclass(frozen=True, eq=False)
 class Emulation:
-    """Options of the emulator in SI, the surface to print on (nx, ny) [m], flat if None, and what goes wrong."""
+    """Options of the emulator in SI, the surface to print on (nx, ny) [m], flat if None, and its faults."""
 
     parameters: dict[str, float] = field(default_factory=dict)
     surface: FloatMap | None = None

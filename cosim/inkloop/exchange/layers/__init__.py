@@ -1,4 +1,4 @@
-"""Results as other programs read them: bitmaps of the layers for print heads, surfaces as meshes and height maps."""
+"""Results for other programs: bitmaps of the layers for print heads, surfaces as meshes and height maps."""
 
 BITMAP_FORMATS = ("tiff", "png", "bmp")
 """What `inkloop export-layers` writes."""

@@ -1,4 +1,4 @@
-"""Systems of FMUs as other tools read and write them: SSP, and the files of libcosim, Maestro and Simulink."""
+"""Systems of FMUs for other tools: SSP, and the files of libcosim, Maestro and Simulink."""
 
 FORMATS = ("ssp", "osp", "maestro")
 """What `inkloop export-ssp` writes."""

@@ -1,4 +1,4 @@
-"""Writing an .ssp: the system's structure, its parameters, its FMUs, and the scenario that it came from."""
+"""Write an .ssp: the system's structure, its parameters, its FMUs, and the scenario that it was made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of SSP: namespaces as ElementTree writes them, and which element of which variable a scalar's name means."""
+"""Names of SSP: namespaces as ElementTree writes them, and variable and element of a scalar's name."""
 
 from __future__ import annotations
 
