@@ -90,7 +90,7 @@ def _values(place: str, page: Image.Image) -> NDArray[Any]:
 
 
 def _held_pixels(page: Image.Image) -> int:
-    """Of how many pixels the strips or tiles of a page hold data."""
+    """Number of pixels with data in the strips or tiles of a page."""
     whole = (0, 0, page.width, page.height)
     extents = (tile[1] or whole for tile in getattr(page, "tile", [(None, whole)]))
     return sum((right - left) * (lower - upper) for left, upper, right, lower in extents)
@@ -122,5 +122,5 @@ def _has_16_bits(page: Image.Image) -> bool:
 
 
 def _is_inverted(page: Image.Image) -> bool:
-    """Whether Pillow inverts what is stored: TIFF whose 0 is white."""
+    """Whether Pillow inverts the stored values: TIFF whose 0 is white."""
     return getattr(page, "tag_v2", {}).get(_PHOTOMETRIC) == _MIN_IS_WHITE

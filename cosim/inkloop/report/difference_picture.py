@@ -1,4 +1,4 @@
-"""Hardware against model in a picture: where and when their surfaces differ."""
+"""Picture of the differences between hardware and model, by place and layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a part is before it is printed: size, holes, what is too narrow, and what its print takes."""
+"""Report on a part before it is printed: size, holes, narrow walls and gaps, and time and material of its print."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCAN_S = 6.0
 
 @dataclass(frozen=True, eq=False)
 class MeshReport:
-    """A mesh as it is in its file: bodies, triangles, size [m], holes, names of objects or materials.
+    """A mesh in its file: bodies, triangles, size [m], holes, names of objects or materials.
 
     assumed_unit: of the coordinates, where nothing states it.
     """
@@ -95,7 +95,7 @@ class MeshReport:
 
 @dataclass(frozen=True, eq=False)
 class PartReport:
-    """The part of a scenario on its grid. narrow: what is narrower than droplets make it, by name."""
+    """The part of a scenario on its grid. narrow: walls and gaps narrower than droplets can print, by name."""
 
     scenario: Scenario
     part: Columns

@@ -1,4 +1,4 @@
-"""What all pictures have in common: size, colours, lines, the error of a run with its sign, and the file formats.
+"""Common parts of all pictures: size, colours, lines, the error of a run with its sign, and the file formats.
 
 Pictures are made for print: heights in micrometres, positions in millimetres, one colour, dash and mark per run.
 """
@@ -129,7 +129,7 @@ def error_norm(errors: Sequence[FloatMap]) -> Normalize:
 
 
 def thinned(values: FloatMap, side: int) -> FloatMap:
-    """Every so many cells of a map, at most about `side` along each of its sides; a view."""
+    """Every n-th cell of a map, at most about `side` along each of its sides; a view."""
     step = max(1, math.ceil(max(values.shape) / side))
     return values[step // 2 :: step, step // 2 :: step]
 
@@ -141,7 +141,9 @@ def draw_error(
     norm: Normalize,
     colours: str = ERROR_COLOURS,
 ) -> AxesImage:
-    """A map of errors or differences [um], with dots where it is red, so that the sign survives grey print."""
+    """Draw a map of errors or differences [um], with dots where it is red, so that the sign is visible in grey
+    print.
+    """
     error = thinned(error, DRAWN)
     image = axes.imshow(
         error.T, origin="lower", extent=extent, interpolation="nearest", cmap=colours, norm=norm, aspect="equal"
@@ -170,7 +172,7 @@ def add_scale(
     words: tuple[str, str] = (TOO_LOW, TOO_HIGH),
     **place: Any,
 ) -> None:
-    """The scale of an error or a difference, with its decades; words: what its upper and its lower end mean."""
+    """The scale of an error or a difference, with its decades; words: meaning of its upper and its lower end."""
     bar = figure.colorbar(colours, label=label, extend="both", format="{x:g}", **place)
     style: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "center", "fontsize": 7}
     bar.ax.annotate(words[0], (0.5, 1.0), (0.0, 9.0), va="bottom", **style)

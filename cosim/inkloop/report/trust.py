@@ -1,4 +1,4 @@
-"""Why a controller did not trust its loop: what was seen, where, and what to do."""
+"""Reasons why a controller did not trust its loop: the observation, its place, and what to do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _REASONS = "untrusted_reasons"
 
 
 def untrusted_remarks(run: xr.Dataset) -> list[str]:
-    """One sentence for each reason that `untrusted_reasons` had in any layer; none where all is well."""
+    """One sentence for each reason in `untrusted_reasons` of any layer; none if all is well."""
     if _REASONS not in run or run[_REASONS].dims != ("layer",):
         return []
     reasons = np.nan_to_num(run[_REASONS].values).astype(np.int64)
@@ -137,7 +137,7 @@ def _better(run: xr.Dataset, layer: int) -> str:
 
 
 def _worst(run: xr.Dataset, name: str, layers: NDArray[np.int64]) -> int:
-    """The layer in which it is largest; its values are those of the scan before."""
+    """The layer with the largest value; values are those of the scan before."""
     return int(layers[int(np.argmax(run[name].values[layers]))])
 
 
@@ -146,7 +146,7 @@ def _and_others(layers: NDArray[np.int64]) -> str:
 
 
 def _believed(run: xr.Dataset) -> str:
-    """The range of volumes that the controller of the scenario believes."""
+    """Credible range of volumes of the scenario's controller."""
     components = tomllib.loads(str(run.attrs.get("scenario", ""))).get("components", {})
     options: Mapping[str, float] = next((each for each in components.values() if each.keys() & _VOLUMES.keys()), {})
     least, most = (float(options.get(name, default)) for name, default in _VOLUMES.items())

@@ -72,7 +72,7 @@ def _locate(
 
 
 def _header(path: list[str]) -> str:
-    """How the table begins in a file of tables; nothing where the whole file should be one."""
+    """Header of the table in a file of tables; nothing for the whole file."""
     if not path:
         return ""
     return f", [[{path[-2]}]]" if path[-1].startswith("[") else f", [{'.'.join(path)}]"

@@ -1,4 +1,4 @@
-"""The parameters by symbol, and the words of the options: light enough for parsers and for the tables of a scenario."""
+"""The parameters by symbol, and the names of the options; importable without the code that computes them."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class Step:
 
 
 def step(inner: Points, substrate: Points | Refusal, target: NDArray[np.float64] | None) -> Step | Refusal:
-    """The step from the substrate to the inner cells of the top; target: heights that these shall have, if known."""
+    """The step from the substrate to the inner cells of the top; target: their nominal heights, if known."""
     if isinstance(substrate, Refusal):
         return substrate
     if inner.z.size < CELLS_MIN:

@@ -4,8 +4,8 @@
     Sal: the shortest lag at which f falls to 0.2        Str = Sal / the longest lag, along a ray, at which it first
     does Std: the direction of the lay, at a right angle to that in which the angular spectrum has its maximum
 
-A lag counts while at least a quarter of the cells have a partner. The spectrum is the Fourier transform of f under a
-Hann window that is round, so that the shape of the mask leaves no trace in it.
+A lag counts if at least a quarter of the cells have a partner. The spectrum is the Fourier transform of f under a round
+Hann window, so that it does not depend on the shape of the mask.
 """
 
 from __future__ import annotations

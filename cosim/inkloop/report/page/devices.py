@@ -1,4 +1,4 @@
-"""What a log of devices says of each node."""
+"""State of each node by a log of devices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the live page shows at the moment: the newest content of a run folder, and its changes for each page."""
+"""Present content of the live page: the newest content of a run folder, and its changes for each page."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Feed:
     """The newest content of `source`; `version` grows with each change.
 
     state: a sentence on a run that has not ended; log: of its devices, a file that may not exist; layers: expected for
-    each run. A page gets the layers that it does not have yet, whatever it missed in between.
+    each run. A page gets all layers that it does not have yet, even after missed changes.
     """
 
     def __init__(self, source: Source, state: Callable[[], str], log: Path, layers: int) -> None:

@@ -1,7 +1,7 @@
 """Write the page of a run: style, scripts and content in one file that loads nothing, or as parts that a server sends.
 
-A Content-Security-Policy allows the scripts of the page by their hashes and nothing else: whatever a title, a label or
-a scenario holds, none of it runs. Plotly needs styles of its own and pictures that it makes itself.
+A Content-Security-Policy allows the scripts of the page by their hashes and nothing else: no text in a title, a label
+or a scenario can run. Plotly needs styles of its own and pictures that it makes itself.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def standalone(content_: Mapping[str, Any]) -> str:
 
 
 def served() -> str:
-    """The page that loads its scripts and its content from where it comes from."""
+    """The page that loads its scripts and its content from its server."""
     sources = ["plotly.js", *SCRIPTS]
     return _page(LIVE_SOURCES, [f'<script src="{source}"></script>' for source in sources])
 

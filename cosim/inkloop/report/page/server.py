@@ -1,7 +1,7 @@
 """Serve the live page on this machine: the page, its scripts, the content, and a stream of events.
 
-An event says that there is something new; the page then asks for what it does not have. A slow page misses events, not
-layers and delays no other: the process that prints does not know of any of this.
+An event reports a change; the page then requests the content that it lacks. A slow page misses events, not layers and
+delays no other: the process that prints does not know of any of this.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ DIGITS = 9
 
 
 class Events:
-    """Tells all pages that are open of each change of a feed."""
+    """Notifies all open pages of each change of a feed."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed

@@ -31,8 +31,8 @@ HIGH_UM = 5.0
 class Entry:
     """A controller of the board.
 
-    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets'
-    volume in the proportions of Lu et al., Table I; note: text, what it knows.
+    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets' volume
+    in the proportions of Lu et al., Table I; note: text, its knowledge.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Score:
         return max(self.figures["highest"]) * UM_PER_M
 
     def ends_above(self, open_loop: Score) -> bool:
-        """Whether a cell ends higher than all that the open loop prints, and more than `HIGH_UM` above the target."""
+        """Whether a cell ends higher than every cell of the open loop, and more than `HIGH_UM` above the target."""
         return is_above(self.highest_um, open_loop.highest_um)
 
 
@@ -114,7 +114,7 @@ def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
 
 
 def overrides_of(entry: Entry) -> dict[str, Any]:
-    """What puts a controller into the scenario of a plant."""
+    """Overrides that put a controller into the scenario of a plant."""
     options = {f"components.controller.{name}": value for name, value in entry.options.items()}
     return {"components.controller.kind": entry.kind, **options}
 

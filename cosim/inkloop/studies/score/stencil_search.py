@@ -1,4 +1,4 @@
-"""A controller that looks one layer ahead with a stencil of any reach, to judge a stencil by its closed loop."""
+"""A controller that plans one layer ahead with a stencil of any reach, to judge a stencil by its closed loop."""
 
 from __future__ import annotations
 
