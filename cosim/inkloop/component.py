@@ -149,13 +149,13 @@ MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")
 
 @runtime_checkable
 class Geometry(Protocol):
-    """A part in space: which points belong to it. Coordinates in metres, origin at the centre of cell (0, 0)."""
+    """A part in space as a set of points. Coordinates in metres, origin at the centre of cell (0, 0)."""
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where the point (x, y, z) lies in the part; the three broadcast against each other."""
 
     def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        """Exactly the heights over each (x, y) that `contains`: `inkloop.geometry.contained` makes it of these."""
+        """Intervals of the heights that `contains` accepts over each (x, y): see `inkloop.geometry.contained`."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ STOP_REASON = "stop_reason"
 LOOKED_AT = "looked_at"
 
 LAYERS_FOLLOWED = "layers_followed"
-"""Layers that a shadow has deposited: what counts for a profiler that scans the shadow, in place of LAYERS_PRINTED."""
+"""Layers that a shadow has deposited: replaces LAYERS_PRINTED for a profiler that scans the shadow."""
 LAYERS_COMPARED = "layers_compared"
 """Layers that a shadow has compared with their scan."""
 

@@ -28,7 +28,7 @@ else:
 RUNS = Path("runs")
 """Folder of run folders without --out."""
 OWNER_FILE = "owner.lock"
-"""File of a temporary folder that its process has locked: once the process has ended, it can be locked by another."""
+"""File of a temporary folder, locked by its process: once the process has ended, another can lock it."""
 _FAR = 1 << 30  # the locked byte lies beyond the content, which stays readable where locks keep readers out (Windows)
 _FULL = {
     errno.ENOSPC: "the disk is full",

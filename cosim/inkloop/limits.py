@@ -15,10 +15,10 @@ UNPACKED_MAX = 4 * GIB
 """Bytes that an archive may unpack to (assumed: FMUs with the binaries and tables of large tools hold less)."""
 PLAIN_SIZE = 256 * MIB
 PACKED_AT_MOST = 200
-"""Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noise in
-measured maps leaves 2, and what is made to fill a disk 1000 (deflate)."""
+"""Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noisy maps 2,
+and archives made to fill a disk 1000 (deflate)."""
 ROUNDED_CELLS = 1 << 18
-"""Maps with more cells are rounded in result.nc: digits of noise beyond any sensor would be most of it."""
+"""Maps with more cells are rounded in result.nc: otherwise digits of noise would be most of the file."""
 _FILLED_MAX = 64
 _FORMAT = re.compile(r"0?(\d{0,2})[bdoxX]?")
 _PROC = Path("/proc")

@@ -21,7 +21,7 @@ _SEEDS = {"LayerDeposition": "printer_seed", "ProfileSensor": "sensor_seed"}
 """Models that the emulator stands for, and its names of their seeds. Its other parameters have the same names: those
 that variables.toml calls emulated."""
 _SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_duration", "scan_duration", "height_start"}
-"""Given to the nodes by the master, by files, or by the times of the nodes."""
+"""Parameters set for the nodes by the master, by files, or by the times of the nodes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,8 @@ from inkloop.tables.quantities import scaled
 from inkloop.units import missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
-"""Whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU that have these names."""
+"""Option: whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU with these
+names."""
 _FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""

@@ -29,7 +29,7 @@ Observation: TypeAlias = Mapping[str, NDArray[Any]]
 """`measured_height`, `target` [m] as float64, `valid`, `mask` as int8, 0 or 1; each (nx, ny)."""
 
 PREFIX = "env:"
-"""Begin of a kind "env:module:Class" that must be a policy."""
+"""Prefix of a kind "env:module:Class" that must be a policy."""
 DROP_LEVELS_MAX = 255
 """Whole drops of a droplet, at most (`drop_level` of the deposition models)."""
 

@@ -17,7 +17,7 @@ from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 
 LARGE_BYTES = 1 << 20
-"""A map from here on is a group of its own."""
+"""Size in bytes from which a map forms a group of its own."""
 
 
 class Accessor(NamedTuple):

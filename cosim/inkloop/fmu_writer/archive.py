@@ -25,7 +25,7 @@ from inkloop.fmu_writer.targets import ALL, platforms_in, targets_of, universal
 from inkloop.limits import unpacked_error
 
 DEFINITION = "sources/variables.toml"
-"""Where an FMU keeps the definition that its description is written from."""
+"""Path in an FMU of the definition that its description is written from."""
 
 COMPRESSION = zipfile.ZIP_DEFLATED
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same content gives the same bytes, whenever it was packed

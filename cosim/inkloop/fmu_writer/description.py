@@ -54,7 +54,7 @@ class Baked:
 
 
 PLAIN = Baked()
-"""Of an FMU without resources."""
+"""Description of an FMU without resources."""
 
 
 def write(

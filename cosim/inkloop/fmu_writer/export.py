@@ -28,19 +28,19 @@ BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
 for 400 x 400), of FMI 3 for the maps that a model keeps and gives (assumed)."""
 
 INTERVALS = "region_intervals"
-"""The structural parameter that says how many intervals of height the region of ink A may have on a cell."""
+"""Structural parameter: number of height intervals of the region of ink A on a cell."""
 
 INTERVALS_MAX = 64
 """Its largest value, as variables.toml has it."""
 
 _MAPS = 12
-"""Maps of LayerController with two intervals, by which more of them are reckoned."""
+"""Maps of LayerController with two intervals, the basis for estimating more of them."""
 
 LAYER_JOB = "LayerJob"
-"""The model that prints what is in its resources, so that there is none without a scenario."""
+"""The model that prints the job in its resources: it is exported with a scenario only."""
 
 JOB_TEMPLATE = f"{LAYER_JOB}.template"
-"""All of its archive but the job; not named as an FMU, because no importer can instantiate it."""
+"""Its archive without the job; not named as an FMU, because no importer can instantiate it."""
 
 _log = logging.getLogger(__name__)
 

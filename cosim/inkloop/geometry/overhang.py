@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from inkloop.geometry.columns import Columns
 
 GAP_M = 1e-7
-"""A gap that counts as none: far below any droplet, far above the rounding of a mesh in single precision (assumed)."""
+"""Largest negligible gap: far below any droplet, far above the rounding of a mesh in single precision (assumed)."""
 _SUBSTRATE = 0.0  # [m]
 
 

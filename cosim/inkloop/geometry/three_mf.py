@@ -33,7 +33,7 @@ _COPIES_MAX = 1_000_000
 _FOREIGN_ATTRIBUTE = 0x80A7
 """Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
 _PAINT = re.compile(rb'\b(?:mmu_segmentation|paint_color)="[^"]')
-"""What PrusaSlicer, Bambu Studio and their relatives write for painted triangles."""
+"""Attributes of painted triangles in files of PrusaSlicer, Bambu Studio and their relatives."""
 _OBJECT_OR_PAINT = re.compile(rb'<(?:\w+:)?object\b[^>]*?\bid="(\d+)"|' + _PAINT.pattern)
 _MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
 _XML = (".model", ".rels", ".xml")

@@ -31,7 +31,7 @@ STILL = 0.25  # share of the height added in other layers, below which nothing g
 CERTAIN = 3.0  # standard errors
 NAMED = 5  # layers named in a message
 NOMINAL = np.array([[0.2, 0.6, 0.2], [0.6, 4.4, 0.6], [0.2, 0.6, 0.2]]) / 7.6
-"""Shares of a droplet by cell, for what droplets must show: Lu et al. 2015, Table I."""
+"""Shares of a droplet by cell, to test that the scans show droplets: Lu et al. 2015, Table I."""
 
 TURNS: Mapping[str, tuple[Callable[[Any], Any], str]] = {
     "mirrored in x": (lambda m: m[::-1], 'set mirror = "x"'),
@@ -42,8 +42,8 @@ TURNS: Mapping[str, tuple[Callable[[Any], Any], str]] = {
     "turned by 270 degrees": (lambda m: np.rot90(m, 3), "add 270 to rotation_deg"),
     "transposed and turned by 180 degrees": (lambda m: m[::-1, ::-1].T, 'set mirror = "x", add 90 to rotation_deg'),
 }
-"""How scans may lie: what brings them to the printer, and what in print.toml does. Those from "transposed" on take a
-square grid."""
+"""Orientations of scans: the transform to the printer, and the keys of print.toml for it. Those from "transposed" on
+take a square grid."""
 LAGS: Mapping[str, tuple[int, str]] = {
     "one layer late": (1, "number the map after layer n by n, not by n + 1"),
     "one layer early": (-1, "number the map after layer n by n, not by n - 1, the start surface by 0"),

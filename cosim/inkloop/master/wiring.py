@@ -24,7 +24,7 @@ from inkloop.suggest import nearest
 from inkloop.units import conversion, is_known
 
 EXAMPLES = {CONTROLLER: "LayerMpc", PRINTER: "LayerDeposition", PROFILER: "ProfileSensor"}
-"""Role -> a kind that takes it."""
+"""Role -> an example of its kinds."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from inkloop.limits import filled
 from inkloop.metrology.file_names import numbered_files
 
 Complete: TypeAlias = Literal["stable", "renamed", "done"]
-"""How a file is known to be complete.
+"""Criteria of a complete file.
 
 "stable": its size and time have not changed for a while; "renamed": it appears under its name only when it is, as
 programs do that write to a temporary name; "done": a file of its name and .done is next to it.

@@ -29,7 +29,7 @@ _NORMAL = 1.4826  # standard deviation of a normal distribution over its median 
 _ROUNDS = 3
 
 Move: TypeAlias = tuple[float, float, float]
-"""Shift along x and y [m] and turn [rad] about the middle of the map, added to the registration to start from."""
+"""Shift along x and y [m] and rotation [rad] about the middle of the map, added to the start registration."""
 
 
 @dataclass(frozen=True)

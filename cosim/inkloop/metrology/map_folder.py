@@ -26,7 +26,7 @@ from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
 
 PATIENCE_S = 0.2
-"""How long a step waits for a file that is not there: Ctrl-C ends a run between two steps."""
+"""Seconds that a step waits for a missing file: Ctrl-C ends a run between two steps."""
 NEXT_WORD_S = 30.0
 FIT_REACH_CELLS = 3
 FIDUCIAL_SHARE = 0.1  # of the pitch that fiducials may be off by (assumed)

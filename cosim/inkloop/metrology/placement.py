@@ -19,7 +19,7 @@ from inkloop.units import MM_PER_M, UM_PER_M
 Method: TypeAlias = Literal["given", "fiducials", "fit"]
 
 PART_SEEN_MIN = 0.5
-"""A scan that shows less of the part than this share of its cells is taken for a mistake (assumed)."""
+"""Least share of the part's cells that a scan must show (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)

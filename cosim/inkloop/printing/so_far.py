@@ -31,7 +31,7 @@ from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
 Stamp: TypeAlias = tuple[int, int, int]
-"""Of a file: which one it is, how long, and when it was written."""
+"""State of a file: its inode, its length, and the time of its last change."""
 
 
 def feed_of(folder: Path) -> Feed:

@@ -11,7 +11,7 @@ from inkloop.components.policy import MASK, TARGET, ActionCode
 from inkloop.contract import MEASURED_HEIGHT, VALID
 
 HEIGHT_MAX_M = 1.0
-"""Bound of heights: no print is as high (assumed)."""
+"""Bound of heights, above any print (assumed)."""
 
 
 def observation_space(shape: tuple[int, int]) -> Any:

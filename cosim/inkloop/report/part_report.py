@@ -20,7 +20,7 @@ from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
 
 HOLES_SHOWN = 10
 LEVELS = 100
-"""Heights at which walls and gaps are looked for, at most."""
+"""Largest number of heights at which walls and gaps are searched."""
 CELLS_MIN = 2
 """Cells of the narrowest wall or gap that is printed as such: one alone is a row of droplets."""
 WIDTH = 80

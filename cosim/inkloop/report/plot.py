@@ -41,13 +41,13 @@ MARKS_ON_A_LINE = 7
 ERROR_COLOURS = "RdBu"
 """Red is too high, blue too low."""
 DOTTED = "\n(dots)"
-"""Said of the red end of a scale: red and blue are equally dark in grey print."""
+"""Label of the red end of a scale: red and blue are equally dark in grey print."""
 DOTS = 64
-"""Along the longer side of a map, at most; on finer grids a dot marks a block of cells."""
+"""Largest number of dots along the longer side of a map; on finer grids a dot marks a block of cells."""
 NEXT_LABEL = 0.1
-"""Of the length of a scale: labels that are nearer to each other overlap on a short one."""
+"""Share of the length of a scale: labels closer together overlap on a short one."""
 CLEARLY_RED, DARK = 0.2, 0.4
-"""Red less blue, and brightness, from 0 to 1: from where on a colour is marked, and with a white dot."""
+"""Difference of red and blue, and brightness, from 0 to 1: above them a colour is marked, and with a white dot."""
 ERROR_LABEL = f"error [µm]\n({SIGN})"
 STYLE: dict[Any, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
@@ -61,9 +61,9 @@ STYLE: dict[Any, Any] = {
 _UNDATED: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 Runs = Mapping[str, xr.Dataset]
 SAMPLED = 1000
-"""Cells along a side of which the scale of a large map is taken."""
+"""Cells along a side that are sampled for the scale of a large map."""
 DRAWN = 1400
-"""Cells along a side of a map that are drawn: more than there are pixels."""
+"""Cells along a side of a map that are drawn: more than its pixels."""
 
 
 def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Path]:

@@ -22,7 +22,7 @@ from inkloop.report.wrapping import wrapped
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
 BAR_FROM, NOTES_FROM = 70, 100
-"""Columns from which on there is room for a bar, and for notes next to it."""
+"""Least columns for a bar, and for notes next to it."""
 
 
 class Terminal(Console):

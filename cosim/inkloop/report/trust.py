@@ -154,7 +154,7 @@ def _believed(run: xr.Dataset) -> str:
 
 
 _VOLUMES = {"volume_least": 0.5, "volume_most": 1.25}
-"""What a controller believes if the scenario does not say, as in controller/core/observer."""
+"""Defaults of a controller's credible volumes, as in controller/core/observer."""
 _AXES = (
     "Exchange the axes: set rows_along to the other axis in a `MapFolder`, fastest to the other axis in the mapping "
     "file of a device, or exchange {i} and {j} in `ports`"
@@ -172,11 +172,11 @@ _TURNS: Mapping[int, tuple[str, str]] = {
     7: ("turned by 270 degrees", f"Add 270 {_ROTATION}"),
     8: ("transposed and turned by 180 degrees", f"{_AXES}; then add 180 {_ROTATION}"),
 }
-"""By the number of the transform that brings a scan to the printer: how scans lie, and what sets them right."""
+"""Number of the transform from a scan to the printer -> orientation of the scans, and its correction."""
 _Remark: TypeAlias = Callable[[xr.Dataset, NDArray[np.int64]], str]
 _REMARKS: Mapping[int, _Remark] = {2: _blind, 4: _ground, 8: _residuals, 16: _ink, 32: _high}
-"""By the number of the reason; untrusted cells, 1, are reported by their number in the last layer."""
+"""Number of the reason -> its sentence; untrusted cells, 1, are reported by their number in the last layer."""
 _STOPS: Mapping[int, Callable[[xr.Dataset, int], str]] = {
     64: _no_growth, 128: _same_scan, 256: _late, 512: _turned, 1024: _volume,
 }  # fmt: skip
-"""Reasons that stop a print, by their number: the sentence of the layer whose scan it was."""
+"""Number of a reason that stops a print -> the sentence of the layer of that scan."""

@@ -21,31 +21,31 @@ from inkloop.tables.schema import ComponentTable, ScenarioFile
 
 BYTES_OF_A_CELL = 185
 BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
-"""Memory of a cell in addition where layers are planned: one ahead, and for each further one."""
+"""Additional memory of a cell if layers are planned: for the first, and for each further layer ahead."""
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
-"""Kind -> memory in addition, more than a hundred bytes a cell."""
+"""Kind -> additional memory, if more than a hundred bytes per cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
-"""Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
+"""Kind -> bytes of its saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 165
 SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
-"""Layers ahead -> what planning adds."""
+"""Layers ahead -> additional time of planning."""
 SMALL_CELLS = 20_000
 LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.25e-6
 LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
-"""The same two on larger grids, where single layers are not annealed and what every layer takes hardly counts."""
+"""The same two on larger grids, where single layers are not annealed and overhead per layer is negligible."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
-"""Kind -> what a model adds."""
+"""Kind -> additional time of a model."""
 SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 650e-6
-"""What a cell, a layer and a layer ahead take more with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
+"""Additional time of a cell, a layer and a layer ahead with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
 """`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
-"""Share of a layer that files in single precision may add to a height."""
+"""Share of a layer that single precision of files may add to a height."""
 LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 33, 21, 9
-"""Of a cell and layer: in the layers kept while the print runs; in result.nc, with every digit or rounded."""
+"""Bytes of a cell and layer: in the layers kept while the print runs; in result.nc, with all digits or rounded."""
 FAR_BEYOND = 10.0  # ratio of layers to those printed above which a height is in other units, or mistyped
 HARDLY_A_LAYER = 0.3  # share of a layer's height: less than half of a droplet
 _CHECK_HEIGHT = "; check the heights of [part], which are in µm"

@@ -39,9 +39,9 @@ TABLES: Mapping[str, type[MeshTable | LayersTable | HeightMapTable]] = {
 }
 """Shape -> its table."""
 ASSUMED_UNIT = "mm"
-"""Of meshes in formats that state none, as programs that write them assume."""
+"""Unit of meshes in formats that state none, as most programs assume."""
 PITCHES_UM = (Grid.model_fields["pitch_um"].default, 127.0, 84.667, 42.333, 21.167)
-"""That of Lu et al. 2015, then 200, 300, 600 and 1200 dots per inch."""
+"""Pitches: that of Lu et al. 2015, then 200, 300, 600 and 1200 dots per inch."""
 CELLS_MIN = 40
 """Cells along the longer side of a part that show its shape (assumed)."""
 

@@ -17,7 +17,7 @@ from inkloop.tables.schema import Inks, InkTable, ScenarioFile
 from inkloop.tables.solid import Solid
 
 FAR_M = 1.0
-"""Stands for no end of a region of ink."""
+"""Replaces an infinite end of a region of ink."""
 T = TypeVar("T", bound=np.generic)
 
 

@@ -21,7 +21,7 @@ _PLAIN = {
     "a valid string": "a text in quotes",
     "a valid list": "a list, [..., ...]",
 }
-"""What pydantic calls a type, and what a file calls it."""
+"""Name of a type in pydantic -> its name in messages about files."""
 _NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 
 

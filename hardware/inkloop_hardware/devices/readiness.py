@@ -13,14 +13,14 @@ from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
-AT_ONCE_S = 5.0  # for a routine that moves nothing (assumed)
-MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own answer comes first (assumed)
+AT_ONCE_S = 5.0  # for a routine without motion (assumed)
+MARGIN_S = 2.0  # beyond the limit that a node enforces itself, so that its own answer comes first (assumed)
 
 _log = logging.getLogger("inkloop_hardware")
 
 
 class NotReady(HardwareError):
-    """Nodes are not ready; the message names all of them, each with what to do."""
+    """Nodes are not ready; the message names all of them, with the remedy for each."""
 
 
 def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
@@ -45,7 +45,7 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
 
 
 def blocked(node: Node, state: NodeState) -> str | None:
-    """Message about why a node needs a person, and what to do; None if it needs none."""
+    """Message with the reason why a node needs a person, and the remedy; None if it needs none."""
     name = node.lower()
     if state.flags & Flags.STOPPED:
         return f"{name}: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`"

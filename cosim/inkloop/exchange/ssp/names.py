@@ -15,7 +15,7 @@ SSD = f"{{{_NAMESPACE}Description}}"
 SSV = f"{{{_NAMESPACE}ParameterValues}}"
 
 Places: TypeAlias = Mapping[str, tuple[str, int]]
-"""Name in the .ssp -> variable in inkloop, and the element of it that is meant."""
+"""Name in the .ssp -> variable in inkloop, and the index of its element."""
 
 
 def places(description: FmuDescription) -> dict[str, tuple[str, int]]:

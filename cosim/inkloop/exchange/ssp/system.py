@@ -25,7 +25,7 @@ from inkloop.scenario.file import Scenario
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 CONTROLLER = "LayerController"
 PYTHON_CONTROLLER = "LayerMpc"
-"""The FMU stands in for the controller of this kind in Python, where it has all of its options."""
+"""Kind of the Python controller that the FMU replaces, where it has all of its options."""
 
 
 @dataclass(frozen=True, eq=False)

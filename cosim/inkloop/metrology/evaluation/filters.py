@@ -23,7 +23,7 @@ ALPHA = sqrt(log(2.0) / pi)
 STEPS_MIN = 4
 """Steps in a cutoff, from which on the sampled weights pass half of a wave of that length (to 0.4 %)."""
 _RIDGE = 1e-11
-"""Of the second moments: where the used cells lie on one line, the slope across it is taken as zero."""
+"""Share of the second moments: if the used cells lie on one line, the slope across it is taken as zero."""
 
 
 def cutoff_error(used: BoolMap, steps: tuple[float, float], cutoff: float, axis: Axis | None = None) -> str | None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _JOIN = 8
-"""Points of each side that join at a time."""
+"""Points of each side added at a time."""
 _EXACT = 1e-9
-"""Of the zone: what a solution may miss."""
+"""Tolerance of a solution, as a share of the zone."""
 _ROUNDS = 200
 
 

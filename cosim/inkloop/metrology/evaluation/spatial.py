@@ -18,11 +18,12 @@ from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, refuse
 from inkloop.units import UM_PER_M
 
 DECAY = 0.2
-"""Of the autocorrelation (default of ISO 25178-3)."""
+"""Level of the autocorrelation (default of ISO 25178-3)."""
 PAIRS_MIN = 0.25
 """Share of the cells that must have a partner at a lag (assumed)."""
 PROMINENCE = 2.0
-"""Of the angular spectrum over its mean; below it no direction stands out. A Gaussian texture of Str 0.5 has it."""
+"""Least ratio of the maximum of the angular spectrum to its mean for a direction. A Gaussian texture of Str 0.5 has
+it."""
 RAYS = 180
 """Directions over half a turn: one degree."""
 STEPS_MIN = 5

@@ -26,7 +26,7 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 
 SUPPORT = 0.2
-"""Share of the step at which cells outside the part are something printed, and no substrate (assumed)."""
+"""Share of the step above which cells outside the part are printed, not substrate (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)

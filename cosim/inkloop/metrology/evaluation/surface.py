@@ -21,9 +21,9 @@ from inkloop.metrology.height_map import HeightMap
 
 CELLS_MIN = 50
 MISSING_MAX = 0.2
-"""Share of cells without a height beyond which no figure is given (assumed)."""
+"""Share of cells without a height above which parameters have no value (assumed)."""
 _FLAT = 1e-12
-"""Of the range of heights before the F-operation: what is left below it is rounding, and has no shape."""
+"""Share of the range of heights before the F-operation, below which the remaining heights are rounding."""
 
 
 @dataclass(frozen=True)

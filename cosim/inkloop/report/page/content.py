@@ -14,7 +14,7 @@ from inkloop.results.evaluated_surface import parameters_of, subject_of
 from inkloop.results.result import Result
 
 PARAMETERS = ("Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr")
-"""Of ISO 25178-2: those that need no filter and no shape of the part."""
+"""Parameters of ISO 25178-2 that need no filter and no shape of the part."""
 ENDS = {
     "done": "The controller ended the print",
     "layers_max": "The print ended at `layers_max` of the scenario",

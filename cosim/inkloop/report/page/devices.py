@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 LOG_LINES = 40
-"""The last ones, which a page shows."""
+"""Number of last lines shown on a page."""
 
 
 def devices(log: Path) -> dict[str, Any] | None:

@@ -15,9 +15,9 @@ from inkloop.report.page.page import MAPS_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
 LOOKS_PER_STATE = 8
-"""Looks at the files for one at the lock of the run, which a run that begins at that moment would find taken."""
+"""Looks at the files per look at the lock of the run, which must not block a run that begins at that moment."""
 ROOM = 1.5
-"""Layers that a page has room for, for each that the scenario needs at least: the last ones are not full."""
+"""Room for layers on a page, relative to the least number that the scenario needs: the last layers are not full."""
 
 
 class Source(Protocol):

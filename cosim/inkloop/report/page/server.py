@@ -26,13 +26,13 @@ from inkloop.report.page.feed import Feed
 
 HOST = "127.0.0.1"
 HOSTS = (HOST, "localhost")
-"""Names under which a browser may ask; another one is that of a site that has itself resolved to this machine."""
+"""Host names in a valid request; any other belongs to a site that resolves itself to this machine."""
 LOOK_S = 0.25
-"""Between two looks at the files of the run."""
+"""Seconds between two looks at the files of the run."""
 END_S, GRACE_S = 2, 1
-"""For connections and for streams that are open when the server ends."""
+"""Seconds for open connections and streams when the server ends."""
 DIGITS = 9
-"""Of a number of layers that a page may say it has."""
+"""Largest number of digits in a number of layers sent by a page."""
 
 
 class Events:

@@ -24,7 +24,7 @@ SEEDS = (1, 2, 3)
 FOLDER = Path(__file__).parent
 METRICS = ("mean_error", "mae", "rms", "std", "highest", "layers", "droplets")
 HIGH_UM = 5.0
-"""A cell this far above the target is more than the unevenness of single droplets (assumed)."""
+"""Least height of a cell above the target beyond the unevenness of single droplets (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ ENTRIES = (
     Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink given to superposition"),
 )
 AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
-"""Entries that a user's controller is compared with."""
+"""Entries compared with a user's controller."""
 
 
 @dataclass(frozen=True)
