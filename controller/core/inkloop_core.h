@@ -25,8 +25,8 @@ enum { CORE_INTERFACE = 18 }; /* counts up with every change of a signature or s
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
 
 /* Surface after one layer of `passes` (1, or 4 in the colours `order`, each on the surface that the last one left).
- * `factor` scales each cell's droplet, NULL: all 1. `scratch` and `after` hold nx * ny; returns what left the grid [m].
- */
+ * `factor` scales each cell's droplet, NULL: all 1. `scratch` and `after` hold nx * ny; returns the height that left
+ * the grid [m]. */
 INKLOOP_CORE_API double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *pattern,
                                       const Ink ink[2], const double *factor, int32_t passes, const int32_t order[4],
                                       double *scratch, double *after);
@@ -59,27 +59,29 @@ INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
 /* Number of the variables that a LayerStep points to, in the order of variables.toml. */
 INKLOOP_CORE_API size_t inkloop_variables(void);
 
-/* Size of an estimate with all that it points to, in one block [bytes]: knowledge, then the maps in the order of
- * SurfaceEstimate; the knowledge alone. */
+/* Size in bytes of an estimate in one block: knowledge, then the maps in the order of SurfaceEstimate; and of the
+ * knowledge alone. */
 INKLOOP_CORE_API size_t inkloop_estimate_size(size_t cells);
 INKLOOP_CORE_API size_t inkloop_knowledge_size(void);
 
 /* The estimate after the first scan, and after each one that follows a layer (observer.h), in blocks. pattern, factor:
- * see JettedLayer. CORE_DONE, CORE_NO_MEMORY, or CORE_NO_SCAN: the first scan has hardly a reading. */
+ * see JettedLayer. CORE_DONE, CORE_NO_MEMORY, or CORE_NO_SCAN: the first scan has too few readings. */
 INKLOOP_CORE_API int32_t inkloop_estimate_first(const LayerStep *step, int32_t layer, const double *measured,
                                                 const uint8_t *valid, void *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const LayerStep *step, const void *before, const int32_t *pattern,
                                                const double *factor, int32_t number, int32_t is_unknown,
                                                const double *measured, const uint8_t *valid, void *after);
 
-/* Figures of an estimate that are reported, and that a plan needs besides the surface; the cells that count as dead. */
+/* Figures of an estimate: those reported, those that a plan needs besides the surface, and the cells that count as
+ * dead. */
 INKLOOP_CORE_API void inkloop_estimate_figures(const LayerStep *step, void *estimate, EstimateFigures *figures,
                                                uint8_t *dead);
 
-/* A person has looked: the print goes on, and the next scan is taken as it is. */
+/* Clears the distrust after a person has looked: the print resumes, and the next scan is accepted unchecked. */
 INKLOOP_CORE_API void inkloop_trust_again(void *estimate, size_t cells);
 
-/* The state of a controller and its step (step_state.h, layer_step.h, step_outputs.h). A state begins with its head. */
+/* The state of a controller and its step (step_state.h, layer_step.h, step_outputs.h). The head comes first in a
+ * state. */
 INKLOOP_CORE_API size_t inkloop_state_head_size(void);
 INKLOOP_CORE_API size_t inkloop_state_size(size_t cells, size_t layers);
 INKLOOP_CORE_API size_t inkloop_state_layers(const LayerStep *step, const void *state, size_t size);
@@ -91,7 +93,7 @@ INKLOOP_CORE_API void inkloop_step_take(const LayerStep *step, const void *befor
                                         const PlanFigures *figures, void *after);
 INKLOOP_CORE_API void inkloop_step_outputs(const LayerStep *step, const void *state);
 
-/* The problem of the layers that follow layer number `layer` (step_problem.h), and the best plan found for it, of no
+/* The problem of the layers after layer number `layer` (step_problem.h), and the best plan found for it, of no
  * more layers than are worth it (shortest_plan.h), with the work that the options allow. relaxation: RELAX_... with
  * `relaxed`; last: the plan before, NULL: none; seconds_max: guard by the clock. */
 INKLOOP_CORE_API void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,

@@ -10,7 +10,7 @@ typedef struct {
     int32_t step;  /* of the winding number: 1 enters a body, -1 leaves one */
 } Hit;
 
-/* What the winding number of a column is. */
+/* Result of the winding number of a column. */
 typedef enum {
     COLUMN_CLOSED,    /* 0 above all hits, and a body wherever it is not 0 */
     COLUMN_OPEN,      /* not 0 above all hits; no interval was added */

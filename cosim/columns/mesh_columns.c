@@ -8,7 +8,7 @@
 enum { BAND_CELLS = 1 << 14 }; /* cells whose hits are collected and sorted together, at least a row: fits a cache */
 static const uint32_t NONE = UINT32_MAX;
 
-/* Where an edge crosses a row. */
+/* Point where an edge crosses a row. */
 typedef struct {
     double y, z;
 } Crossing;
@@ -20,7 +20,7 @@ typedef struct {
     uint32_t *next;     /* the one after each triangle */
 } Bands;
 
-/* What the hits of one band need. */
+/* Memory for the hits of one band. */
 typedef struct {
     HitList hits, sorted;
     size_t *begin; /* of each cell's hits in `sorted`, one more than cells */

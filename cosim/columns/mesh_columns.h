@@ -28,8 +28,8 @@ typedef struct {
     int64_t inside_out_first; /* the first of these, -1 if there is none */
 } MeshReport;
 
-/* What lies outside the grid is cut off; count < 2^32. offsets: nx * ny + 1 of the result. COLUMNS_DONE or
- * COLUMNS_NO_MEMORY. */
+/* Columns of a mesh, without its parts outside the grid; count < 2^32. offsets: nx * ny + 1 of the result. COLUMNS_DONE
+ * or COLUMNS_NO_MEMORY. */
 COLUMNS_API int32_t columns_of_mesh(size_t nx, size_t ny, size_t count, const Triangle *triangles, MeshReport *report,
                                     int64_t *offsets, IntervalList *list);
 

@@ -76,7 +76,7 @@ EXIT_CODES = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code, see EXIT_CODES."""
-    atexit.register(gc.freeze)  # to look for garbage in all that was imported takes half a second, for nothing
+    atexit.register(gc.freeze)  # searching all imported objects for garbage takes half a second and finds nothing
     options = _parsed(list(sys.argv[1:] if arguments is None else arguments))
     try:
         return int(options.command(options))

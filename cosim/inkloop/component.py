@@ -99,20 +99,20 @@ class Component(Protocol):
 
 
 class HasPorts(Protocol):
-    """All that connections and events depend on: a component, or the `Ports` of one that is not built yet."""
+    """Ports for connections and events: of a component, or the `Ports` of one that is not built yet."""
 
     @property
     def inputs(self) -> tuple[Port, ...]:
-        """Ports that can be fed."""
+        """Ports that accept a value."""
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """Ports that can be read."""
+        """Ports that give a value."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """The ports of a component that need not be built yet, and what its class states about connecting them.
+    """The ports of a component that need not be built yet, and the declarations of its class on connections.
 
     starts_on_scan: a shadow whose surface begins with the first scan.
     """
@@ -149,13 +149,13 @@ MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")
 
 @runtime_checkable
 class Geometry(Protocol):
-    """A part in space: which points belong to it. Coordinates in metres, origin at the centre of cell (0, 0)."""
+    """A part in space as a set of points. Coordinates in metres, origin at the centre of cell (0, 0)."""
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where the point (x, y, z) lies in the part; the three broadcast against each other."""
 
     def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        """Exactly the heights over each (x, y) that `contains`: `inkloop.geometry.contained` makes it of these."""
+        """Intervals of the heights that `contains` accepts over each (x, y): see `inkloop.geometry.contained`."""
 
 
 @dataclass(frozen=True)

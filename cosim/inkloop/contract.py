@@ -32,7 +32,7 @@ STOP_REASON = "stop_reason"
 LOOKED_AT = "looked_at"
 
 LAYERS_FOLLOWED = "layers_followed"
-"""Layers that a shadow has deposited: what counts for a profiler that scans the shadow, in place of LAYERS_PRINTED."""
+"""Layers that a shadow has deposited: replaces LAYERS_PRINTED for a profiler that scans the shadow."""
 LAYERS_COMPARED = "layers_compared"
 """Layers that a shadow has compared with their scan."""
 
@@ -41,7 +41,7 @@ LAYERS_COMPARED = "layers_compared"
 class Signal:
     """One signal: `unit` in FMI spelling, `is_map` for one value per cell, NumPy `dtype`, value before the first step.
 
-    giver: role that puts it out, None for every role, or for the master; takers: roles that read it. An optional signal
+    giver: role that outputs it, None for every role, or for the master; takers: roles that read it. An optional signal
     may stay unconnected at its start value.
     """
 

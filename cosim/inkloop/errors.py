@@ -62,7 +62,7 @@ class ResultError(InkloopError):
 
 
 def message_of(error: Exception) -> str:
-    """The message of an InkloopError; of any other exception its type, message and line in the user's own code."""
+    """The message of an InkloopError; for any other exception its type, message and line in the user's own code."""
     return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}{own_line(error)}"
 
 

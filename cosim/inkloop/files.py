@@ -28,8 +28,8 @@ else:
 RUNS = Path("runs")
 """Folder of run folders without --out."""
 OWNER_FILE = "owner.lock"
-"""File of a temporary folder that its process has locked: once the process has ended, it can be locked by another."""
-_FAR = 1 << 30  # locked is a byte beyond the content: where locks keep readers out too (Windows), it can be read
+"""File of a temporary folder, locked by its process: once the process has ended, another can lock it."""
+_FAR = 1 << 30  # the locked byte lies beyond the content, which stays readable where locks keep readers out (Windows)
 _FULL = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -41,8 +41,8 @@ _FULL = {
 def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
     """A temporary name in the same folder, renamed to `path` when the block ends well, removed when it fails.
 
-    The folder is made if it is missing. durable: when the block has ended well, not even a power failure takes the file
-    back. An OSError names `path`.
+    The folder is made if it is missing. durable: once the block has ended well, the file survives a power failure. An
+    OSError names `path`.
     """
     partial = path.with_name(f".{path.name}.part")
     try:
@@ -67,7 +67,7 @@ def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the disk know which files a folder holds; where folders cannot be synced (Windows) the system sees to it."""
+    """Sync the entries of a folder to the disk; where folders cannot be synced (Windows) the system does it."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -124,19 +124,21 @@ def toml_tables(text: str) -> dict[str, Any]:
 
 
 def reason_of(error: OSError | MemoryError) -> str:
-    """Why a file cannot be read or written; a full disk and exhausted memory are named as that."""
+    """The reason why a file cannot be read or written, with names for a full disk and exhausted memory."""
     if isinstance(error, MemoryError):
         return "the memory is exhausted"
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
 
 
 def is_full(error: OSError) -> bool:
-    """Whether there is no room for what was to be written."""
+    """Whether the error says that disk or memory is full."""
     return error.errno in _FULL
 
 
 def take_lock(file: int) -> bool:
-    """Lock an open file for this process; False if another one has it. Raises OSError, also without locks there."""
+    """Lock an open file for this process; False if another one has it. Raises OSError, also if the file system has no
+    locks.
+    """
     try:
         if sys.platform == "win32":
             os.lseek(file, _FAR, os.SEEK_SET)
@@ -156,7 +158,7 @@ def take_lock(file: int) -> bool:
 def new_folder(path: Path) -> Iterator[Path]:
     """A temporary folder next to `path`, renamed to it when the block ends well, removed when it fails.
 
-    Raises FileExistsError where something is at `path` before or after the block.
+    Raises FileExistsError if `path` exists before or after the block.
     """
     _check_free(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -208,7 +210,7 @@ def _check_free(path: Path) -> None:
 
 
 def _owned(folder: Path) -> int:
-    """The lock of a new temporary folder, which gets its name when it is locked."""
+    """The lock of a new temporary folder, which gets its final name once it is locked."""
     partial = folder / f".{OWNER_FILE}"
     file = os.open(partial, os.O_RDWR | os.O_CREAT, 0o600)
     with suppress(OSError):  # a file system without locks: the folder is never taken for an abandoned one
@@ -222,9 +224,9 @@ def c_library(
 ) -> ctypes.CDLL:
     """A library of C code that is installed next to the modules of `package`, with its functions declared.
 
-    variable: of the environment, which may name another file; interface: what its function `<name>_interface` returns;
-    entry_points: function -> types of its result and arguments. Raises InkloopError if the library is not installed,
-    cannot be loaded or was built from other sources.
+    variable: of the environment, which may name another file; interface: expected value of its function
+    `<name>_interface`; entry_points: function -> types of its result and arguments. Raises InkloopError if the library
+    is not installed, cannot be loaded or was built from other sources.
     """
     path = _library_path(package, name, variable)
     try:

@@ -15,10 +15,10 @@ UNPACKED_MAX = 4 * GIB
 """Bytes that an archive may unpack to (assumed: FMUs with the binaries and tables of large tools hold less)."""
 PLAIN_SIZE = 256 * MIB
 PACKED_AT_MOST = 200
-"""Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noise in
-measured maps leaves 2, and what is made to fill a disk 1000 (deflate)."""
+"""Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noisy maps 2,
+and archives made to fill a disk 1000 (deflate)."""
 ROUNDED_CELLS = 1 << 18
-"""Maps with more cells are rounded in result.nc: digits of noise beyond any sensor would be most of it."""
+"""Maps with more cells are rounded in result.nc: otherwise digits of noise would be most of the file."""
 _FILLED_MAX = 64
 _FORMAT = re.compile(r"0?(\d{0,2})[bdoxX]?")
 _PROC = Path("/proc")
@@ -26,7 +26,7 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 def available_memory() -> int | None:
-    """Bytes that this process may still take without swapping, by the system and its limits; None where unknown."""
+    """Bytes that this process may allocate without swapping, by the system and its limits; None where unknown."""
     found = [limit for limit in (_of_system(), _of_address_space(), *_of_control_groups()) if limit is not None]
     return max(0, min(found)) if found else None
 
@@ -57,7 +57,7 @@ def duration_text(seconds: float) -> str:
 
 
 def memory_error(needed: float) -> str | None:
-    """The reason why `needed` more bytes cannot be held: "needs ... of memory, ... are available"."""
+    """The reason why `needed` more bytes cannot be allocated: "needs ... of memory, ... are available"."""
     available = available_memory()
     if available is None or needed <= available:
         return None
@@ -65,7 +65,7 @@ def memory_error(needed: float) -> str | None:
 
 
 def unpacked_error(archive: zipfile.ZipFile) -> str | None:
-    """The reason why an archive is not unpacked: what its directory declares, which unpacking does not exceed."""
+    """The reason why an archive is not unpacked: the sizes in its directory, which unpacking does not exceed."""
     members = archive.infolist()
     unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)
     found = f"unpacks to {size_text(unpacked)}"
@@ -82,7 +82,7 @@ def unpacked_error(archive: zipfile.ZipFile) -> str | None:
 def filled(template: str, fields: Mapping[str, int]) -> str:
     """`str.format` for whole numbers in decimal, hexadecimal, octal or binary, at most 64 characters wide.
 
-    Raises ValueError for another field or format, also where that would be harmless.
+    Raises ValueError for any other field or format.
     """
     for _, name, form, conversion in string.Formatter().parse(template):
         if name is None:
@@ -108,7 +108,7 @@ def _of_system() -> int | None:
 
 
 def _of_address_space() -> int | None:
-    """What `ulimit -v` leaves."""
+    """Address space left under `ulimit -v`."""
     try:
         import resource
     except ImportError:  # Windows
@@ -121,7 +121,7 @@ def _of_address_space() -> int | None:
 
 
 def _of_control_groups() -> Iterator[int]:
-    """What the container's memory limits leave (cgroup v2); file cache can be given back and does not count."""
+    """Memory left under the container's limits (cgroup v2); file cache can be given back and does not count."""
     for line in _lines(_PROC / "self" / "cgroup"):
         if not line.startswith("0::"):
             continue

@@ -8,7 +8,7 @@
 
 enum { HOLDS_STATE = RUNNING | TERMINATED };
 
-/* Where each call is legal, and the status of a refusal (FMI 2.0, state machine of co-simulation). */
+/* Modes in which each call is legal, and the status of a refusal (FMI 2.0, state machine of co-simulation). */
 static const struct {
     unsigned modes;
     fmi2Status refused;
@@ -127,7 +127,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fm
         return fmi2Error;
     const Outcome outcome = instance_enter_initialization(component->core, startTime);
     if (outcome == ACCEPTED)
-        component->core->mode = INSTANTIATED; /* it is fmi2EnterInitializationMode that enters */
+        component->core->mode = INSTANTIATED; /* the mode changes in fmi2EnterInitializationMode */
     return fmi2_finish(component, SETUP_EXPERIMENT, __func__, outcome);
 }
 

@@ -1,4 +1,4 @@
-/* What fmi2Component points to, and its calls, shared by the two files of the FMI 2 adapter. */
+/* The component behind fmi2Component, and its calls, shared by the two files of the FMI 2 adapter. */
 #ifndef INKLOOP_FMI2_COMPONENT_H
 #define INKLOOP_FMI2_COMPONENT_H
 
@@ -28,13 +28,13 @@ typedef enum {
     UNSUPPORTED
 } Call;
 
-/* True, and logged, where the call is not legal in the present mode. */
+/* True, and an error in the log, if the call is not legal in the present mode. */
 bool fmi2_is_illegal(const Component *component, Call call, const char *function);
 
 /* The status of an outcome; logs the kept message if it was not accepted. */
 fmi2Status fmi2_finish(const Component *component, Call call, const char *function, Outcome outcome);
 
-/* Logged and an error: a call that these models do not support. */
+/* Logs an error and returns its status: a call that these models do not support. */
 fmi2Status fmi2_unsupported(const Component *component, const char *function);
 
 #endif

@@ -20,7 +20,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nv
     return fmi2_finish(component, SET, __func__, set_values(component->core, TYPE_REAL, vr, nvr, value, nvr));
 }
 
-/* FMI 2 has one integer type for what is an integer, an enumeration or a count inside, and fmi2Boolean is an int. */
+/* Reads values in the narrow types of FMI 2: one integer type for integers, enumerations and counts; fmi2Boolean is an
+ * int. */
 static Outcome get_narrow(Instance *instance, bool is_boolean, const fmi2ValueReference vr[], size_t nvr, int value[]) {
     if (check_arrays(instance, vr, value, nvr) != ACCEPTED)
         return MISUSED;

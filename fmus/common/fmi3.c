@@ -6,7 +6,7 @@
 
 enum { HOLDS_STATE = RUNNING | TERMINATED };
 
-/* Where each call is legal, and the status of a refusal (FMI 3.0, state machine of co-simulation). */
+/* Modes in which each call is legal, and the status of a refusal (FMI 3.0, state machine of co-simulation). */
 static const struct {
     unsigned modes;
     fmi3Status refused;

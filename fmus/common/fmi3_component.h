@@ -1,4 +1,4 @@
-/* What fmi3Instance points to, and its calls, shared by the files of the FMI 3 adapter. */
+/* The component behind fmi3Instance, and its calls, shared by the files of the FMI 3 adapter. */
 #ifndef INKLOOP_FMI3_COMPONENT_H
 #define INKLOOP_FMI3_COMPONENT_H
 
@@ -27,7 +27,7 @@ typedef enum {
     DO_STEP
 } Call;
 
-/* True, and logged, where the call is not legal in the present mode. */
+/* True, and an error in the log, if the call is not legal in the present mode. */
 bool fmi3_is_illegal(const Component *component, Call call, const char *function);
 
 /* The status of an outcome; logs the kept message if it was not accepted. */

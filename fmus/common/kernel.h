@@ -1,4 +1,4 @@
-/* The interface between the FMI adapters and the models, free of any FMI version: what a kernel offers and may use.
+/* Interface between the FMI adapters and the models, free of any FMI version.
  *
  * A model is a table of variables (generated from its variables.toml) and up to seven functions. An instance keeps all
  * values in one block of memory, so reading, writing and saving a model means walking the table; a kernel sees the
@@ -13,12 +13,12 @@
 
 typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_COUNT } ValueType;
 
-/* In this order in the table, parameters that are TUNABLE among the others; STATE is saved with the instance but not
- * exposed, SCRATCH neither. */
+/* The order of the table; TUNABLE parameters stand among the others; STATE is saved with the instance but not exposed,
+ * SCRATCH neither. */
 typedef enum { INDEPENDENT, STRUCTURAL, INPUT, OUTPUT, PARAMETER, TUNABLE, STATE, SCRATCH } Causality;
 
-/* A map has nx * ny values in C order; maps are as many of them, one after the other, as the structural parameter that
- * follows nx and ny says. */
+/* A map has nx * ny values in C order. Maps are several of them, one after the other; the structural parameter after nx
+ * and ny is their number. */
 typedef enum { ONE_VALUE, MAP, MAPS } Shape;
 
 typedef struct {
@@ -62,20 +62,20 @@ __attribute__((format(printf, 2, 3)))
 #endif
 Outcome refuse(Instance *instance, const char *format, ...);
 
-/* What every kernel defines. */
+/* The table and the functions that every kernel defines. */
 typedef struct {
     const VariableTable *table;
 
-    /* A new or reset instance has its start values; reads what the model keeps in its resources, which may change
+    /* Start of a new or reset instance, which has its start values: reads resources of the model, which may change
      * them. NULL: there is nothing to read. */
     Outcome (*open)(Instance *instance);
 
-    /* Asks for the memory that steps will need: for a new or reset instance, and at the end of a configuration. Memory
-     * that depends on values set later is asked for again in `initialize`. NULL: the variables are all. */
+    /* Allocates the memory of later steps: for a new or reset instance, and at the end of a configuration. Memory that
+     * depends on values set later is allocated again in `initialize`. NULL: there are only the variables. */
     Outcome (*reserve)(Instance *instance);
 
-    /* Further checks of one value, already within the limits of the table; called before anything is written. NULL: the
-     * limits are all. */
+    /* Further checks of one value, which is within the limits of the table; called before anything is written. NULL:
+     * there are only the limits. */
     Outcome (*check_value)(Instance *instance, size_t variable, const void *value);
 
     /* Outputs at the start time from the present parameters and inputs; may be called many times before the first
@@ -86,7 +86,7 @@ typedef struct {
      * outputs. */
     Outcome (*initialize)(Instance *instance);
 
-    /* One communication step with inputs held. If it refuses, it must not have changed anything. */
+    /* One communication step with inputs held. If it refuses, it has changed nothing. */
     Outcome (*do_step)(Instance *instance, double start, double end);
 } Model;
 

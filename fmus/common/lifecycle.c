@@ -18,7 +18,7 @@ static bool is_possible_depth(const VariableTable *table, uint64_t depth) {
     return !has_depth(table) || ((double)depth >= definition->min && (double)depth <= definition->max);
 }
 
-/* The sizes that a token carries; false if the token is not one of this binary. */
+/* Reads the sizes in a token; false if the token is not one of this binary. */
 static bool read_token(const char *token, Instance *instance) {
     const VariableTable *table = instance->model->table;
     char own[128];
@@ -134,7 +134,7 @@ Outcome instance_exit_configuration(Instance *instance) {
         Instance old = *instance;
         if (!storage_allocate(instance, nx, ny, depth))
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
-        for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps cannot */
+        for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps are reset */
             if (table->variables[k].shape == ONE_VALUE && table->variables[k].causality != STRUCTURAL)
                 memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
         if (reserve(instance) != ACCEPTED) {

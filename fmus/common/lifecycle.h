@@ -8,13 +8,13 @@
 extern const Model *const FMU_MODEL;
 
 /* The token is "Model-fingerprint-NXxNY", or "...-NXxNYxDEPTH" (storage.h), with "-resizable" at the end where these
- * can be set, or a mark of what the model's resources hold (see fmu_writer/definition.py); `resources` is the path of
- * their folder or NULL. NULL on failure, with the reason in `message`. */
+ * can be set, or a mark of the model's resources (see fmu_writer/definition.py); `resources` is the path of their
+ * folder or NULL. NULL on failure, with the reason in `message`. */
 Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
                           char message[MESSAGE_SIZE]);
 void instance_free(Instance *instance);
 
-/* Everything as in a new instance. */
+/* Resets everything to the state of a new instance. */
 Outcome instance_reset(Instance *instance);
 
 Outcome instance_enter_configuration(Instance *instance);

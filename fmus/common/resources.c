@@ -77,7 +77,8 @@ static unsigned char *read_all(FILE *file, size_t *size) {
     if (fseek(file, 0, SEEK_END) != 0)
         return NULL;
     const long length = ftell(file);
-    if (length < 0 || length == LONG_MAX || fseek(file, 0, SEEK_SET) != 0) /* the largest: a folder, on Linux */
+    /* LONG_MAX: the size of a folder on Linux */
+    if (length < 0 || length == LONG_MAX || fseek(file, 0, SEEK_SET) != 0)
         return NULL;
     unsigned char *bytes = malloc((size_t)length + 1); /* one more, so that an empty file is not NULL */
     if (bytes && fread(bytes, 1, (size_t)length, file) != (size_t)length) {

@@ -6,12 +6,12 @@
 #include <string.h>
 
 enum { FINGERPRINT_SIZE = 16 };
-enum { LARGE_STATE = 1 << 20 }; /* bytes from which on values are not kept from step to step (assumed) */
+enum { LARGE_STATE = 1 << 20 }; /* bytes above which values are not kept from step to step (assumed) */
 
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
     uint64_t nx, ny, depth, mode, kept_size;
-    uint64_t checksum; /* of everything else: addresses in memory are computed from sizes in a state */
+    uint64_t checksum; /* checksum of everything else: addresses in memory are computed from sizes in a state */
 } Header;
 
 /* Any change of a single word changes the sum; a change of several words goes undetected with probability 2^-64. */
@@ -90,9 +90,9 @@ static Snapshot *sized(Snapshot *old, size_t size) {
     return snapshot;
 }
 
-/* To go back within a step: without its checksum. */
+/* Copy for going back within a step: without its checksum. */
 static Outcome copy_state(Instance *instance, Snapshot **snapshot) {
-    update_outputs(instance); /* so that states are equal where everything that can be read is */
+    update_outputs(instance); /* so that two states are equal if all readable values are */
     const Header header = header_of(instance);
     Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size + instance->kept_size);
     if (!taken)

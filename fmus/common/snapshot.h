@@ -14,7 +14,7 @@ Outcome snapshot_take(Instance *instance, Snapshot **snapshot);
 Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot);
 Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot);
 
-/* Gives back what `keep_values` has kept, if it is large. */
+/* Releases the values kept by `keep_values`, if they are large. */
 void drop_values(Instance *instance);
 
 #endif

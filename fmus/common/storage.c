@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum { ALIGNMENT = 8 };
-enum { LARGE_WORKPLACE = 1 << 20 }; /* bytes; a larger one is allocated anew for each step (assumed) */
+enum { LARGE_WORKPLACE = 1 << 20 }; /* bytes above which the workplace is allocated anew for each step (assumed) */
 
 static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
     vsnprintf(message, MESSAGE_SIZE, format, arguments);
@@ -61,7 +61,7 @@ size_t value_count(const Instance *instance, size_t variable) {
     return shape == ONE_VALUE ? 1 : maps * (size_t)(instance->nx * instance->ny);
 }
 
-/* Where in memory an offset is; NULL for one of scratch variables that are not there. */
+/* Address of an offset; NULL for one of scratch variables that are not allocated. */
 static unsigned char *place_of(const Instance *instance, size_t offset) {
     if (offset < instance->saved_size)
         return instance->block + offset;
@@ -72,7 +72,7 @@ void *values_of(Instance *instance, size_t variable) {
     return place_of(instance, instance->offsets[variable]);
 }
 
-/* `*memory` with another size; NULL if that is 0, and NULL, nothing changed, if there is none. */
+/* Reallocates `*memory`; NULL if the size is 0, and NULL, with nothing changed, if there is no memory. */
 static void *resized(unsigned char **memory, size_t *present, size_t size) {
     if (*memory && *present == size)
         return *memory;
@@ -123,12 +123,12 @@ static void fill(Instance *instance, size_t variable) {
     }
     const size_t size = value_size(definition->type);
     if (definition->start == 0.0)
-        return; /* the memory is clear, and is not touched before it is used */
+        return; /* fresh memory is zero already, and writing would use its pages */
     for (size_t k = 0; k < value_count(instance, variable); k++)
         memcpy(values + k * size, &start, size);
 }
 
-/* In sanitizer builds: no access between the end of a variable and the next one. */
+/* In sanitizer builds: forbids access between the end of a variable and the next one. */
 static void poison_red_zones(const Instance *instance, Causality causality, bool is_poisoned) {
     const VariableTable *table = instance->model->table;
     for (size_t k = 0; k < table->count; k++) {
@@ -241,7 +241,7 @@ void storage_load(Instance *instance, const void *bytes) {
         unsigned char *own = instance->block + at;
         const unsigned char *saved = (const unsigned char *)bytes + at;
         count = size - at < PIECE ? size - at : PIECE;
-        if (memcmp(own, saved, count) != 0) /* clear memory is not taken to be cleared again */
+        if (memcmp(own, saved, count) != 0) /* equal memory is not written, which would use its pages */
             memcpy(own, saved, count);
     }
     poison_red_zones(instance, STATE, true);

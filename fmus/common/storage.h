@@ -5,7 +5,7 @@
 
 #include "kernel.h"
 
-/* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
+/* Modes of an instance; bits, so that a call can be legal in several modes. */
 typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
 enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
 enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
@@ -21,11 +21,12 @@ struct Instance {
     char *resources;                          /* path of the folder; NULL if the importer names none */
     bool is_outdated;                         /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny, start_depth; /* of a new instance */
-    uint64_t nx, ny, depth;                   /* of the block; depth: how many maps MAPS are */
-    unsigned char *block;                     /* the variables but for the scratch ones */
-    unsigned char *workplace;                 /* the scratch variables; NULL: not there */
-    size_t *offsets;          /* of the variables in both one after the other, 8-byte aligned, and their end */
-    size_t *first_references; /* of the exposed variables, and the number of references */
+    uint64_t nx, ny, depth;                   /* size of the block; depth: number of maps in MAPS */
+    unsigned char *block;                     /* all variables except the scratch ones */
+    unsigned char *workplace;                 /* the scratch variables; NULL: not allocated */
+    /* offsets of the variables in both, one after the other, 8-byte aligned, and their ends */
+    size_t *offsets;
+    size_t *first_references; /* first reference of each exposed variable, and the number of references */
     size_t saved_size;        /* bytes of the block */
     size_t last_found;        /* variable of the last reference that was looked up */
     unsigned char *kept;      /* kept_memory and scratch_memory of the kernel */
@@ -46,11 +47,12 @@ bool has_depth(const VariableTable *table);
 bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth);
 void storage_release(Instance *instance);
 
-/* The scratch variables for a step; false if there is no memory. Afterwards those of a large grid are given back. */
+/* Allocates the scratch variables for a step; false if there is no memory. Those of a large grid are released after
+ * it. */
 bool storage_take_workplace(Instance *instance);
 void storage_give_workplace(Instance *instance);
 
-/* The block, with the states and without the scratch variables, out and in. */
+/* Saves and restores the block: the variables with the states, without the scratch ones. */
 void storage_save(const Instance *instance, void *bytes);
 void storage_load(Instance *instance, const void *bytes);
 

@@ -4,19 +4,20 @@
 
 #include "storage.h"
 
-/* What one value reference stands for: a whole variable or one cell of it. */
+/* Object of a value reference: a whole variable or one cell of it. */
 typedef struct {
     size_t variable, first, count;
 } Span;
 
 Outcome find_span(Instance *instance, uint32_t reference, Span *span);
 
-/* MISUSED if it cannot be set now, REFUSED if a value is not accepted; `values` are of the variable's own type. */
+/* MISUSED if the variable cannot be set now, REFUSED if a value is not accepted; `values` are of the variable's own
+ * type. */
 Outcome check_values(Instance *instance, Span span, const void *values);
 void write_values(Instance *instance, Span span, const void *values);
 const void *read_values(Instance *instance, Span span);
 
-/* Calculates the outputs if something was set before the first step that they may depend on. */
+/* Calculates the outputs if a value that they may depend on was set before the first step. */
 void update_outputs(Instance *instance);
 
 /* MISUSED if a call that names `count` variables comes without references or values. */

@@ -4,7 +4,7 @@
 
 #include <stddef.h>
 
-enum { COLOUR_ALL = -1, COLOURS = 4 }; /* COLOUR_ALL: of a pass that jets every cell */
+enum { COLOUR_ALL = -1, COLOURS = 4 }; /* COLOUR_ALL: the colour of a pass that jets every cell */
 
 /* Colour 0 to 3 of cell (i, j). */
 static inline int cell_colour(size_t i, size_t j) {

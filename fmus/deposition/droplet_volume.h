@@ -1,4 +1,5 @@
-/* How much the volume of a droplet differs from the nominal one, by random numbers that depend on its place alone. */
+/* Random deviation of droplet volumes from the nominal one; the random numbers depend on the place of a droplet
+ * alone. */
 #ifndef INKLOOP_DROPLET_VOLUME_H
 #define INKLOOP_DROPLET_VOLUME_H
 

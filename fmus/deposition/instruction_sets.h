@@ -15,7 +15,7 @@
 #define INLINED inline
 #endif
 
-/* Before a loop over a few cells: gcc takes all of them at once, where it would else write them out one by one. */
+/* Before a loop over a few cells: gcc vectorises it, where it would otherwise unroll it. */
 #if defined(__GNUC__) && !defined(__clang__)
 #define AS_LOOP _Pragma("GCC unroll 1")
 #else
@@ -32,8 +32,7 @@
 
 enum { CACHE_LINE = 64 }; /* bytes (mostly) */
 
-/* Asks for memory before it is read: where cells are taken in narrow bands or tiles, no processor foresees the next
- * row of one. The memory need not be there. */
+/* Prefetches memory: in narrow bands or tiles no processor predicts the next row. The memory may be unallocated. */
 static INLINED void prefetch(const void *memory, size_t bytes) {
 #if defined(__GNUC__)
     for (size_t k = 0; k < bytes; k += CACHE_LINE)
@@ -43,7 +42,7 @@ static INLINED void prefetch(const void *memory, size_t bytes) {
 #endif
 }
 
-/* The same before it is written. */
+/* The same for memory that is written next. */
 static INLINED void prefetch_to_write(const void *memory, size_t bytes) {
 #if defined(__GNUC__)
     for (size_t k = 0; k < bytes; k += CACHE_LINE)

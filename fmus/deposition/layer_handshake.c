@@ -26,7 +26,7 @@ void draw_volumes(const LayerHandshake *h, const VolumeVariation *how, int32_t l
     }
 }
 
-/* The counters stay at the largest number that they can show. */
+/* Adds to a counter of droplets, which stops at its largest value. */
 static void add_droplets(int32_t *counter, int64_t droplets) {
     *counter = droplets > INT32_MAX - *counter ? INT32_MAX : (int32_t)(*counter + droplets);
 }
@@ -96,7 +96,7 @@ Outcome handshake_initialize(Instance *instance, const LayerHandshake *h) {
     return ACCEPTED;
 }
 
-/* What a step to `end` would have the model command itself, if it can be done. */
+/* Checks the layers that the model itself would command in a step to `end`. */
 static Outcome check_layers_due(Instance *instance, const LayerHandshake *h, double end) {
     const double due = (end - *h->start_time) / *h->layer_period - *h->fired;
     if (*h->layer_period <= 0.0 || (due <= LAYERS_OF_A_STEP && due < (double)(INT32_MAX - *h->layers_printed) - 2.0))
@@ -113,7 +113,7 @@ static bool is_eventful(const LayerHandshake *h, double end) {
     return *h->layer_command != *h->reference || *h->layer_period > 0.0 || is_ready(h, end);
 }
 
-/* The command at the input, if it is a new one. */
+/* Accepts the command at the input, if it is a new one. */
 static Outcome take_command(Instance *instance, const LayerHandshake *h, double start) {
     const long asked = *h->layer_command, reference = *h->reference;
     if (asked == reference)

@@ -1,5 +1,5 @@
-/* The layer contract of every deposition model: which command is accepted, when its layer is complete, and what is
- * counted. A model has variables with the names below and prints a layer; it does not handle time. */
+/* The layer contract of every deposition model: acceptance of commands, completion of layers, and counters. A model has
+ * variables with the names below and prints a layer; it does not handle time. */
 #ifndef INKLOOP_LAYER_HANDSHAKE_H
 #define INKLOOP_LAYER_HANDSHAKE_H
 
@@ -60,11 +60,11 @@ typedef void PrintLayer(Instance *instance, int32_t layer);
 
 size_t cell_count(const LayerHandshake *handshake);
 
-/* Volume of each captured droplet in nominal drops: how many, times the factor of the layer, times what varies; cells
- * without a droplet keep what they had. */
+/* Volume of each captured droplet in nominal drops: its number of drops times the factors of the layer and of the
+ * droplet; values of cells without a droplet are kept. */
 void draw_volumes(const LayerHandshake *handshake, const VolumeVariation *how, int32_t layer, double *volumes);
 
-/* The three of kernel.h, less what is the model's own; calculate sets `height` to `height_start`. */
+/* The three functions of kernel.h; the model adds its own part. handshake_calculate sets `height` to `height_start`. */
 void handshake_calculate(const LayerHandshake *handshake);
 Outcome handshake_initialize(Instance *instance, const LayerHandshake *handshake);
 Outcome handshake_do_step(Instance *instance, const LayerHandshake *handshake, double start, double end,

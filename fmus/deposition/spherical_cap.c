@@ -20,8 +20,9 @@ SphericalCap cap_of_volume(double volume, double base_radius) {
     return (SphericalCap){r, 2.0 * r * sinh(asinh(3.0 * volume / (PI * r * r * r)) / 3.0)};
 }
 
-/* Node `k` of PANELS rules side by side on low..high, and its weight. They lie in s of (3 s - s^3) / 2, which is slow
- * at both ends: there the integrands go like the power 3/2 of the distance, where the rim crosses a side. */
+/* Node `k` of PANELS rules side by side on low..high, and its weight. The panels are equal in s after the substitution
+ * (3 s - s^3) / 2, whose slope is 0 at both ends: where the rim crosses a side the integrands behave like the power 3/2
+ * of the distance. */
 static double node(double low, double high, int k, double *weight) {
     const double half = 0.5 * (high - low);
     const double sign = k % 2 == 0 ? 1.0 : -1.0;

@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
-static const double LARGEST_SHARE = 2.0; /* of a droplet's nominal height that can be learnt (register_fit.c) */
+static const double HIGHEST = 0.5;       /* largest height that the search can represent [m] (lattice.h) */
+static const double LARGEST_SHARE = 2.0; /* largest learnt share of a droplet's nominal height (register_fit.c) */
 
 static LayerStep step_of(const LayerControllerVariables *v) {
     return (LayerStep){.values = v, .threads = 1};
@@ -25,8 +25,8 @@ static Outcome check_value(Instance *instance, size_t variable, const void *valu
     return variable == LAYER_CONTROLLER_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-/* The outputs before the end of initialisation; layer_command is 0 and not layers_printed, which the printer derives
- * from this command: that is a loop. */
+/* Outputs before the end of initialisation; layer_command is 0 and not layers_printed, which the printer derives from
+ * this command: that would be an algebraic loop. */
 static void calculate(Instance *instance) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const LayerStep step = step_of(&v);
@@ -70,7 +70,7 @@ static Outcome check_heights(Instance *instance, const LayerStep *step, const do
     return ACCEPTED;
 }
 
-/* The state after the scan at the inputs, complete. */
+/* Makes the complete state after the scan at the inputs. */
 static Outcome answer(Instance *instance, LayerStep *step, const void *before, void *after, double began) {
     const unsigned long cells = (unsigned long)cells_of(step);
     const int32_t begun = step_begin(step, before, after);

@@ -1,4 +1,4 @@
-/* The region of material A, from the maps of the parameters to the columns that the core reads. */
+/* The region of material A: columns for the core, from the maps of the parameters. */
 #ifndef INKLOOP_REGION_COLUMNS_H
 #define INKLOOP_REGION_COLUMNS_H
 

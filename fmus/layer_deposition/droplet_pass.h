@@ -1,4 +1,4 @@
-/* What is jetted in one pass. */
+/* Input of one pass: droplets and surface. */
 #ifndef INKLOOP_DROPLET_PASS_H
 #define INKLOOP_DROPLET_PASS_H
 
@@ -8,8 +8,8 @@
 #include "cell_colour.h"
 #include "ink.h"
 
-/* Its droplets, and the surface on which they fall: those of `pattern` (0 none, 1 ink[0], 2 ink[1]) on
- * cells of `colour`. `factor` scales each cell's droplet, NULL: all 1. All heights are finite. */
+/* Droplets of a pass, and the surface on which they fall: those of `pattern` (0 none, 1 ink[0], 2 ink[1]) on cells of
+ * `colour`. `factor` scales each cell's droplet, NULL: all 1. All heights are finite. */
 typedef struct {
     size_t nx, ny;
     const double *before;

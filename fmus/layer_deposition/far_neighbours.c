@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One droplet of `volume` at cell (i, j); returns what fell outside the grid [m]. */
+/* Adds one droplet of `volume` at cell (i, j); returns the height added outside the grid [m]. */
 static double add_far_droplet(const double *before, double *after, size_t nx, size_t ny, size_t i, size_t j,
                               const FarInk *ink, int reach, double volume) {
     const ptrdiff_t row = (ptrdiff_t)i, column = (ptrdiff_t)j, rows = (ptrdiff_t)nx, columns = (ptrdiff_t)ny;

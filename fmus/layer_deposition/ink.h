@@ -1,4 +1,4 @@
-/* An ink as the layer map knows it. */
+/* An ink of the layer map. */
 #ifndef INKLOOP_INK_H
 #define INKLOOP_INK_H
 

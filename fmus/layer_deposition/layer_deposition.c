@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-/* Cuts the surface at the roller's height after a layer; what was cut, as a sum of heights [m]. */
+/* Levels the surface at the roller's height after a layer; returns the removed sum of heights [m]. */
 static double roll(const LayerDepositionVariables *v, size_t count, int32_t layer) {
     const double top = *v->roller_datum + *v->roller_step * layer;
     double cut = 0.0;
@@ -19,7 +19,7 @@ static double roll(const LayerDepositionVariables *v, size_t count, int32_t laye
     return cut;
 }
 
-/* The captured pattern in one pass, or in four that each act on the surface of the last. */
+/* Prints the captured pattern in one pass, or in four that each act on the surface of the last. */
 static void print_layer(Instance *instance, int32_t layer) {
     const LayerDepositionVariables v = layer_deposition_variables(instance);
     const LayerHandshake handshake = LAYER_HANDSHAKE(v);

@@ -39,7 +39,7 @@ static bool is_inside(const DropletPass *pass, size_t i, size_t j, int di, int d
     return (di >= 0 || i > 0) && (di <= 0 || i + 1 < pass->nx) && (dj >= 0 || j > 0) && (dj <= 0 || j + 1 < pass->ny);
 }
 
-/* What the droplet at cell (i, j) gives to neighbours outside the grid [m]. */
+/* Height that the droplet at cell (i, j) gives to neighbours outside the grid [m]. */
 static double droplet_loss(const DropletPass *pass, size_t i, size_t j) {
     const size_t cell = i * pass->ny + j;
     double lost = 0.0;

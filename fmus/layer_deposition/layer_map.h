@@ -18,10 +18,10 @@ double taken_share(double rise, double width);
 /* Rows `top` to `bottom` - 1 of the surface `after` a pass, another map than `before`. */
 void deposit_rows(const DropletPass *pass, size_t top, size_t bottom, double *after);
 
-/* What the droplets of a pass give to cells outside the grid [m]. */
+/* Height that the droplets of a pass give to cells outside the grid [m]. */
 double lost_in_pass(const DropletPass *pass);
 
-/* Both for all rows of a pass with these members; returns what is lost [m]. */
+/* Both for all rows of a pass with these members; returns the height lost [m]. */
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour);
 

@@ -1,8 +1,8 @@
-/* Which share of its part every neighbour of a cell takes (eq. 5), for a row of cells at once and without a branch.
+/* Shares that the neighbours of a cell take of their parts (eq. 5), for a row of cells at once and without a branch.
  *
  * Of two neighbours at most the lower one gives less than a full part, so a pair costs one division. Rows are read in
  * bands of columns that fit into the cache, with a frame of one cell: a cell outside the grid lies infinitely low and
- * takes everything. What a cell without a droplet would give is a product with -0.0, which changes no sum. */
+ * takes its full part. The shares of a cell without a droplet are products with -0.0, which change no sum. */
 #ifndef INKLOOP_NEIGHBOUR_SHARES_H
 #define INKLOOP_NEIGHBOUR_SHARES_H
 
@@ -15,38 +15,40 @@
 #include "droplet_pass.h"
 #include "instruction_sets.h"
 
-enum { VECTOR = 4 }; /* cells that are taken at once: loops over rows go on to whole vectors, in clear cells */
+/* cells computed at once: loops over rows are extended to whole vectors, into cells that are 0 */
+enum { VECTOR = 4 };
 enum { BAND = 64, FRAMED_BAND = BAND + 2 * VECTOR }; /* columns (by trial); cell k of a band stands at 1 + k */
 enum { SIDE_PART, CORNER_PART, PARTS };
 
 /* Cells of a row. */
 typedef struct {
     _Alignas(CACHE_LINE) double height[FRAMED_BAND];
-    double kind[FRAMED_BAND];         /* of the droplet: 0 none, 1 + index of the ink; as wide as what it chooses */
-    double volume[FRAMED_BAND];       /* of a droplet [1] */
+    /* kind of the droplet: 0 none, 1 + index of the ink; as wide as the values it selects */
+    double kind[FRAMED_BAND];
+    double volume[FRAMED_BAND];       /* volume of the droplet [1] */
     double own[FRAMED_BAND];          /* h1 times volume [m] */
     double part[PARTS][FRAMED_BAND];  /* h2 and h3 times volume, without a droplet -0.0 [m] */
-    double width[PARTS][FRAMED_BAND]; /* own and a part, at which a share ends [m] */
-    bool is_jetted;                   /* on any cell */
+    double width[PARTS][FRAMED_BAND]; /* own plus part: height difference at which a share reaches 0 [m] */
+    bool is_jetted;                   /* some cell has a droplet */
 } CellRow;
 
-/* Shares between the cells of a row and those of the next one. Number k stands for cell k and: the next cell in
- * to_right and down_right; the cell below in down; in down_left cell k is that below. Backwards: to_left, up_left, up,
- * up_right. */
+/* Shares between the cells of a row and those of the next one. Element k belongs to cell k and the next cell in
+ * to_right and down_right, to cell k and the cell below in down; in down_left cell k is the one below. Backwards:
+ * to_left, up_left, up, up_right. */
 typedef struct {
     _Alignas(CACHE_LINE) double to_right[FRAMED_BAND], down_left[FRAMED_BAND], down[FRAMED_BAND];
     double down_right[FRAMED_BAND], to_left[FRAMED_BAND], up_right[FRAMED_BAND], up[FRAMED_BAND], up_left[FRAMED_BAND];
 } RowShares;
 
-/* Some columns of a grid, three rows of them at a time. */
+/* Some columns of a grid, three rows at a time. */
 typedef struct {
     size_t first, count; /* columns */
     CellRow row[3];
     RowShares shares[2];
 } Band;
 
-/* A row next to another one, and the shares that its cells give there: cell k is given left[k - 1] of the part of cell
- * k - 1, straight[k] of that of cell k, right[k] of that of cell k + 1. */
+/* An adjacent row, and the shares that its cells give to this one: cell k receives left[k - 1] of the part of cell k -
+ * 1, straight[k] of that of cell k, right[k] of that of cell k + 1. */
 typedef struct {
     const CellRow *row;
     const double *left, *straight, *right;
@@ -56,10 +58,10 @@ typedef struct {
 typedef struct {
     NextRow above, below;
     const CellRow *here;
-    const RowShares *over, *under; /* of the row above and of this one */
+    const RowShares *over, *under; /* shares with the row above and of this row */
 } Surroundings;
 
-/* So many cells, and those that fill the last vector. */
+/* Number of cells rounded up to whole vectors. */
 static INLINED size_t whole_vectors(size_t count) {
     return (count + VECTOR - 1) & ~(size_t)(VECTOR - 1);
 }
@@ -75,7 +77,7 @@ static INLINED void clear_row(CellRow *row) {
     }
 }
 
-/* What the droplets of a row leave and give at most. */
+/* Height that each droplet of a row leaves, and its largest shares. */
 static INLINED void spread_droplets(Ink one, Ink other, size_t count, CellRow *row) {
     const size_t whole = whole_vectors(count);
     for (size_t k = 0; k < whole; k++) {
@@ -86,16 +88,16 @@ static INLINED void spread_droplets(Ink one, Ink other, size_t count, CellRow *r
         row->own[k] = own;
         row->part[SIDE_PART][k] = kind > 0.0 ? side : -0.0;
         row->part[CORNER_PART][k] = kind > 0.0 ? corner : -0.0;
-        row->width[SIDE_PART][k] = side_width > DBL_MIN ? side_width : DBL_MIN; /* nothing is to be divided by 0 */
+        row->width[SIDE_PART][k] = side_width > DBL_MIN ? side_width : DBL_MIN; /* avoids a division by 0 */
         row->width[CORNER_PART][k] = corner_width > DBL_MIN ? corner_width : DBL_MIN;
     }
 }
 
-/* The droplets of row i, `from` and `end` counted with the frame. */
+/* The droplets of row i; `from` and `end` counted with the frame. */
 static INLINED void load_droplets(const DropletPass *pass, size_t i, size_t first, size_t from, size_t end,
                                   CellRow *row) {
     const size_t corner = i * pass->ny + first + from - 1;
-    int32_t kind[FRAMED_BAND], any = 0; /* one loop for each step: gcc 12 does not vectorise them together */
+    int32_t kind[FRAMED_BAND], any = 0; /* separate loops: gcc 12 does not vectorise them together */
     memcpy(kind + from, pass->pattern + corner, (end - from) * sizeof(int32_t));
     for (size_t k = from; pass->colour != COLOUR_ALL && k < end; k++)
         kind[k] = pass->colour == cell_colour(i, first + k - 1) ? kind[k] : 0;
@@ -114,7 +116,7 @@ static INLINED void load_droplets(const DropletPass *pass, size_t i, size_t firs
         spread_droplets(pass->ink[0], pass->ink[0], end, row);
 }
 
-/* Asks for the cells of row `row` of the grid in a band. */
+/* Prefetches the cells of row `row` of the grid in a band. */
 static INLINED void prefetch_row(const DropletPass *pass, const Band *band, size_t row) {
     const size_t corner = row * pass->ny + band->first;
     if (row >= pass->nx)
@@ -125,7 +127,7 @@ static INLINED void prefetch_row(const DropletPass *pass, const Band *band, size
         prefetch(pass->factor + corner, band->count * sizeof(double));
 }
 
-/* Row i - 1 of the grid; 0 and nx + 1 are the frame. Cells of the band beyond the grid stay clear. */
+/* Loads row i - 1 of the grid; 0 and nx + 1 are the frame. Cells of the band beyond the grid stay 0. */
 static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i, CellRow *row) {
     const size_t from = band->first > 0 ? 0 : 1, end = band->count + (band->first + band->count < pass->ny ? 2 : 1);
     if (i == 0 || i > pass->nx) {
@@ -138,8 +140,8 @@ static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i
     prefetch_row(pass, band, i);
 }
 
-/* Shares of `count` pairs of cells, and of those that fill a vector: what one gives to the other, and what it is given.
- */
+/* Shares of `count` pairs of cells, and of those that fill a vector: given by one to the other, and received from
+ * it. */
 static INLINED void pair_shares(size_t count, const double *one, const double *other, const double *width_one,
                                 const double *width_other, double *restrict given, double *restrict taken) {
     const size_t whole = whole_vectors(count);
@@ -158,13 +160,13 @@ static INLINED void row_shares(const CellRow *row, const CellRow *next, size_t c
     if (row->is_jetted)
         pair_shares(count + 1, row->height, row->height + 1, side, side + 1, shares->to_right, shares->to_left);
     if (!row->is_jetted && !next->is_jetted)
-        return; /* what was there counts for nothing */
+        return; /* the old values are not used */
     pair_shares(count + 1, row->height + 1, next->height, corner + 1, next_corner, shares->down_left, shares->up_right);
     pair_shares(count + 2, row->height, next->height, side, next_side, shares->down, shares->up);
     pair_shares(count + 1, row->height, next->height + 1, corner, next_corner + 1, shares->down_right, shares->up_left);
 }
 
-/* Begins the band of columns from `first` on, before row `top`. */
+/* Begins a band with the columns from `first` on, before row `top`. */
 static INLINED void begin_band(const DropletPass *pass, size_t first, size_t top, Band *band) {
     CellRow *above = &band->row[top % 3], *here = &band->row[(top + 1) % 3];
     band->first = first;
@@ -177,7 +179,7 @@ static INLINED void begin_band(const DropletPass *pass, size_t first, size_t top
     row_shares(above, here, band->count, &band->shares[top % 2]);
 }
 
-/* Row i, after the rows before it from the first one on. */
+/* Row i and its neighbours; rows are read in order from the first one on. */
 static INLINED Surroundings surround_row(const DropletPass *pass, size_t i, Band *band) {
     CellRow *below = &band->row[(i + 2) % 3];
     const CellRow *above = &band->row[i % 3], *here = &band->row[(i + 1) % 3];

@@ -1,10 +1,10 @@
-/* The surface that a pass leaves, row by row. */
+/* Surface after a pass, row by row. */
 #ifndef INKLOOP_ROW_SURFACE_H
 #define INKLOOP_ROW_SURFACE_H
 
 #include "neighbour_shares.h"
 
-/* The height of cell k after what the next row gives it. */
+/* Height of cell k after the shares given by the adjacent row. */
 static INLINED double after_given(const NextRow *next, size_t k, double height) {
     const double *side = next->row->part[SIDE_PART], *corner = next->row->part[CORNER_PART];
     height += corner[k - 1] * next->left[k - 1];
@@ -13,7 +13,7 @@ static INLINED double after_given(const NextRow *next, size_t k, double height) 
     return height;
 }
 
-/* The same after what its own row leaves there. */
+/* Height of cell k after the shares of its own row. */
 static INLINED double after_kept(const CellRow *here, const RowShares *over, const RowShares *under, size_t k,
                                  double height) {
     const double *side = here->part[SIDE_PART], *corner = here->part[CORNER_PART];
@@ -38,7 +38,7 @@ static INLINED bool is_reached(const Surroundings *row) {
     return row->above.row->is_jetted || row->here->is_jetted || row->below.row->is_jetted;
 }
 
-/* The heights of a row and what reaches them, in the order of the cells that it comes from. */
+/* Heights of a row after all shares, in the order of the cells that they come from. */
 static INLINED void deposit_row(const Surroundings *row, size_t count, double *restrict after) {
     const Surroundings near = *row;
     if (!is_reached(row)) {

@@ -124,7 +124,7 @@ static Outcome read_parameters(Instance *job, Instance *owner, Bytes from, uint6
     return outcome;
 }
 
-/* A section without its parameters, which are skipped and read when its owner is there. */
+/* A section without its parameters, which are skipped and read once its owner exists. */
 typedef struct {
     char model[NAME_SIZE + 1];
     char fingerprint[FINGERPRINT_SIZE + 1];

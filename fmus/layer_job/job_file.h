@@ -1,5 +1,5 @@
-/* What a job prints, as a file: parameters of the job and of its parts, in little-endian binary, because hosts change
- * the locale that text would be read with. Reading any file gives either parts or a message. */
+/* The file of a job: parameters of the job and of its parts, in little-endian binary, because hosts change the locale
+ * that text would be read with. Reading any file gives either parts or a message. */
 #ifndef INKLOOP_JOB_FILE_H
 #define INKLOOP_JOB_FILE_H
 

@@ -20,11 +20,11 @@ const char *role_name(PartRole role);
 /* New parts for the grid of the job; those of a failed call are closed. */
 Outcome create_parts(Instance *job, const Model *const models[PARTS], JobParts *parts);
 
-/* The parts as they were kept. */
+/* Opens the parts as they were kept. */
 Outcome open_parts(Instance *job, JobParts *parts);
 void close_parts(JobParts *parts);
 
-/* Makes the present parts those of the job; refusing, it has changed nothing. */
+/* Makes the present parts those of the job; if it refuses, nothing has changed. */
 Outcome keep_parts(Instance *job, const JobParts *parts);
 
 /* The number of a variable in the table of an instance, one of all parts of a role. */
@@ -38,7 +38,7 @@ int32_t part_integer(const JobParts *parts, PartRole role, const char *name);
 /* Sets a variable of a part, checked as an importer's value would be; a refusal becomes the message of the job. */
 Outcome set_part(Instance *job, const JobParts *parts, PartRole role, const char *name, const void *values);
 
-/* A part's own refusal, as the message of the job. */
+/* Makes a refusal of a part the message of the job. */
 Outcome refuse_for_part(Instance *job, const JobParts *parts, PartRole role);
 
 #endif

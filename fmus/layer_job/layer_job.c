@@ -1,5 +1,5 @@
-/* A print as a block with scalars only. What happens when is decided by times of the print alone, never by the steps of
- * the importer: parts are stepped exactly when something of theirs is due, as often as a step asks for. */
+/* A print as a block with scalars only. Events depend on times of the print alone, never on the steps of the importer:
+ * each part is stepped exactly when it is due, as often as needed within a step. */
 #include "job_file.h"
 #include "job_parts.h"
 #include "layer_job_variables.h"
@@ -13,15 +13,15 @@ enum { CONTROLLER_DONE = 2 };
 enum { STATUS_IDLE = 0, STATUS_PRINTING = 1, STATUS_DONE = 2, STATUS_UNTRUSTED = 4 };
 enum { WAITING, SCANNING, READY, PRINTING, OVER }; /* stage */
 static const double ROUNDING = 1e-6;               /* of a period: importers' times carry rounding */
-static const double LAYERS_OF_A_STEP = 10000.0;    /* a longer step is likelier a slip of the pen (assumed) */
+static const double LAYERS_OF_A_STEP = 10000.0;    /* a longer step is more likely an error (assumed) */
 
-/* How far the print is. due: when the stage ends; READY: since when. periods: passed since it began. */
+/* Progress of the print. due: end of the stage; READY: its begin. periods: passed since the print began. */
 typedef struct {
     int32_t stage;
     double began_at, due, periods;
 } Course;
 
-/* What makes the controller doubtful does so until it is done. */
+/* Publishes the progress; doubts of the controller show until it is done. */
 static void publish_course(const LayerJobVariables *v, const Course *course) {
     const bool is_between = course->stage == READY && !*v->start;
     *v->status = course->stage == OVER                    ? STATUS_DONE
@@ -97,7 +97,7 @@ static Outcome print_layer(Instance *job, const LayerJobVariables *v, const JobP
     return ACCEPTED;
 }
 
-/* The parameters that may change between steps. */
+/* Passes on the parameters that may change between steps. */
 static Outcome tune_controller(Instance *job, const LayerJobVariables *v, const JobParts *parts) {
     const Outcome outcome = set_part(job, parts, CONTROLLER, "alpha", v->alpha);
     return outcome == ACCEPTED ? set_part(job, parts, CONTROLLER, "time_limit", v->time_limit) : outcome;
@@ -127,12 +127,12 @@ static Outcome begin_layer(Instance *job, const LayerJobVariables *v, const JobP
     return outcome == ACCEPTED ? print_layer(job, v, parts, course, time) : outcome;
 }
 
-/* Periods after which the next layer begins: never twice in one, never before the last layer is scanned. */
+/* Periods after which the next layer begins: never two layers in one period, never before the last layer is scanned. */
 static double next_period(const LayerJobVariables *v, const Course *course) {
     return fmax(course->periods + 1.0, ceil((course->due - course->began_at) / *v->layer_period - ROUNDING));
 }
 
-/* When something happens next, in a step that begins at `start`. */
+/* Time of the next event, in a step that begins at `start`. */
 static double next_event(const LayerJobVariables *v, const Course *course, double start) {
     switch (course->stage) {
     case WAITING:
@@ -213,7 +213,7 @@ static Outcome initialize(Instance *instance) {
     return outcome;
 }
 
-/* All that happens by `reached`; if it refuses, nothing has changed. */
+/* Executes all events up to `reached`; if it refuses, nothing has changed. */
 static Outcome print_until(Instance *instance, const LayerJobVariables *v, Course *course, double start,
                            double reached) {
     JobParts parts;
@@ -232,7 +232,7 @@ static Outcome print_until(Instance *instance, const LayerJobVariables *v, Cours
     return outcome;
 }
 
-/* Layers that a step may print at most. */
+/* Largest number of layers that a step may print. */
 static double layers_due(const LayerJobVariables *v, const Course *course, double start, double reached) {
     const double began_at = course->stage == WAITING ? start : course->began_at;
     if (course->stage == OVER || !*v->start)

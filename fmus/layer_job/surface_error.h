@@ -1,11 +1,11 @@
-/* How far a surface is from its target, over the cells of the part. */
+/* Error of a surface against its target, over the cells of the part. */
 #ifndef INKLOOP_SURFACE_ERROR_H
 #define INKLOOP_SURFACE_ERROR_H
 
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Of target less height [m]: mean, mean absolute value, standard deviation (population). All 0 for no cell. */
+/* Target minus height [m]: mean, mean absolute value, standard deviation (population). All 0 for no cell. */
 typedef struct {
     double mean, mean_absolute, deviation;
 } SurfaceError;

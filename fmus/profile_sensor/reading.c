@@ -18,20 +18,20 @@ static bool is_lost(const Instrument *by, size_t cell, int32_t scan, double slop
     return by->dropout_rate > 0.0 && random_uniform(by->seed, STREAM_DROPOUT, cell, scan) < by->dropout_rate;
 }
 
-/* The plane and the offset that a badly set up sensor adds at cell (i, j). */
+/* Tilt and offset of a misaligned sensor at cell (i, j). */
 static double set_up_error(const Instrument *by, size_t nx, size_t ny, size_t i, size_t j, int32_t scan) {
     const double x = ((double)i - 0.5 * ((double)nx - 1.0)) * by->pitch;
     const double y = ((double)j - 0.5 * ((double)ny - 1.0)) * by->pitch;
     return by->tilt_x * x + by->tilt_y * y + by->bias + by->drift_rate * scan;
 }
 
-/* How far from each cell the sensor looks along an axis, 0 or 1 [m]. */
+/* Displacement of the sensor along an axis, 0 or 1, in one scan [m]. */
 static double shift_of_scan(const Instrument *by, uint64_t axis, int32_t scan) {
     const double scatter = by->shift_std > 0.0 ? random_normal(by->seed, STREAM_SHIFT, axis, scan) : 0.0;
     return (axis == 0 ? by->shift_x : by->shift_y) + by->shift_std * scatter;
 }
 
-/* In the order of the hardware: shift, spot, slope, noise, drop-out, tilt, bias, steps. */
+/* Applies the errors in the order of the hardware: shift, spot, slope, noise, drop-out, tilt, bias, steps. */
 void read_surface(const Instrument *by, const double *surface, size_t nx, size_t ny, int32_t scan, double *spot,
                   double *lines, double *reading, bool *valid) {
     const double shift_x = shift_of_scan(by, 0, scan), shift_y = shift_of_scan(by, 1, scan), *seen = surface;

@@ -1,5 +1,5 @@
-/* What a scanning profile sensor reads from a surface. A grid is nx * ny cells in C order, cell (i, j) at i * ny + j;
- * all functions are pure. */
+/* Geometry of the readings of a scanning profile sensor: spot, displacement, slope. A grid is nx * ny cells in C order,
+ * cell (i, j) at i * ny + j; all functions are pure. */
 #ifndef INKLOOP_SCAN_H
 #define INKLOOP_SCAN_H
 
@@ -10,8 +10,7 @@
 void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
                        double radius);
 
-/* The surface at (x, y) from each cell, between cells by straight lines; beyond the border as it is there. All lengths
- * in m. */
+/* The surface displaced by (x, y): bilinear between cells, level beyond the border. All lengths in m. */
 void displace(const double *height, double *displaced, size_t nx, size_t ny, double pitch, double x, double y);
 
 /* Length of the gradient at cell (i, j): central differences, one-sided at the border, 0 along a single cell. */

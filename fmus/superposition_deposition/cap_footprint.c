@@ -19,7 +19,8 @@ CapFootprint cap_footprint(const SphericalCap *cap, double pitch) {
             sum += (di > 0 ? 2.0 : 1.0) * (dj > 0 ? 2.0 : 1.0) * volume;
         }
     }
-    for (int di = 0; di <= footprint.reach; di++) /* the last digits: a droplet is conserved to rounding */
+    /* scaled to sum 1: the volume of a droplet is conserved to rounding */
+    for (int di = 0; di <= footprint.reach; di++)
         for (int dj = 0; dj <= footprint.reach; dj++)
             footprint.share[di][dj] /= sum;
     return footprint;

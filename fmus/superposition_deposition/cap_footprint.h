@@ -1,4 +1,4 @@
-/* How the volume of a spherical cap on the middle of a cell shares out over the cells around it. */
+/* Shares of the cells around a spherical cap on the middle of a cell in its volume. */
 #ifndef INKLOOP_CAP_FOOTPRINT_H
 #define INKLOOP_CAP_FOOTPRINT_H
 
@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { MOST_REACH = 8 }; /* cells from the middle; a drop wider than 17 cells is more likely an error */
+enum { MOST_REACH = 8 }; /* reach in cells; a drop wider than 17 cells is more likely an error */
 
 typedef struct {
     int reach;                                    /* cells that the cap reaches into, on each side */
@@ -21,7 +21,7 @@ double cap_reach(double base_radius, double pitch);
 /* Precondition: cap_reach at most MOST_REACH. */
 CapFootprint cap_footprint(const SphericalCap *cap, double pitch);
 
-/* Adds `volume` caps on cell (i, j) to `height` (nx * ny, C order) [m]; returns the heights that fell outside. */
+/* Adds `volume` caps on cell (i, j) to `height` (nx * ny, C order) [m]; returns the sum of heights outside the grid. */
 double add_cap(double *height, size_t nx, size_t ny, size_t i, size_t j, const CapFootprint *footprint, double volume);
 
 #endif

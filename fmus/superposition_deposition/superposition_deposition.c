@@ -2,7 +2,7 @@
 #include "layer_handshake.h"
 #include "superposition_deposition_variables.h"
 
-/* Every captured droplet lays its cap onto the surface, whatever lies there. */
+/* Adds the cap of every captured droplet to the surface, whatever its height. */
 static void print_layer(Instance *instance, int32_t layer) {
     const SuperpositionDepositionVariables v = superposition_deposition_variables(instance);
     const LayerHandshake handshake = LAYER_HANDSHAKE(v);

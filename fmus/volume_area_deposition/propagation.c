@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-static const double FLAT = 1e-15; /* height differences up to here are none [m] */
+static const double FLAT = 1e-15; /* height differences up to this are 0 [m] */
 
 /* The region of interest, cut to the grid: rows and columns first..last of 0..2, and the grid cell of its first place.
  */
@@ -43,7 +43,7 @@ static size_t cell_of(const InkMap *map, const Region *region, int p, int q) {
     return region->corner + (size_t)(p - region->first_row) * map->ny + (size_t)(q - region->first_column);
 }
 
-/* Height of each cell less the mean of the cells that touch it inside the region (eq. 7-9); returns the largest. */
+/* Height of each cell less the mean of the adjacent cells inside the region (eq. 7-9); returns the largest. */
 static double height_differences(const InkMap *map, const Region *region, double difference[SIDE][SIDE]) {
     double framed[SIDE + 2][SIDE + 2] = {{0.0}}, along[SIDE + 2][SIDE] = {{0.0}};
     for (int p = region->first_row; p <= region->last_row; p++) {
@@ -68,7 +68,7 @@ static double height_differences(const InkMap *map, const Region *region, double
     return largest;
 }
 
-/* On flat ground a drop is the cap; what would lie outside the grid stays with the cell that is hit. */
+/* Adds a drop on flat ground as a cap; the part outside the grid stays with the cell that is hit. */
 static void add_cap(const InkMap *map, const Region *region, const DropModel *drop, double volume) {
     double left = 1.0;
     for (int p = region->first_row; p <= region->last_row; p++) {

@@ -1,8 +1,7 @@
 /* Volume and area of the ink in each cell, drop by drop (Wu, Chiu 2024, eq. 1-13): the master copy.
  *
  * A grid is nx * ny cells in C order. The paper's volumes, in shares of one drop, are replaced by mean heights of
- * cells: one drop is `height_scale` over one cell. The height that drives the ink is that of the covered part of a
- * cell. */
+ * cells: one drop is `height_scale` over one cell. The ink flows by the height of the covered part of a cell. */
 #ifndef INKLOOP_PROPAGATION_H
 #define INKLOOP_PROPAGATION_H
 
@@ -24,7 +23,7 @@ typedef struct {
     double mv_plus, mv_minus, ma_plus, ma_minus; /* gains of volume and area per height difference [1/m] */
     CapShares cap;
     bool guard;       /* a higher cell that gains ink grows its area at constant height */
-    bool limit_gains; /* neighbours together gain one drop at most */
+    bool limit_gains; /* neighbours together gain at most one drop */
 } DropModel;
 
 typedef struct {

@@ -8,7 +8,7 @@
 enum { RASTER = 1, SERPENTINE, COLUMNS };       /* DropOrder */
 static const double CAP_RADIUS_PER_PITCH = 0.6; /* gives the height differences of Wu, Chiu 2024, eq. 19 */
 
-/* Cell number `place` of the grid in an order of droplets. */
+/* Cell number `place` of the grid in an order of drops. */
 static size_t cell_at(size_t place, size_t nx, size_t ny, int64_t order) {
     if (order == COLUMNS)
         return place % nx * ny + place / nx;
@@ -29,7 +29,7 @@ static DropModel drop_model(const VolumeAreaDepositionVariables *v) {
                        .limit_gains = *v->limit_gains};
 }
 
-/* The shares of a drop on flat ground take longer than a drop, so they are found once. */
+/* Computes the shares of a drop on flat ground, once: they take longer than a drop. */
 static void find_cap_shares(const VolumeAreaDepositionVariables *v) {
     const double radius = *v->cap_radius > 0.0 ? *v->cap_radius : CAP_RADIUS_PER_PITCH * *v->pitch;
     const CapShares cap = cap_shares(*v->height_scale, radius, *v->pitch);
@@ -41,7 +41,7 @@ static void find_cap_shares(const VolumeAreaDepositionVariables *v) {
     *v->cap_area_corner = cap.area[2];
 }
 
-/* The captured droplets one after the other, each on the surface that the last one left. */
+/* Prints the captured droplets one after the other, each on the surface that the last one left. */
 static void print_layer(Instance *instance, int32_t layer) {
     const VolumeAreaDepositionVariables v = volume_area_deposition_variables(instance);
     const LayerHandshake handshake = LAYER_HANDSHAKE(v);

@@ -25,11 +25,11 @@ static void subtract(double *restrict target, double share, const double *restri
         target[row] -= share * one[row] + other_share * other[row];
 }
 
-/* Two columns at a time: what is right of them is read and written half as often. */
+/* Factorises two columns at a time: the columns right of them are read and written half as often. */
 bool band_factor(double *matrix, size_t size, size_t bandwidth) {
     const size_t stride = bandwidth + 1;
     for (size_t column = 0; column < size; column += 2) {
-        double *one = matrix + column * stride, *other = one + stride - 1; /* the same row at the same place of both */
+        double *one = matrix + column * stride, *other = one + stride - 1; /* element k of both is in the same row */
         const size_t count = below(column, size, bandwidth);
         if (!scale_column(one, count))
             return false;

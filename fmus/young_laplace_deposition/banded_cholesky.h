@@ -5,8 +5,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* The lower triangle by columns: element (row, column) at column * (bandwidth + 1) + row - column; what lies below the
- * last row is neither read nor written. */
+/* The lower triangle by columns: element (row, column) at column * (bandwidth + 1) + row - column; elements below the
+ * last row are neither read nor written. */
 
 /* Replaces the matrix by its factor L of L L^T; false, and a spoilt matrix, if it is not positive definite. */
 bool band_factor(double *matrix, size_t size, size_t bandwidth);

@@ -1,7 +1,7 @@
 #include "fine_surface.h"
 
 size_t rim_points(const FineSurface *s) {
-    return WIDEST_SPREAD * s->per_pitch + 2; /* 2: interpolation needs points around */
+    return WIDEST_SPREAD * s->per_pitch + 2; /* 2: interpolation needs surrounding points */
 }
 
 size_t column_count(const FineSurface *s) {
@@ -21,7 +21,7 @@ double height_at(const FineSurface *s, double x, double y) {
     return lower + up * (upper - lower);
 }
 
-/* Heights between the cells' centres, bilinear; beyond the outermost centres level. */
+/* Heights between the centres of the cells, bilinear; level beyond the outermost centres. */
 static double between_cells(const FineSurface *s, const double *cells, size_t i, size_t j) {
     const size_t point[2] = {i, j}, count[2] = {s->nx, s->ny};
     size_t low[2], high[2];

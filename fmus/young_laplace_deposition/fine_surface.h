@@ -6,7 +6,7 @@
 #include <stddef.h>
 
 /* Point (i, j) lies at ((i - rim + 0.5) / per_pitch, (j - rim + 0.5) / per_pitch) pitches from the corner of the grid
- * of cells; the rim takes what flows over the border. */
+ * of cells; the rim takes the liquid that flows over the border. */
 typedef struct {
     size_t nx, ny;    /* cells */
     size_t per_pitch; /* points per cell along x and along y */
@@ -14,12 +14,12 @@ typedef struct {
     double *height;   /* [m], (columns, rows) in C order */
 } FineSurface;
 
-/* No droplet may spread further than this many pitches: the rim is as wide, and lines four apart never touch. */
+/* Largest spread of a droplet in pitches: the rim is as wide, and lines four apart never touch. */
 enum { WIDEST_SPREAD = 2 };
 
 size_t rim_points(const FineSurface *surface);
-size_t column_count(const FineSurface *surface); /* along x */
-size_t row_count(const FineSurface *surface);    /* along y */
+size_t column_count(const FineSurface *surface); /* points along x */
+size_t row_count(const FineSurface *surface);    /* points along y */
 
 /* Heights between the points, bilinear; x and y in spacings from point (0, 0), inside the map [m]. */
 double height_at(const FineSurface *surface, double x, double y);

@@ -11,7 +11,7 @@ double cap_radius(double volume, double contact_angle) {
     return cbrt(6.0 * volume / (PI * t * (3.0 + t * t)));
 }
 
-/* How far a ray gets in the plane, in spacings, until its path over the surface has this length. */
+/* Distance of a ray in the plane, in spacings, at which its path over the surface has this length. */
 static double march(const FineSurface *surface, Place site, double along_x, double along_y, double length) {
     double way = 0.0, path = 0.0, last = height_at(surface, site.x, site.y);
     for (;;) {

@@ -1,4 +1,4 @@
-/* Which ground the liquid wets: droplets spread over the surface, a body fills the convex hull of what they reach. */
+/* Wetted ground: droplets spread over the surface, a body fills the convex hull of their footprints. */
 #ifndef INKLOOP_FOOTPRINT_H
 #define INKLOOP_FOOTPRINT_H
 
@@ -13,8 +13,8 @@ typedef struct {
 /* Base radius of a spherical cap of this volume and contact angle [m] (m3, rad). */
 double cap_radius(double volume, double contact_angle);
 
-/* Where a droplet that falls on `site` ends: along each ray the path over the surface is as long as `radius` [m], but
- * for a factor that gives the polygon the area of the circle on level ground. */
+/* Ends of the rays of a droplet that falls on `site`: along each ray the path over the surface is as long as `radius`
+ * [m], times a factor that gives the polygon the area of the circle on level ground. */
 void spread_droplet(const FineSurface *surface, Place site, double radius, Place ends[RAYS]);
 
 /* The convex hull, counter-clockwise; sorts `places`, `hull` takes up to count + 1. Returns its number of corners. */

@@ -54,7 +54,7 @@ static void lay(const FineSurface *s, const LiquidBody *body, PassReport *report
     }
 }
 
-/* Sites first .. end - 1 of a line as one body; `found` is the surface below. */
+/* Prints sites first .. end - 1 of a line as one body; `found` is the surface below. */
 static void print_body(const FineSurface *s, const FineSurface *found, const Liquid *liquid, const double *drops,
                        size_t line, size_t first, size_t end, PassMemory *m, PassReport *report) {
     size_t ends = 0;

@@ -5,12 +5,14 @@
 #include <math.h>
 #include <string.h>
 
-enum { STEPS = 60, FREE_STEPS = 30 };   /* a node may leave the solid again only in the first ones */
-static const double SMALL = 2e-3;       /* of a Newton step, in spacings: the next one would be about its square */
+/* steps of the iteration; nodes may be released from the solid in the first of them only */
+enum { STEPS = 60, FREE_STEPS = 30 };
+/* longest last Newton step, in spacings: the next one would be about its square */
+static const double SMALL = 2e-3;
 static const double OVERSHOOT = 0.5;    /* slope at the end of a step over the slope at its begin */
 static const double WALL = 0.25;        /* height, in radii of the liquid's curvature (assumed) */
 static const double WALL_SHARE = 0.125; /* of the edge (assumed) */
-static const double SHORTEST = 1e-3;    /* share of a step */
+static const double SHORTEST = 1e-3;    /* smallest share of a step */
 
 /* Slope of the liquid along an arm, outwards. */
 static double slope(const LiquidBody *body, const WettedNode *node, double depth, int arm) {
@@ -18,7 +20,7 @@ static double slope(const LiquidBody *body, const WettedNode *node, double depth
     return node->rise[arm] + (far - depth) / node->arm[arm];
 }
 
-/* Half of an arm belongs to its node, all of it where it ends on the edge. */
+/* Length of an arm that belongs to its node: half, or all of it if it ends on the edge. */
 static double extent(const WettedNode *node, int arm) {
     return node->next[arm] < 0 ? node->arm[arm] : 0.5 * node->arm[arm];
 }
@@ -26,16 +28,16 @@ static double extent(const WettedNode *node, int arm) {
 /* One arm of the node at hand. */
 typedef struct {
     int32_t next;
-    double inverse, weight, slope; /* of its length; of its half of a flux; of the liquid */
+    double inverse, weight, slope; /* inverse of its length; weight of its half in a flux; slope of the liquid */
 } Arm;
 
-/* What a quarter of a square adds: its fluxes along both arms, and how they change with the slopes. */
+/* Contribution of a quarter of a square: its fluxes along both arms, and their derivatives by the slopes. */
 typedef struct {
     double x, y, xx, xy, yy;
 } Fluxes;
 
-/* Where one of the arms is cut the weights differ, and the change of one flux with the other slope would not be
- * symmetric: with the mean of both Newton's method still converges. */
+/* Fluxes of a quarter. If one arm is cut, the weights differ, and the derivative of one flux by the other slope would
+ * not be symmetric: with the mean of both Newton's method still converges. */
 static Fluxes fluxes(SurfaceForm form, const Arm *x, const Arm *y) {
     if (form == LINEAR)
         return (Fluxes){x->weight * x->slope, y->weight * y->slope, x->weight, 0.0, y->weight};
@@ -88,7 +90,7 @@ static void assemble(LiquidBody *body, SurfaceForm form) {
     }
 }
 
-/* Lets nodes go that the liquid pulls off the solid; how many. */
+/* Releases nodes that the liquid pulls off the solid; returns their number. */
 static size_t release(LiquidBody *body) {
     size_t released = 0;
     for (size_t k = 0; k < body->wet.count; k++) {
@@ -100,7 +102,7 @@ static size_t release(LiquidBody *body) {
     return released;
 }
 
-/* Pins nodes that a step has taken below the solid; how many. */
+/* Pins nodes that a step has moved below the solid; returns their number. */
 static size_t pin(LiquidBody *body) {
     size_t pinned = 0;
     for (size_t k = 0; k < body->wet.count; k++) {
@@ -149,7 +151,7 @@ static bool find_step(LiquidBody *body, double volume) {
     return all_responses > 0.0 && isfinite(body->pressure);
 }
 
-/* Slope of the energy along the last step, the pressure's work taken off, at the present depths. */
+/* Slope of the energy along the last step, without the work of the pressure, at the present depths. */
 static double slope_along_step(const LiquidBody *body) {
     double sum = 0.0;
     for (size_t k = 0; k < body->wet.count; k++)
@@ -158,7 +160,7 @@ static double slope_along_step(const LiquidBody *body) {
     return sum;
 }
 
-/* Takes back what a longer share of the step has pinned: nodes that were pinned before have no step. */
+/* Moves by a share of the step, and undoes pins of a longer share: nodes that were pinned before have no step. */
 static void move(LiquidBody *body, double share) {
     for (size_t k = 0; k < body->wet.count; k++) {
         body->depth[k] = body->previous[k] + share * body->step[k];
@@ -173,8 +175,8 @@ static bool has_pinned(const LiquidBody *body) {
     return false;
 }
 
-/* Takes as much of the step as does not overshoot the lowest energy along it; how many nodes it pinned. A linear body
- * that touches the solid nowhere is done, its forces are of no use. */
+/* Takes the share of the step that does not overshoot the lowest energy along it; returns the number of nodes pinned. A
+ * linear body that touches the solid nowhere is solved, and its forces are not used. */
 static size_t take_step(LiquidBody *body, SurfaceForm form) {
     const double begin = slope_along_step(body);
     memcpy(body->previous, body->depth, body->wet.count * sizeof *body->depth);
@@ -196,8 +198,8 @@ static double largest(const double *values, size_t count) {
     return found;
 }
 
-/* From the present depths to equilibrium. A nonlinear body without one would go on to pin all nodes but one, and carry
- * its volume there: it gets only the steps in which the liquid may pull nodes off the solid again. */
+/* Iterates from the present depths to equilibrium. A nonlinear body without equilibrium would pin all nodes but one and
+ * collect its volume there: it gets only the steps in which nodes may be released from the solid. */
 static bool iterate(LiquidBody *body, SurfaceForm form, double volume) {
     const int steps = form == LINEAR ? STEPS : FREE_STEPS;
     assemble(body, form);
@@ -214,7 +216,7 @@ static bool iterate(LiquidBody *body, SurfaceForm form, double volume) {
     return form == LINEAR;
 }
 
-/* Rounding, and pinned nodes of a last step, off the volume. */
+/* Scales the depths to the exact volume: rounding, and nodes pinned in the last step, change it. */
 static bool scale_to(LiquidBody *body, double volume) {
     double sum = 0.0;
     for (size_t k = 0; k < body->wet.count; k++)
@@ -230,8 +232,8 @@ static double rise_of(const LiquidBody *body, const WettedNode *node, size_t k, 
     return along / sqrt(1.0 + along * along);
 }
 
-/* What a surface that bends as evenly as a circle, from the sine `begin` on, falls over `length`. Where it would be
- * upright sooner, it falls no further. */
+/* Fall over `length` of a surface with the constant curvature `bend`, beginning with the sine `begin`. Beyond the point
+ * where it is upright it falls no further. */
 static double fall_of(double begin, double bend, double length) {
     begin = fmin(begin, 1.0);
     const double end = fmin(begin + bend * length, 1.0);
@@ -239,8 +241,8 @@ static double fall_of(double begin, double bend, double length) {
                        : length * begin / sqrt(1.0 - begin * begin);
 }
 
-/* Height of the wall between the liquid and the edge at the end of an arm, in spacings: what is left if the bend of the
- * surface at the next two nodes continues to the edge. Half a spacing of it lies before the node. */
+/* Height of the wall between the liquid and the edge at the end of an arm, in spacings: the height left if the bend of
+ * the surface at the next two nodes continues to the edge. Half a spacing of it lies before the node. */
 static double wall_at(const LiquidBody *body, size_t k, int arm) {
     const WettedNode *node = &body->wet.nodes[k];
     const int inward = arm ^ 1;
@@ -254,8 +256,9 @@ static double wall_at(const LiquidBody *body, size_t k, int arm) {
     return at_node > 0.0 ? fall - fall_of(at_node, bend, node->arm[arm]) : 0.0;
 }
 
-/* A body without a solution: where the surface would have to overhang, the least area is a wall along the edge. Its
- * height depends on the body and not on the distance of the nodes. Ends of lines may have walls over a few points. */
+/* Whether a body has no solution: where the surface would have to overhang, the least area is a wall along the edge.
+ * Its height depends on the body and not on the distance of the nodes. Ends of lines may have walls over a few
+ * points. */
 static bool is_overhanging(const LiquidBody *body) {
     size_t edge = 0, walls = 0;
     for (size_t k = 0; k < body->wet.count; k++) {

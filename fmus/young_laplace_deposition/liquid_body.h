@@ -3,11 +3,11 @@
  * it never cuts into the solid.
  *
  * Unknown is the liquid's depth w at each node, in spacings. The flux through an arm, gx / sqrt(1 + gx^2 + gy^2), or gx
- * in the linear form, is taken as the mean over the adjacent quarters of squares, with the slopes along the arms; what
- * flows out of a node is the pressure, but on the solid. Away from the edge that is the least area of the surface under
- * sum(w) = volume and w >= 0. Newton's method, each step with one banded factorisation and two right-hand sides, and a
- * set of nodes pinned to the solid. An arm that the edge cuts counts with its own length and the width of a square
- * (Gibou, Fedkiw, Cheng, Kang 2002: symmetric, of second order). */
+ * in the linear form, is taken as the mean over the adjacent quarters of squares, with the slopes along the arms; the
+ * flux out of a node equals the pressure, except on the solid. Away from the edge that is the least area of the surface
+ * under sum(w) = volume and w >= 0. Newton's method, each step with one banded factorisation and two right-hand sides,
+ * and a set of nodes pinned to the solid. An arm that the edge cuts counts with its own length and the width of a
+ * square (Gibou, Fedkiw, Cheng, Kang 2002: symmetric, of second order). */
 #ifndef INKLOOP_LIQUID_BODY_H
 #define INKLOOP_LIQUID_BODY_H
 
@@ -18,7 +18,7 @@ typedef enum { LINEAR = 1, NONLINEAR } SurfaceForm;
 typedef struct {
     WettedNodes wet;
     double *depth;                      /* w of each node, in spacings */
-    double *force;                      /* what flows out of each node */
+    double *force;                      /* flux out of each node */
     double *step, *response, *previous; /* without pressure, per unit of pressure; depths before the step */
     bool *is_pinned;
     double *matrix;  /* of the second slopes, a band */

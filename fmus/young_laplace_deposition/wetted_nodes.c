@@ -2,7 +2,8 @@
 
 #include <math.h>
 
-static const double NEAREST = 1e-3; /* spacings; a point closer to the edge counts as the edge */
+/* least length of an arm in spacings; a point closer to the edge counts as the edge */
+static const double NEAREST = 1e-3;
 
 typedef struct {
     size_t first, end;
@@ -17,7 +18,7 @@ static double at(Place p, int axis) {
     return axis == 0 ? p.x : p.y;
 }
 
-/* What each grid line across `axis` has inside the polygon, and which lines meet it. */
+/* Interval of each grid line across `axis` inside the polygon, and the range of lines that meet it. */
 static Range cut_lines(const Place *polygon, size_t corners, int axis, Interval *cut) {
     double low = INFINITY, high = -INFINITY;
     for (size_t k = 0; k < corners; k++) {

@@ -1,4 +1,4 @@
-/* The points of the fine surface inside a body's footprint, and their arms: to the next point inside, or as far as the
+/* The points of the fine surface inside a body's footprint, and their arms: to the next point inside, or to the
  * footprint's edge, which cuts grid lines exactly. Lengths in spacings of the fine surface. */
 #ifndef INKLOOP_WETTED_NODES_H
 #define INKLOOP_WETTED_NODES_H
@@ -23,7 +23,8 @@ typedef struct {
 } Interval;
 
 typedef struct {
-    size_t count, bandwidth; /* bandwidth: the widest distance of two nodes of one square of the grid */
+    /* bandwidth: the largest difference of the numbers of two nodes of one square of the grid */
+    size_t count, bandwidth;
     WettedNode *nodes;
     Interval *along_x, *along_y; /* the footprint on each row and on each column of the fine surface */
     size_t *first, *lowest;      /* per column: its first node and that node's row */

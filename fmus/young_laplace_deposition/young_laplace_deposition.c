@@ -41,7 +41,7 @@ static void print_layer(Instance *instance, int32_t layer) {
     mean_cells(&surface, v.height);
 }
 
-/* Droplets of so many drops, against the rim of the fine surface and the distance of the lines of a pass. */
+/* Checks droplets of so many drops against the rim of the fine surface and the distance of the lines of a pass. */
 static Outcome check_spread(Instance *instance, const YoungLaplaceDepositionVariables *v, double drops,
                             const char *whose) {
     const double radius = cap_radius(drops * *v->droplet_volume, *v->contact_angle);
@@ -54,7 +54,7 @@ static Outcome check_spread(Instance *instance, const YoungLaplaceDepositionVari
                   WIDEST_SPREAD * *v->pitch);
 }
 
-/* Of the layer that a step may take at its begin. */
+/* Checks the largest droplet of the layer that a step may accept at its begin. */
 static Outcome check_largest_droplet(Instance *instance, const YoungLaplaceDepositionVariables *v) {
     int32_t most = 0;
     for (size_t cell = 0; cell < (size_t)(*v->nx * *v->ny); cell++)
@@ -71,8 +71,8 @@ static Outcome lack_memory(Instance *instance, const FineSurface *surface, size_
                   (unsigned long long)(surface->per_pitch * surface->per_pitch), (unsigned long long)size);
 }
 
-/* As much as layers need with the present cells_per_pitch. Only `find_memory` divides it: what is kept counts in a
- * saved state. */
+/* Allocates the memory that layers need with the present cells_per_pitch. Only `find_memory` divides it: kept memory
+ * counts in a saved state. */
 static Outcome reserve(Instance *instance) {
     const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
     const FineSurface surface = sized_surface(&v);
@@ -82,7 +82,7 @@ static Outcome reserve(Instance *instance) {
     return scratch_memory(instance, size + heights) ? ACCEPTED : lack_memory(instance, &surface, size);
 }
 
-/* Everything that layers need in addition to the variables; a restored state includes its fine surface. */
+/* Finds the memory that layers need in addition to the variables; a restored state includes its fine surface. */
 static Outcome find_memory(Instance *instance, const YoungLaplaceDepositionVariables *v) {
     const FineSurface surface = kept_surface(instance, v);
     PassMemory memory;

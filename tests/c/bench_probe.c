@@ -1,4 +1,4 @@
-/* What the tests of the firmware look at and break, apart from the messages of its nodes. */
+/* Access of firmware tests to nodes besides their messages: reads and breaks their state. */
 #include <string.h>
 
 #include "bench.h"
@@ -108,7 +108,7 @@ void probe_roles(Bench *bench, int node, int roles) {
     bench_node(bench, node)->options.roles = (uint8_t)roles;
 }
 
-/* What a flipped bit of the memory does: the node takes its gate for driven. */
+/* Effect of a flipped bit of the memory: the node assumes that its gate is driven. */
 void probe_drive_gate(Bench *bench, int node) {
     bench_node(bench, node)->gate_driven = true;
 }

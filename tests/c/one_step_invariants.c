@@ -54,7 +54,7 @@ static HorizonProblem random_problem(uint64_t seed) {
     return problem;
 }
 
-/* What sweeps of any plan work with. */
+/* Arguments of sweeps of any plan. */
 typedef struct {
     PlanSurface *surface;
     uint8_t *awake;

@@ -1,4 +1,4 @@
-"""What a master may do to the controller FMU between steps, and the one in Python by options: the same layers."""
+"""Changes by a master to the controller FMU between steps, and the same by options in Python: the layers agree."""
 
 from __future__ import annotations
 

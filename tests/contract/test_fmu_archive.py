@@ -1,4 +1,4 @@
-"""What is inside the FMUs: valid descriptions, honest flags, only the standard's symbols, sources that compile."""
+"""Content of the FMUs: valid descriptions, honest flags, only the standard's symbols, sources that compile."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from support.source_tree import c_files
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 SHORT = ("LayerDeposition", "fmi2")
 COMPILED = [SHORT, *((m, form) for m in MODELS for form in ("fmi3", "fmi2") if (m, form) != SHORT)]
-"""What is compiled again; the sources of the others are those of the build (below)."""
+"""FMUs compiled again; the sources of the others are those of the build (below)."""
 
 
 def binary_of(path: Path, folder: Path) -> Path:

@@ -87,7 +87,7 @@ def test_fuzzer_finds_nothing_in_minutes(name, folder) -> None:
     assert not fuzzing.fuzz(name, program, 20, folder / "learned" / name, table=tables[name])
 
 
-# What was found by the invariants, by sanitizers or by reading.
+# Cases found by the invariants, by sanitizers or by reading.
 
 
 @EVERY_FORM

@@ -1,4 +1,4 @@
-"""All FMUs built once more from their own sources with sanitizers: what the shipped ones would keep to themselves.
+"""All FMUs built once more from their own sources with sanitizers, to find errors that the shipped ones hide.
 
 The contract suite under the address and undefined-behaviour sanitizers; whole lives and fuzzed calls without a leak;
 four instances at once under the thread sanitizer. `make sanitize` runs this file.

@@ -1,4 +1,4 @@
-"""What a block prints is read from its resources: any path, any file, and words where nothing can come of it."""
+"""The job of a block is read from its resources: any path, any file, and a message for an invalid one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Binary:
         self._library.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
 
     def refusal(self, resources: str | None, token: str | None = None) -> str | None:
-        """What is logged when no instance comes of it; None where one does."""
+        """The log if no instance is made; None if one is."""
         logged: list[str] = []
         log = fmi3.fmi3LogMessageCallback(
             lambda _, status, category, text: logged.append(text.decode("utf-8", "replace"))

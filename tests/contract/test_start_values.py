@@ -14,7 +14,7 @@ from inkloop.fmu_writer.export import find_fmu
 from support.fmus.fmu_driver import DEPOSITION_MODELS, EVERY_FORM, OK, Driver
 
 SYSTEM = ("LayerController", "ProfileSensor")
-"""What stands next to a deposition model; outputs and inputs of one name are connected."""
+"""Models connected to a deposition model; outputs and inputs of one name are connected."""
 
 
 def dependencies(path: Path) -> dict[str, set[str]]:

@@ -43,7 +43,7 @@ class Loop:
         self._scan()
 
     def answer(self, is_looked_at: bool = False) -> dict[str, Any]:
-        """What the controller says to the last scan."""
+        """Outputs of the controller after the last scan."""
         inputs = inputs_of(JOB, self._shown, self.layer) | {"looked_at": np.asarray(is_looked_at)}
         self.steps += 1
         return dict(self.controller.do_step(self.steps * SECOND, SECOND, inputs))

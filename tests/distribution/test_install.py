@@ -20,7 +20,7 @@ pytestmark = pytest.mark.long
 
 
 def call(*command: str | Path, cwd: Path) -> str:
-    """What a command prints; fails with its errors."""
+    """The output of a command; fails with its errors."""
     run = subprocess.run([*command], cwd=cwd, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
     return run.stdout
@@ -64,7 +64,7 @@ def make_without_git(target: str, archive: Path, bin_folder: Path) -> subprocess
 
 
 def target(way: str, sdist: Path, folder: Path) -> list[str | Path]:
-    """What pip installs; built below `folder`."""
+    """The distribution that pip installs; built below `folder`."""
     if way == "editable":
         with tarfile.open(sdist) as archive:
             archive.extractall(folder, filter="data")

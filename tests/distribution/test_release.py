@@ -70,7 +70,7 @@ def constraints() -> dict[str, str]:
 
 
 def requirements() -> list[Requirement]:
-    """What a build, a print and the tests require, without the extras that the project has itself."""
+    """Requirements of a build, a print and the tests, without the extras of the project itself."""
     extras = [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
     found = [Requirement(text) for text in (*FILE["build-system"]["requires"], *PROJECT["dependencies"], *extras)]
     return [requirement for requirement in found if requirement.name != PROJECT["name"]]

@@ -1,4 +1,4 @@
-"""What a release is built from: the time of its files, the environment of its build, and what it requires."""
+"""Inputs of a release: the time of its files, the environment of its build, and its requirements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever an adapter or a node sends, the master gets valid values or an error message, in bounded time."""
+"""For any input from an adapter or a node the master gets valid values or an error message, in bounded time."""
 
 from __future__ import annotations
 
@@ -158,7 +158,8 @@ class ReplyingWire:
 
 def fitting(request: bytes, reply: bytes) -> bytes:
     """The answer with its head: 0 in its first byte stands for a positive answer of this request, 1 for a refusal, 2
-    for "still busy"; anything else is sent as it is."""
+    for "still busy"; anything else is sent as it is.
+    """
     service = request[0]
     if reply[0] == 0:
         echoes = {

@@ -47,7 +47,7 @@ def problems(draw: st.DrawFn) -> tuple[HorizonProblem, Any]:
 
 
 def kept(height: Any, jetted: Any, kinds: tuple[Ink, ...]) -> Any:
-    """What each droplet of a step leaves on its own cell, (nx, ny) [m]: it is printed alone."""
+    """Height that each droplet of a step leaves on its own cell, (nx, ny) [m]: it is printed alone."""
     found = np.zeros(height.shape)
     for cell in zip(*np.nonzero(jetted), strict=True):
         alone = np.zeros(height.shape, np.int32)

@@ -1,4 +1,4 @@
-"""Whatever the job, the options and the print are like: the controller FMU and the one in Python never part."""
+"""For any job, options and print the controller FMU and the one in Python agree."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
 @dataclass(frozen=True)
 class World:
-    """What a print meets that no controller knows of; seed of all that is random."""
+    """Disturbances of a print unknown to controllers; seed of all random numbers."""
 
     seed: int
     noise: float  # of a reading [m]

@@ -45,7 +45,7 @@ def optimum(height: Any, target: Any) -> float:
 
 
 def gap(n: int, seed: int) -> float:
-    """How far the plan is above the optimum on a rough surface with a flat target out of reach, relative."""
+    """Relative distance of the plan from the optimum on a rough surface with a flat target out of reach."""
     height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
     target = np.full((n, n), height.mean() + 3.8e-6)
     job = Job(n, n, 263.256e-6, target, np.ones((n, n), np.bool_), (Ink(),))

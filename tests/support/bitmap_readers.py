@@ -1,4 +1,4 @@
-"""Readers of bitmaps of one bit that share no code with what writes them.
+"""Readers of bitmaps of one bit that share no code with the writers.
 
 TIFF is read by tifffile with the decoder of imagecodecs, PNG and BMP byte by byte as their specifications have them.
 """

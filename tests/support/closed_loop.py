@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class Print:
-    """What a print left: surface [m] and patterns, and the controller's last outputs."""
+    """Result of a print: surface [m] and patterns, and the controller's last outputs."""
 
     height: Any
     patterns: list[Any]

@@ -1,4 +1,4 @@
-"""What the tests compile: every library and program once per test run, whatever number of workers asks for it.
+"""Compiled libraries and programs of the tests: each once per test run, for any number of workers.
 
 Objects are kept in build/ from run to run, by the text of their source and of all headers that it can include, the
 flags and the version of the compiler; `make clean` removes them. A test that uses it has the mark `compiled`.
@@ -46,7 +46,7 @@ def once(make: Callable[..., object], *key: object) -> Path:
 
 
 def run(command: Sequence[Word]) -> None:
-    """Raises RuntimeError with what the command wrote."""
+    """Raises RuntimeError with the output of the command."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
@@ -59,13 +59,13 @@ def _version(compiler: str) -> str:
 
 @cache
 def _headers(folder: Path) -> str:
-    """What stands in the headers of a folder."""
+    """Text of the headers of a folder."""
     texts = (f"{path.name}\0{path.read_text(encoding='utf-8')}\0" for path in sorted(folder.glob("*.h")))
     return hashlib.sha256("".join(texts).encode()).hexdigest()
 
 
 def _contents(source: Path, flags: tuple[Word, ...]) -> Iterator[str]:
-    """All that an object depends on; a folder of headers counts by what they say, wherever it lies."""
+    """Everything that an object depends on; a folder of headers counts by its content, not its place."""
     yield source.name
     yield source.read_text(encoding="utf-8")
     yield _headers(source.parent)
@@ -117,7 +117,7 @@ def library(name: str, sources: Sequence[Path], flags: Sequence[Word]) -> ctypes
 
 
 def sanitizer_libraries() -> str | None:
-    """What Python has to load first: gcc's address sanitizer, and libstdc++, whose exceptions it looks after."""
+    """Libraries that Python has to load first: gcc's address sanitizer, and libstdc++, whose exceptions it checks."""
     if sys.platform != "linux" or not shutil.which("gcc"):
         return None
     paths = []

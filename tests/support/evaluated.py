@@ -61,7 +61,7 @@ def number(values: Found, symbol: str) -> float:
 
 
 def reason(values: Found, symbol: str) -> str:
-    """Why a parameter has no value."""
+    """The reason why a parameter has no value."""
     value = values[symbol]
     assert isinstance(value, Refusal), f"{symbol} is {value}"
     return value.reason

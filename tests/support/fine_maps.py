@@ -1,4 +1,4 @@
-"""What a profiler would measure of a surface of cells: fine pixels, turned and shifted, as written down in its file."""
+"""Height maps of a profiler from a surface of cells: fine pixels, turned and shifted, as stated in the file."""
 
 from __future__ import annotations
 

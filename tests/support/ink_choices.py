@@ -1,4 +1,4 @@
-"""Which ink belongs where, as the problems of a controller have it."""
+"""Assignment of inks to cells, as in the problems of a controller."""
 
 from __future__ import annotations
 

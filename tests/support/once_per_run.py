@@ -1,4 +1,4 @@
-"""What tests share for a whole run: each folder is filled once, whatever number of files and workers asks for it.
+"""Folders shared by tests for a whole run: each is filled once, for any number of files and workers.
 
 tests/conftest.py makes the folder of a run and removes it.
 """

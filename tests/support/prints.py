@@ -46,7 +46,7 @@ CHEAPER: Mapping[str, Overrides] = {
 }
 """Scenario -> overrides with which a print of 3 to 20 s shows the same in one or two."""
 QUICK_CUBOID: Overrides = (*LITTLE_WORK, ("part.height_um", 40.0))
-"""What `quick_cuboid` changes."""
+"""Changes by `quick_cuboid`."""
 
 
 def scenario(name: str, overrides: Overrides = ()) -> Scenario:

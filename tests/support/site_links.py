@@ -1,4 +1,4 @@
-"""Where the links of a folder of HTML pages lead."""
+"""Targets of the links in a folder of HTML pages."""
 
 from __future__ import annotations
 

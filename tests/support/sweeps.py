@@ -63,7 +63,7 @@ def study(folder: Path, text: str) -> Study:
 
 
 def swept(own: Study, folder: Path, engine: Shuffled) -> tuple[xr.Dataset, Plan, list[Record]]:
-    """What an engine leaves of a study in a folder, which may hold a part of it already; the records that it saw."""
+    """State of a study in a folder after an engine ran, which may have held a part of it; the records that it saw."""
     plan: Plan = OptimisePlan(own, own.tables.optimise) if own.tables.optimise else PointsPlan(own)
     folder.mkdir(exist_ok=True)
     seen: list[Record] = []

@@ -1,4 +1,4 @@
-"""How many of the inputs of a property were taken, so that a reader that refuses everything, or nothing, is found."""
+"""Numbers of accepted inputs of a property, so that a reader that refuses everything, or nothing, is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cannot be printed ends with a message on place, finding and remedy; nothing is left half written."""
+"""Inputs that cannot be printed end with a message on place, finding and remedy; nothing is left half written."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def test_errors_are_reported_without_a_traceback(
 
 
 def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
-    """What is printed where a command line is refused; its exit code is 2."""
+    """Output for a command line that is refused; its exit code is 2."""
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2

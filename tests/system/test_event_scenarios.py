@@ -1,4 +1,4 @@
-"""What the scenarios promise in which something goes wrong, and a sensor that goes blind in places."""
+"""Promises of the scenarios with failures, and of one with a sensor that goes blind in places."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def printed(name: str, seed: int, variant: str = "") -> Result:
 
 
 def groove(result: Result, layer: int) -> float:
-    """How much lower the lines of nozzles 5 and 12 of 16 are than the others [um], away from the rim."""
+    """Height of the lines of nozzles 5 and 12 of 16 below the others [um], away from the rim."""
     surface = result.dataset["height"].values[layer, 10:25]
     lines = np.arange(surface.shape[1])
     inner, dead = (lines >= 5) & (lines < 30), np.isin(lines % 16, [5, 12])

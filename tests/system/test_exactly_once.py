@@ -39,7 +39,7 @@ def looks() -> Path:
 
 
 def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
-    """Where each life ends: 0.4 to 1.4 layers after its start, counted in looks of one kind."""
+    """End of each life: 0.4 to 1.4 layers after its start, counted in looks of one kind."""
     kinds = list(looks_of_a_layer) * count
     shares = [0.4 + GOLDEN * number % 1 for number in range(1, count + 1)]
     return [f"{kind}{round(share * looks_of_a_layer[kind])}" for kind, share in zip(kinds, shares, strict=False)]

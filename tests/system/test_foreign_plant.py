@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tutorial(folder: Path) -> Result:
-    """What the other commands print."""
+    """Output of the other commands."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command in foreign_plant.commands()[2:]:

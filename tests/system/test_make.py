@@ -1,4 +1,4 @@
-"""Which Python `make` installs with."""
+"""The Python that `make` installs with."""
 
 from __future__ import annotations
 

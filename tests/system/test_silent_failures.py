@@ -1,4 +1,6 @@
-"""What stock can-isotp calls a success is none on the bench; a link detects it, and recovers or reports it."""
+"""Failures that stock can-isotp reports as successes; a link on the bench detects them, and recovers or reports
+them.
+"""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What failed in each check; empty where it passed."""
+    """Failures of each check; empty if it passed."""
     if missing := uml_guest.missing_programs():
         pytest.skip(f"{', '.join(missing)} not installed: make tools")
     folder = tmp_path_factory.mktemp("guest")

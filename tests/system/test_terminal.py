@@ -1,4 +1,4 @@
-"""What a user sees of a run in a window of 60, 80 and 120 columns, and while the run has not ended."""
+"""Terminal output of a run in a window of 60, 80 and 120 columns, also while the run has not ended."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ with sole_writer(folder):
 
 
 def in_a_window(columns: int, *arguments: str) -> str:
-    """What `inkloop ARGUMENTS` shows in a pseudo-terminal, without the sequences that set colours."""
+    """Output of `inkloop ARGUMENTS` in a pseudo-terminal, without the sequences that set colours."""
     import fcntl
     import pty
     import termios

@@ -1,4 +1,4 @@
-"""What the writers of pages keep of a run: which figure, in which unit, under which name; the runs are doubles."""
+"""Figures that the writers of pages keep of a run: name, unit and value; the runs are doubles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from support.toys import toy_result
 
 @pytest.fixture
 def record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Where the writers of this file keep their figures, and what is there."""
+    """Path and content of the figures of the writers in this file."""
     path = tmp_path / "record.json"
     for module in (environment_times, identified_ink, own_part, wider_stencil, gallery):
         monkeypatch.setattr(module, "RECORD", path)

@@ -1,4 +1,4 @@
-"""Which package may import which, where each library is imported, and how many names stand at each root."""
+"""Rules of imports: between packages, of each library, and the number of names at each root."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ static inline bool box_is_empty(const Box *box) {
     return box->bottom < box->top;
 }
 
-/* One cell more on every side, as far as the grid goes. */
+/* The box widened by one cell on every side, as far as the grid goes. */
 static inline Box box_widened(const Box *box, size_t nx, size_t ny) {
     return (Box){box->top > 1 ? box->top - 1 : 1, box->bottom < (ptrdiff_t)nx ? box->bottom + 1 : (ptrdiff_t)nx,
                  box->left > 1 ? box->left - 1 : 1, box->right < (ptrdiff_t)ny ? box->right + 1 : (ptrdiff_t)ny};

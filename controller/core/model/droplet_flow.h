@@ -1,4 +1,4 @@
-/* What droplets give to their neighbours (the layer map of layer_map.h, on the lattice of lattice.h). */
+/* Flow from droplets to neighbouring cells (the layer map of layer_map.h, on the lattice of lattice.h). */
 #ifndef INKLOOP_DROPLET_FLOW_H
 #define INKLOOP_DROPLET_FLOW_H
 
@@ -8,10 +8,10 @@
 enum { SIDE, CORNER };
 
 typedef struct {
-    double volume;    /* what it adds in all: h1 + 4 h2 + 4 h3 [m] */
-    double spread[2]; /* what a side and a corner neighbour take at most: h2 and h3 [m] */
-    double slope[2];  /* how much less they take per metre that they lie above the cell hit */
-    /* The same row by row, of five cells with the droplet in the middle; 0 there and further away. */
+    double volume;    /* height added over all nine cells: h1 + 4 h2 + 4 h3 [m] */
+    double spread[2]; /* largest share of a side and of a corner neighbour: h2 and h3 [m] */
+    double slope[2];  /* decrease of that share per metre that the neighbour lies above the cell hit */
+    /* Spread and slope as rows of five cells with the droplet in the middle; 0 there and beyond its neighbours. */
     double spread_lanes[3][5], slope_lanes[3][5];
 } Droplet;
 
@@ -32,7 +32,7 @@ static inline double between(double low, double value, double high) {
     return raised < high ? raised : high;
 }
 
-/* Share that a neighbour takes when the cell hit lies `rise` above it; without a droplet spread is 0, and so is it. */
+/* Height that a neighbour takes when the cell hit lies `rise` above it; 0 without a droplet, whose spread is 0. */
 static inline double flow(double spread, double slope, double rise) {
     return between(0.0, spread + on_lattice(slope * rise), spread);
 }

@@ -5,12 +5,12 @@
 #include "row_ranges.h"
 #include "row_surface.h"
 
-/* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL if it is not wanted. */
+/* A pass, and maps of its increments; `after`: the surface that it leaves, NULL if not wanted. */
 typedef struct {
     DropletPass droplets;
     size_t inks;
     const DropletIncrements *increments;
-    bool is_first; /* nothing stands in the maps yet */
+    bool is_first; /* the maps hold nothing yet */
     double *after;
 } IncrementPass;
 
@@ -22,18 +22,18 @@ static INLINED void volumes_of(const CellRow *row, size_t count, double kind, do
     }
 }
 
-/* What the droplets of a band add to one of its rows, before it goes into the maps: by inks and orders. */
+/* Increments of one row before they go into the maps, by inks and orders. */
 typedef struct {
     double rates[INKS_MAX][ORDERS][BAND], squares[BAND], own[BAND];
 } RowIncrements;
 
-/* Whether what the droplets add is taken from the surface that they leave: one ink in the proportions of its unit adds
- * nothing else. */
+/* Whether the increments are read off the surface that the droplets leave: so for one ink with a unit, whose increments
+ * are the growth of that surface. */
 static INLINED bool is_of_surface(const IncrementPass *pass) {
     return pass->increments->unit && pass->inks == 1;
 }
 
-/* What each droplet of a row leaves on its cell. */
+/* Height that each droplet of a row leaves on its own cell. */
 static INLINED void add_own(const Surroundings *row, size_t count, double *restrict own) {
     const RowShares *over = row->over, *under = row->under;
     const double *kind = row->here->kind;
@@ -50,7 +50,7 @@ static INLINED void add_own(const Surroundings *row, size_t count, double *restr
     }
 }
 
-/* Adds the rates of an ink by what is given from the next row. */
+/* Adds to the rates of an ink the shares given by the next row. */
 static INLINED void add_rates_from_next(const NextRow *next, size_t count, double kind, double rates[ORDERS][BAND]) {
     double volume[FRAMED_BAND], *restrict h2 = rates[1], *restrict h3 = rates[2];
     volumes_of(next->row, count, kind, volume);
@@ -63,7 +63,7 @@ static INLINED void add_rates_from_next(const NextRow *next, size_t count, doubl
     }
 }
 
-/* Adds the rates of an ink by the droplets of a row itself; own: what each leaves on its cell. */
+/* Adds to the rates of an ink the droplets of the row itself; own: height that each leaves on its own cell. */
 static INLINED void add_rates_from_here(const Surroundings *row, size_t count, double kind, const Ink *ink,
                                         double rates[ORDERS][BAND], double *restrict own) {
     const RowShares *over = row->over, *under = row->under;
@@ -94,7 +94,7 @@ static INLINED double square(double x) {
     return x * x;
 }
 
-/* Adds the squares of what the next row gives. */
+/* Adds the squares of the shares given by the next row. */
 static INLINED double squares_from_next(const NextRow *next, size_t k, double sum) {
     const double *side = next->row->part[SIDE_PART], *corner = next->row->part[CORNER_PART];
     sum += square(next->left[k - 1] * corner[k - 1]);
@@ -103,7 +103,7 @@ static INLINED double squares_from_next(const NextRow *next, size_t k, double su
     return sum;
 }
 
-/* Adds the squares of what each droplet leaves on a cell, in the order of the cells that it comes from. */
+/* Adds the squares of each droplet's share in a cell, in the order of the cells that the shares come from. */
 static INLINED void add_squares(const Surroundings *row, size_t count, const double *restrict own,
                                 double *restrict squares) {
     const Surroundings near = *row;
@@ -141,7 +141,7 @@ static INLINED void add_from_rows(const IncrementPass *pass, const Surroundings 
     add_squares(row, count, found->own, found->squares);
 }
 
-/* What stands in a map, or 0. */
+/* Values of a map, or 0 in the first pass. */
 static INLINED void begin_with(const double *restrict map, size_t count, bool is_first, double *restrict values) {
     if (is_first)
         memset(values, 0, count * sizeof(double));
@@ -149,7 +149,7 @@ static INLINED void begin_with(const double *restrict map, size_t count, bool is
         memcpy(values, map, count * sizeof(double));
 }
 
-/* Begins a row with what passes before have added, but for what each pass adds by itself. */
+/* Begins a row with the increments of earlier passes; rates that a pass adds up by itself begin at 0. */
 static INLINED void begin_row(const IncrementPass *pass, size_t count, size_t cell, RowIncrements *found) {
     const DropletIncrements *into = pass->increments;
     const size_t cells = pass->droplets.nx * pass->droplets.ny;
@@ -160,7 +160,7 @@ static INLINED void begin_row(const IncrementPass *pass, size_t count, size_t ce
     memset(found->own, 0, count * sizeof(double));
 }
 
-/* Adds some values to those of a map, if it has any. */
+/* Adds values to those of a map; in the first pass they become its values. */
 static INLINED void add_to(double *restrict map, const double *restrict values, size_t count, bool is_first) {
     if (is_first)
         memcpy(map, values, count * sizeof(double));
@@ -168,14 +168,14 @@ static INLINED void add_to(double *restrict map, const double *restrict values, 
         map[k] += values[k];
 }
 
-/* What the droplets of an ink add in the proportions of its unit. */
+/* Height that the droplets of an ink add, in the proportions h1 : h2 : h3 of its unit. */
 static INLINED void add_up(const Ink *unit, size_t count, double rates[ORDERS][BAND]) {
     const Ink one = *unit;
     for (size_t k = 0; k < count; k++)
         rates[0][k] = one.h1 * rates[0][k] + one.h2 * rates[1][k] + one.h3 * rates[2][k];
 }
 
-/* Puts a row into the maps, from cell `cell` on. */
+/* Stores a row in the maps, from cell `cell` on. */
 static INLINED void put_row(const IncrementPass *pass, size_t count, size_t cell, RowIncrements *found) {
     const DropletIncrements *into = pass->increments;
     const size_t cells = pass->droplets.nx * pass->droplets.ny;
@@ -190,7 +190,7 @@ static INLINED void put_row(const IncrementPass *pass, size_t count, size_t cell
     add_to(into->own + cell, found->own, count, pass->is_first);
 }
 
-/* Asks for the maps of a row that is put next, from cell `cell` on. */
+/* Prefetches the maps of the row that is stored next, from cell `cell` on. */
 static INLINED void prefetch_maps(const IncrementPass *pass, size_t count, size_t cell) {
     const DropletIncrements *into = pass->increments;
     const size_t cells = pass->droplets.nx * pass->droplets.ny, bytes = count * sizeof(double);
@@ -202,7 +202,7 @@ static INLINED void prefetch_maps(const IncrementPass *pass, size_t count, size_
         prefetch_to_write(pass->after + cell, bytes);
 }
 
-/* What the surface `after` lies above the row, in units of the ink. */
+/* Growth of the row to the surface `after`, in units of the ink. */
 static INLINED void take_from_surface(const IncrementPass *pass, const Surroundings *row, size_t count,
                                       const double *restrict after, double *restrict adds) {
     const double volume = full_layer_height(pass->increments->unit) / full_layer_height(pass->droplets.ink);
@@ -253,7 +253,7 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
     }
 }
 
-/* A row of the grid, counted with the frame, and its droplets of a kind: 1 or 0, with the frame; 0 outside. */
+/* Droplets of a kind in a row of the grid, counted with the frame: 1 or 0, with the frame; 0 outside. */
 static INLINED void load_kind(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
                               int32_t *restrict marks) {
     const size_t from = first > 0 ? 0 : 1, end = count + (first + count < layer->ny ? 2 : 1);
@@ -267,7 +267,7 @@ static INLINED void load_kind(const JettedLayer *layer, size_t row, size_t first
         marks[k] = pattern[k - from] == kind;
 }
 
-/* The same with the volumes of the droplets. */
+/* Volumes of the droplets of a kind in a row, in the same layout. */
 static INLINED void load_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
                                  double *restrict volumes) {
     const size_t from = first > 0 ? 0 : 1, end = count + (first + count < layer->ny ? 2 : 1);
@@ -281,7 +281,7 @@ static INLINED void load_volumes(const JettedLayer *layer, size_t row, size_t fi
         volumes[k] = marks[k] ? factor[k - from] : 0.0;
 }
 
-/* Droplets of a kind on cells, at their sides, and at their corners, by volume. */
+/* Volume of the droplets of a kind on the cells, at their sides and at their corners. */
 static INLINED void count_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
                                   double *restrict own, double *restrict sides, double *restrict corners) {
     double rows[3][FLAT_CELLS + 2];
@@ -294,7 +294,7 @@ static INLINED void count_volumes(const JettedLayer *layer, size_t row, size_t f
     }
 }
 
-/* The same where all are of volume 1. */
+/* Number of the droplets of a kind there, where all have volume 1. */
 static INLINED void count_droplets(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
                                    double *restrict own, double *restrict sides, double *restrict corners) {
     int32_t rows[3][FLAT_CELLS + 2];

@@ -1,5 +1,5 @@
-/* What the droplets of a layer add to each cell, as a linear function of the inks: of their volumes, or of their three
- * heights. */
+/* Height that the droplets of a layer add to each cell, as a linear function of the inks: of their volumes, or of their
+ * three heights. */
 #ifndef INKLOOP_DROPLET_INCREMENTS_H
 #define INKLOOP_DROPLET_INCREMENTS_H
 
@@ -12,35 +12,36 @@ enum { INKS_MAX = 2, ORDERS = 3 }; /* h1, h2, h3 of an ink */
 typedef struct {
     size_t nx, ny;
     const int32_t *pattern; /* 0 none, 1 + index of the ink */
-    const double *factor;   /* volume of each droplet [1]; NULL: all 1 */
+    const double *factor;   /* volume of each droplet as a share of the nominal one [1]; NULL: all 1 */
     int32_t passes;         /* 1, or 4 in the colours `order`, each on the surface that the last one left */
     const int32_t *order;
-    size_t threads; /* to look at it with; the bits of what is found do not depend on it */
+    size_t threads; /* threads to use; the bits of the result do not depend on it */
 } JettedLayer;
 
-/* Maps of nx * ny cells. `adds`: for each ink what its droplets add in the proportions of `unit` [m], or where that is
- * NULL three maps, height added per metre of h1, h2 and h3 [1]; `squares`: sum over the droplets of the square of what
- * each adds [m^2]; `own`: what the cell's own droplet leaves on it [m]. */
+/* Maps of nx * ny cells. `adds`: with a `unit`, for each ink the height its droplets add in the proportions of that
+ * unit [m]; without, three maps for each ink, height added per metre of h1, h2 and h3 [1]; `squares`: sum over the
+ * droplets of the squares of their shares in the cell [m^2]; `own`: height that the cell's own droplet leaves on it
+ * [m]. */
 typedef struct {
-    const Ink *unit; /* of each ink */
+    const Ink *unit; /* proportions h1 : h2 : h3 of each ink; NULL: h1, h2 and h3 apart */
     double *adds, *squares, *own;
 } DropletIncrements;
 
-/* Maps of an ink. */
+/* Number of maps of an ink. */
 static inline size_t maps_of_ink(const Ink *unit) {
     return unit ? 1 : ORDERS;
 }
 
 /* The increments on the surface `height` [m] with the widths of saturation of `ink` (Lu, Zheng, Mishra 2015, eq. 3-7),
- * open edge; `after`: the surface that is left, NULL: not wanted. `scratch` holds 2 * nx * ny for layers of several
- * passes, and may be NULL for one. */
+ * open edge; `after`: the surface after the layer, NULL if not wanted. `scratch` holds 2 * nx * ny for layers of
+ * several passes, and may be NULL for one. */
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments, double *after);
 
-enum { FLAT_CELLS = 64 }; /* cells of a row that are looked at together */
+enum { FLAT_CELLS = 64 }; /* cells of a row that are computed together */
 
-/* What droplets add on a flat surface, all at once: whatever the ink, every neighbour takes its full part. Of `count`
- * cells of a row from `first` on; each map has FLAT_CELLS places. */
+/* Increments on a flat surface, where every neighbour takes its full part whatever the ink, of all droplets at once. Of
+ * `count` cells of a row from `first` on; each map has FLAT_CELLS places. */
 void flat_adds(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first, size_t count,
                double *adds);
 
@@ -49,7 +50,7 @@ static inline double full_layer_height(const Ink *ink) {
     return ink->h1 + 4.0 * ink->h2 + 4.0 * ink->h3;
 }
 
-/* What droplets of some inks add so far, and that of one more. */
+/* Adds the height of the droplets of one more ink to `added`. */
 static INLINED void add_heights_of(const Ink *ink, const Ink *unit, const double *adds, size_t cells, size_t count,
                                    double *restrict added) {
     const Ink one = *ink;

@@ -8,7 +8,7 @@
 
 #include "instruction_sets.h"
 
-/* Whether one of them is marked; marks: nx * ny cells in C order. */
+/* Whether the cell or a neighbour is marked; marks: nx * ny cells in C order. */
 static inline bool is_near_marked(const uint8_t *marks, size_t nx, size_t ny, size_t cell) {
     const size_t i = cell / ny, j = cell % ny;
     for (size_t row = i > 0 ? i - 1 : 0; row <= i + 1 && row < nx; row++)
@@ -20,9 +20,10 @@ static inline bool is_near_marked(const uint8_t *marks, size_t nx, size_t ny, si
 
 enum { NEAR_COLUMNS = 256 };
 
-/* The same for all cells of row i: 1 or 0 in `near`, ny of them. */
+/* Whether each cell of row i or a neighbour of it is marked: 1 or 0 in `near`, ny of them. */
 static INLINED void mark_near_row(const uint8_t *marks, size_t nx, size_t ny, size_t i, uint8_t *near) {
-    uint8_t any[NEAR_COLUMNS + 2]; /* cell k of these columns or the cell above or below it: at 1 + k */
+    /* whether cell k of these columns or the cell above or below it is marked: at 1 + k */
+    uint8_t any[NEAR_COLUMNS + 2];
     for (size_t first = 0; first < ny; first += NEAR_COLUMNS) {
         const size_t count = ny - first < NEAR_COLUMNS ? ny - first : NEAR_COLUMNS;
         const size_t from = first > 0 ? 0 : 1, end = count + (first + count < ny ? 2 : 1);

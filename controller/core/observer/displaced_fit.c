@@ -8,18 +8,25 @@
 #include "small_algebra.h"
 #include "wall_readings.h"
 
-static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01; /* per scan, at the edge [1], [cells^2] (assumed) */
-static const double LEAST_STEP = 0.01, STEP_GAIN = 0.3;     /* of the shift [cells]; of what is learnt of it */
-static const double LONGEST_MOVE = 0.7;                     /* of a Gauss-Newton step [cells] */
-static const double LARGEST_SPREAD = 4.0;                   /* [cells^2] */
-static const double SAME_SHARE = 1e-3;                      /* of the ink, under a spot of a cell */
-static const double SAME_SPREAD = 0.02;                     /* [cells^2] within which readings are linear in the spot */
-static const double TEMPER = 0.5; /* of a likelihood: errors of neighbours go together (assumed) */
-static const double PRICE = 1.75; /* per scan, in odds: what seven unknowns gain by chance, 7/2, tempered */
+/* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
+static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01;
+/* least step of the shift [cells]; gain of its learning */
+static const double LEAST_STEP = 0.01, STEP_GAIN = 0.3;
+static const double LONGEST_MOVE = 0.7;   /* longest Gauss-Newton step [cells] */
+static const double LARGEST_SPREAD = 4.0; /* largest variance of a spot [cells^2] */
+/* change of the shares of the ink below which the averaged prediction is kept, under a spot of one cell */
+static const double SAME_SHARE = 1e-3;
+/* change of the spot [cells^2] within which readings are linear in it */
+static const double SAME_SPREAD = 0.02;
+static const double TEMPER = 0.5; /* tempering of the likelihood, as errors of neighbours are correlated (assumed) */
+/* penalty per scan in log odds: the gain of seven unknowns by chance, 7/2, tempered */
+static const double PRICE = 1.75;
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
-static const double SHORT_STEP = 0.05, SHORTER = 0.7; /* [cells]; its factor each round: beyond an edge nothing pulls */
-static const double CONVERGED = 1e-3;                 /* [cells, cells^2] */
-static const double UNKNOWN_SHIFT = 0.3; /* [cells], standard deviation from which on whole cells are tried */
+/* least half step of the difference quotients [cells]; their factor per round: there is no gradient beyond an edge */
+static const double SHORT_STEP = 0.05, SHORTER = 0.7;
+static const double CONVERGED = 1e-3; /* Gauss-Newton step that ends the iteration [cells, cells^2] */
+/* standard deviation of the shift above which whole cells are searched first [cells] */
+static const double UNKNOWN_SHIFT = 0.3;
 enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 
@@ -32,7 +39,8 @@ bool may_be_displaced(const Registration *registration) {
 /* Prior of the unknowns: geometry, datum, shares. */
 typedef struct {
     double before[FITTED], precision[FITTED * FITTED], covariance[GEOMETRY * GEOMETRY];
-    SmoothSums elsewhere; /* by the cells that are no walls, as if in register: there it is flat */
+    /* normal equations of the cells that are no walls, as in register: the surface is flat there */
+    SmoothSums elsewhere;
 } WallPrior;
 
 /* Unknowns and covariance of the geometry before the scan. */
@@ -48,7 +56,8 @@ static void expect_geometry(const ScanEvidence *evidence, const Registration *re
     memcpy(prior->before + SHARE, evidence->known->share, sizeof evidence->known->share);
 }
 
-/* The precision, and the equations elsewhere; in_register: the fit that says how wide errors are there. */
+/* The prior precision and the equations of cells without walls; in_register: the fit that gives the variances of errors
+ * there. */
 static bool expect_smooth(const WallFit *fit, const InkFit *in_register, WallPrior *prior) {
     const size_t all = SHARE + fit->shares;
     double geometry[GEOMETRY * GEOMETRY];
@@ -61,7 +70,7 @@ static bool expect_smooth(const WallFit *fit, const InkFit *in_register, WallPri
     return true;
 }
 
-/* The equations of datum and shares by the cells that are no walls. */
+/* Adds the equations of datum and shares from the cells that are no walls. */
 static void add_elsewhere(const WallPrior *prior, const double *x, size_t shares, double *matrix, double *side) {
     const size_t n = DATUM_TERMS + shares, all = GEOMETRY + n;
     for (size_t a = 0; a < n; a++) {
@@ -73,7 +82,7 @@ static void add_elsewhere(const WallPrior *prior, const double *x, size_t shares
     }
 }
 
-/* The normal equations about x, with what is known before. */
+/* The normal equations about x, with the prior. */
 static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const double *x, double heat, double *matrix,
                                double *side) {
     const size_t all = SHARE + fit->shares;
@@ -99,7 +108,7 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
             matrix[a * all + b] = matrix[b * all + a];
 }
 
-/* Whether readings are linear from the averaged prediction on: what ink changes is not averaged. */
+/* Whether readings are linear from the averaged prediction on: within small changes of spot and shares. */
 static bool is_averaged(const WallFit *fit, const double *x) {
     double off = 0.0;
     for (size_t k = 0; k < fit->shares; k++)
@@ -115,7 +124,7 @@ static void keep_within(size_t shares, const double *before, double *x) {
         x[SHARE + k] = share_within(x[SHARE + k]);
 }
 
-/* Cost of the readings by a geometry, with what was known before. */
+/* Cost of the readings by a geometry, with the prior. */
 static double cost_of_walls(const WallPrior *prior, const double *x, WallFit *fit) {
     double cost = 0.0;
     look_at_walls(x, fit);
@@ -129,7 +138,7 @@ static double cost_of_walls(const WallPrior *prior, const double *x, WallFit *fi
     return cost;
 }
 
-/* Tries shifts about x at such distances, `times` to each side; the best stays in x. */
+/* Tries shifts about x, `times` steps of `distance` to each side; the best stays in x. */
 static void try_shifts(const WallPrior *prior, int times, double distance, WallFit *fit, double *x) {
     const double at[2] = {x[SHIFT_X], x[SHIFT_Y]};
     double trial[FITTED], least = cost_of_walls(prior, x, fit);
@@ -146,7 +155,8 @@ static void try_shifts(const WallPrior *prior, int times, double distance, WallF
         }
 }
 
-/* The best shift by whole cells, then by half ones, where it is not known: a step finds no minimum further away. */
+/* The best shift by whole cells, then by half cells, where it is not known: Gauss-Newton steps find no minimum further
+ * away. */
 static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, double *x) {
     const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
@@ -156,8 +166,8 @@ static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, d
         try_shifts(prior, 1, 0.5, fit, x);
 }
 
-/* Gauss-Newton steps from what was known; hot at first, so that a scan that has moved far does not count as outliers.
- */
+/* Gauss-Newton steps from the prior mean; errors weigh less at first, so that a scan that has moved far does not count
+ * as outliers. */
 static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, double *x, double *covariance) {
     const size_t all = SHARE + fit->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];

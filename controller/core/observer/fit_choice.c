@@ -8,10 +8,12 @@
 #include "register_fit.h"
 #include "scan_doubts.h"
 
-static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17; /* [m^2] */
-static const double LASTING = 2.0, FEW_LAST = 2e-4;         /* times those that vanish; of the readings (assumed) */
-static const double USUAL_MISFIT = 2.0;                     /* up to which droplets explain it */
-static const double KEPT = 0.8;                             /* of what was learnt, from layer to layer */
+/* share of the datum's variance kept from scan to scan; its least value [m^2] */
+static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;
+/* ratio of lasting to vanishing surprises from which all are believed; plus this share of the readings (assumed) */
+static const double LASTING = 2.0, FEW_LAST = 2e-4;
+static const double USUAL_MISFIT = 2.0; /* misfit up to which droplets explain it */
+static const double KEPT = 0.8;         /* share of what was learnt kept from layer to layer */
 static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
 static const double EVIDENCE_MAX = 500.0;                                                 /* degrees of freedom */
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
@@ -28,7 +30,7 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     const double share = variation * own / (fit->mean_base + variation * own);
     const double freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
     const double kept = KEPT * known->droplet_evidence, prior = (1.0 - KEPT) * FIRST_EVIDENCE;
-    const double evidence = kept + prior + freedom; /* what is forgotten is the prior again: droplets vary */
+    const double evidence = kept + prior + freedom; /* the forgotten share returns to the prior: droplets vary */
     const double mean = (kept * variation + prior + freedom * fmin(found, LARGEST_FOUND)) / evidence;
     known->droplet_variance = fmin(mean, LARGEST_VARIATION);
     known->droplet_evidence = fmin(evidence, EVIDENCE_MAX);
@@ -50,8 +52,8 @@ static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *kn
     }
 }
 
-/* Whether droplets are of another kind: scans have left as much for some time, or do so again. A few spikes on few
- * cells are none, and a layer of few droplets shows nothing. */
+/* Whether the droplets do not follow the model: misfits have been high for some time, or are so again. A few spikes on
+ * few cells are no evidence, and a layer of few droplets shows nothing. */
 static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     const double own = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     const double spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
@@ -59,20 +61,20 @@ static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     return is_foreign(lasting) || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
-/* Whether surprises have been the cells' and not the sensor's: then they are believed at once. */
+/* Whether most surprises of earlier scans lasted: then readings are believed at once. */
 static bool do_surprises_last(const Knowledge *known) {
     return known->lasting > LASTING * known->vanishing + FEW_LAST;
 }
 
-/* Shares of surprises that were the sensor's and the cells'. */
+/* Learns the shares of surprises that vanished (errors of the sensor) and lasted (changes of the cells). */
 static void learn_surprises(const Surprises *found, Knowledge *known) {
     const double seen = fmax((double)found->seen, 1.0);
     known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found->vanished / seen;
     known->lasting = 0.9 * known->lasting + 0.1 * (double)found->lasted / seen;
 }
 
-/* Covariance of the geometry that readings at walls suffer from: while scans are read in register by the probability
- * that they are displaced. */
+/* Covariance of the geometry in readings at walls: while scans count as in register, weighted by the probability that
+ * they are displaced. */
 static void doubtful_geometry(const Registration *registration, double *covariance) {
     const double odds = 1.0 / (1.0 + exp(-registration->odds));
     memcpy(covariance, registration->covariance, sizeof registration->covariance);
@@ -82,7 +84,7 @@ static void doubtful_geometry(const Registration *registration, double *covarian
                 odds * (covariance[a * GEOMETRY + b] + registration->estimate[a] * registration->estimate[b]);
 }
 
-/* Updates the maps; may_be: displaced scans may be the truth. */
+/* Updates the maps; may_be: scans may be displaced. */
 static Surprises update_maps(const ScanEvidence *evidence, const SurfaceEstimate *before, const InkFit *fit,
                              bool is_unknown, bool may_be, LayerMaps *maps, SurfaceEstimate *after) {
     const Knowledge *known = after->known;

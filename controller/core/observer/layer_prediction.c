@@ -7,8 +7,8 @@
 
 static const double NO_VOLUME = 1e-12; /* of a droplet of a dead nozzle */
 
-/* Takes the memory of all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` is one for
- * the volumes of living droplets. */
+/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` holds the volumes of
+ * living droplets. */
 static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double **factor) {
     const size_t cells = options->nx * options->ny;
     const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
@@ -32,7 +32,8 @@ static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double
     return true;
 }
 
-/* The layer without droplets from dead nozzles, with the map `factor`, and what all would leave on their cells. */
+/* The layer without droplets from dead nozzles, with their volumes in `factor`; `full_own`: height that each cell's
+ * droplet would leave on it, dead nozzles included. */
 static JettedLayer living_droplets(const EstimatorOptions *options, const SurfaceEstimate *before,
                                    const JettedLayer *layer, const Ink ink[], double *factor, double *full_own) {
     JettedLayer living = *layer;

@@ -3,16 +3,20 @@
 #include <math.h>
 #include <string.h>
 
-static const double SURPRISE = 4.5; /* standard deviations: as likely the sensor's as the cell's (assumed) */
-static const double CERTAIN = 0.9;  /* weight of a reading below which it surprises */
-static const double SAME = 0.4;     /* of a surprise: as much again is the cell's */
-static const double SPIKY = 0.008;  /* share of vanishing surprises from which on they must come three times */
+/* residual in standard deviations at which sensor and cell are equally likely causes (assumed) */
+static const double SURPRISE = 4.5;
+static const double CERTAIN = 0.9; /* weight of a reading below which it surprises */
+static const double SAME = 0.4;    /* share of a surprise that a second one must reach to count as the same */
+/* share of vanishing surprises above which a surprise must come three times, not two */
+static const double SPIKY = 0.008;
 static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
-static const double DEAD_WEAK = 0.3; /* of a droplet's volume: the least from a nozzle that is not dead (assumed) */
-static const double LAYER_EVIDENCE = 5.0; /* of one layer at most: a single droplet that failed is no dead nozzle */
-static const double WHOLE_HEAD = 0.5;     /* of the part: where more brings nothing, the ink has run out */
-static const double NOT_SEEN = 1e-6;      /* weights of readings are at least so much of a variance */
+static const double DEAD_WEAK = 0.3; /* least volume of a droplet from a living nozzle, as a share (assumed) */
+/* limit of one layer's evidence: a single failed droplet is no dead nozzle */
+static const double LAYER_EVIDENCE = 5.0;
+static const double WHOLE_HEAD = 0.5; /* share of the part without growth above which the ink has run out */
+/* weight of readings times variance of the cell, below which the cell counts as not seen */
+static const double NOT_SEEN = 1e-6;
 
 static size_t cells_of(const MapUpdate *update) {
     return update->evidence->options->nx * update->evidence->options->ny;
@@ -29,9 +33,9 @@ static double process_variance(const MapUpdate *update, size_t cell) {
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
 
-/* A reading that surprises, and what it counts. */
+/* Weight of a reading that surprises, and the change of its cell. */
 typedef struct {
-    double weight, jump; /* of the reading [1]; variance of the cell by which it has changed [m^2] */
+    double weight, jump; /* weight of the reading [1]; variance of the jump of its cell [m^2] */
 } Belief;
 
 static Belief believe(const MapUpdate *update, size_t cell, double rest, double variance, Surprises *count) {
@@ -47,7 +51,7 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
     count->vanished += has_surprised && (update->is_robust ? !is_big : is_back);
-    const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet that did not come */
+    const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet failed */
     count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
@@ -56,20 +60,20 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     return (Belief){update->is_robust ? weight : 1.0, 0.0};
 }
 
-/* Variance of the error of a reading that counts by a weight, beside a prediction of variance `known`. */
+/* Variance of the error of a reading of weight `weight`, beside a prediction of variance `known`. */
 static double error_of(double error, double weight, double known) {
     const double counted = weight > LEAST_WEIGHT ? weight : LEAST_WEIGHT;
     const double wide = error / counted + known * (1.0 / counted - 1.0);
     return wide > LEAST_ERROR ? wide : LEAST_ERROR;
 }
 
-/* Carries what is known of a cell that was not seen. */
-static void carry_surprise(const MapUpdate *update, size_t cell) {
+/* Clears the surprises of a cell that was not seen. */
+static void clear_surprise(const MapUpdate *update, size_t cell) {
     update->after->surprise[cell] = 0.0;
     update->after->surprised[cell] = 0;
 }
 
-/* Evidence that nothing came; returns whether it speaks for that. */
+/* Updates the evidence that a cell is dead; returns whether this layer shows no growth there. */
 static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
     const double told = update->before->dead_evidence[cell], own = update->full_own[cell];
     update->after->dead_evidence[cell] = told;
@@ -83,14 +87,15 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
     return evidence > 0.0;
 }
 
-/* Where most of the head brings nothing the ink has run out: that is no evidence of nozzles. */
+/* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
+ * blame. */
 static void forget_dry(const MapUpdate *update, size_t dry) {
     const size_t part = count_marked(update->evidence->options->part, cells_of(update));
     if ((double)dry > WHOLE_HEAD * (double)part)
         memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
 }
 
-/* What the fit leaves of the datum along a row, and its variance. */
+/* Residual datum of the fit along a row, and its variance. */
 typedef struct {
     double left[ROW_TERMS], variance[ROW_VARIANCE_TERMS];
 } DatumRow;
@@ -141,7 +146,7 @@ Surprises update_in_register(const MapUpdate *update) {
                 spread += belief.jump;
                 gain = spread / (spread + weak);
             } else
-                carry_surprise(update, cell);
+                clear_surprise(update, cell);
             dry += take_dead(update, cell, evidence->valid[cell], rest, variance);
             after->height[cell] = expected + gain * rest;
             after->variance[cell] = (1.0 - gain) * spread;
@@ -151,7 +156,7 @@ Surprises update_in_register(const MapUpdate *update) {
     return count;
 }
 
-/* What the readings are off by, weighed, and their weights; and the jumps of cells. */
+/* Weighted residuals of the readings, their weights, and the jumps of cells. */
 static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *averaged,
                                   const double *spread, double *weight, double *off, double *jump) {
     const ScanEvidence *evidence = update->evidence;
@@ -164,7 +169,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double u = place_on(i, nx), w = place_on(j, ny);
             weight[cell] = off[cell] = jump[cell] = 0.0;
             if (!evidence->valid[cell]) {
-                carry_surprise(update, cell);
+                clear_surprise(update, cell);
                 continue;
             }
             const Spot spot = spot_of(g, (double)i, (double)j, u, w);
@@ -224,6 +229,6 @@ void live_on_prediction(const MapUpdate *update) {
         after->variance[cell] = process_variance(update, cell);
         after->unseen[cell] = before->unseen[cell] + 1;
         after->dead_evidence[cell] = before->dead_evidence[cell];
-        carry_surprise(update, cell);
+        clear_surprise(update, cell);
     }
 }

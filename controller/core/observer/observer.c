@@ -10,11 +10,12 @@
 #include "scan_doubts.h"
 #include "scan_lines.h"
 
-static const double NOISE_KEPT = 0.7;       /* of what was known of it, from layer to layer (assumed) */
-static const double GROUND_TOLERANCE = 3.0; /* layers at a corner: more is no levelling (assumed) */
-static const double KNOWN_GROUND = 1e-18;   /* [m^2], variance of flat ground */
-static const double LEAST_SEEN = 0.02;      /* of the grid: fewer readings are no scan */
-static const double UNSURE = 1e-6;          /* [m^2], variance of heights that a person has looked at */
+static const double NOISE_KEPT = 0.7; /* share of the noise estimate kept from layer to layer (assumed) */
+/* tilt of flat ground, in layers at a corner: a larger one is an error of levelling (assumed) */
+static const double GROUND_TOLERANCE = 3.0;
+static const double KNOWN_GROUND = 1e-18; /* variance of flat ground [m^2] */
+static const double LEAST_SEEN = 0.02;    /* share of the grid: fewer readings are no scan */
+static const double UNSURE = 1e-6;        /* variance of heights after a person has looked [m^2] */
 
 static void take_datum_off(const EstimatorOptions *options, const ScanDatum *datum, const double *measured,
                            const uint8_t *valid, double *scan) {
@@ -36,7 +37,7 @@ static void keep_scan(const EstimatorOptions *options, const double *measured, c
     }
 }
 
-/* On ground that is called flat the first scan shows the datum and the noise of the sensor. */
+/* The datum and the noise of the sensor from the first scan on ground that is flat. */
 static void take_flat_ground(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
                              SurfaceEstimate *estimate) {
     const size_t nx = options->nx, ny = options->ny;
@@ -87,8 +88,8 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
     return true;
 }
 
-/* A variance of readings with what a scan of ground shows: of the second scan of ground that is not flat half of it is
- * the first's. */
+/* Updates a variance of readings by the one that a scan of ground shows. Ground that is not flat: the second scan is
+ * compared with the first, so each has half of the variance. */
 static double learnt(const EstimatorOptions *options, const Knowledge *known, double before, double shown) {
     if (known->scans > 1)
         return NOISE_KEPT * before + (1.0 - NOISE_KEPT) * shown;
@@ -103,7 +104,7 @@ static double reading_noise(const EstimatorOptions *options, const Knowledge *kn
     return fmax(learnt(options, known, known->noise_variance, datum->noise_variance), least);
 }
 
-/* The ledger grows by all droplets but those of dead nozzles, of nominal volume; of an unknown layer by half. */
+/* Adds to the ledger all droplets of nominal volume but those of dead nozzles; half of an unknown layer. */
 static void count_droplets(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                            bool is_unknown, double *scratch, SurfaceEstimate *after) {
     const Ink both[2] = {options->ink.nominal[0], options->ink.nominal[options->ink.inks - 1]};
@@ -112,7 +113,7 @@ static void count_droplets(const EstimatorOptions *options, const SurfaceEstimat
         after->ledger[cell] = 0.5 * (before->ledger[cell] + after->ledger[cell]);
 }
 
-/* Heights as they were read. */
+/* Sets the heights to the readings. */
 static void take_as_read(const EstimatorOptions *options, const SurfaceEstimate *before, const double *predicted,
                          const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
@@ -125,21 +126,21 @@ static void take_as_read(const EstimatorOptions *options, const SurfaceEstimate 
     }
 }
 
-/* Datum and noise of a scan: fills `datum`, and the maps with the scan without it. Returns the noise [m^2]. */
+/* Datum and noise of a scan: fills `datum`, and the map of the scan without its datum. Returns the noise [m^2]. */
 static double take_ground(const EstimatorOptions *options, const SurfaceEstimate *before, const double *measured,
                           const uint8_t *valid, LayerMaps *maps, Knowledge *known, ScanDatum *datum) {
     const size_t nx = options->nx, ny = options->ny;
     mark_ground(nx, ny, options->part, maps->ground, maps->room.marks);
     *datum =
         scan_datum(nx, ny, measured, valid, before->height, maps->ground, known->datum_spread, known->noise_variance);
-    if (datum->noise_variance < 0.0) /* no ground: a profiler that keeps its frame */
+    if (datum->noise_variance < 0.0) /* no ground: the datum stays that of the last scan */
         memcpy(datum->term, known->datum, sizeof known->datum);
     take_datum_off(options, datum, measured, valid, maps->scan);
     const double noise =
         fmax(reading_noise(options, known, datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < nx * ny; cell++)
         if (before->unseen[cell] == 0 && !(maps->variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
-            maps->variance[cell] += noise; /* what the first scan was worth */
+            maps->variance[cell] += noise; /* variance of the first scan */
     for (size_t axis = 0; axis < 2 && datum->noise_variance >= 0.0; axis++)
         known->neighbours[axis] = learnt(options, known, known->neighbours[axis], datum->neighbours[axis]);
     return noise;
@@ -211,7 +212,7 @@ void trust_again(SurfaceEstimate *estimate, size_t cells) {
     trust->stop_figure = trust->volume_doubt = 0.0;
     trust->is_looked_at = 1;
     for (int k = 0; k < DOUBTS; k++)
-        trust->doubts[k] = 1.0; /* one more scan that fits another explanation is enough */
+        trust->doubts[k] = 1.0; /* one more scan that fits another explanation stops the print */
     for (size_t cell = 0; cell < cells; cell++)
         estimate->variance[cell] = UNSURE;
 }

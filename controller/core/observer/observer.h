@@ -21,15 +21,15 @@
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate);
 
-/* Layer number `number` was printed on what was known `before`, and scanned: `measured` [m] where `valid`. is_unknown:
- * it was abandoned at an unknown place: each cell grew by between nothing and what the whole layer adds, and nothing is
- * learnt. False if there is no memory. The maps of `before` and `after` are different ones. */
+/* Estimate after the scan `measured` [m], where `valid`, of layer number `number`, printed on the surface estimated
+ * `before`. is_unknown: the layer was abandoned at an unknown place: each cell grew by between nothing and the whole
+ * layer, and nothing is learnt. False if there is no memory. `before` and `after` have separate maps. */
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
                    SurfaceEstimate *after);
 
-/* A person has looked: the print goes on, and the next scan is taken as it is. If the one after it fits another
- * explanation far better, the print is stopped again. */
+/* Clears the distrust after a person has looked: the print resumes, and the next scan is accepted unchecked. If the one
+ * after it fits another explanation far better, the print is stopped again. */
 void trust_again(SurfaceEstimate *estimate, size_t cells);
 
 #endif

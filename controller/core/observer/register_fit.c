@@ -5,18 +5,19 @@
 
 #include "small_algebra.h"
 
-static const double SHARE_STEP = 0.007, FULL_STEP = 0.014; /* of a share from layer to layer (assumed) */
+/* step of a share from layer to layer, as one share or as three (assumed) */
+static const double SHARE_STEP = 0.007, FULL_STEP = 0.014;
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 enum { POWERS = 5 };
 
-/* Sums of a row: of the weights with powers of w; of the rest and of each column of a share with them, weighted; and of
- * products of these. */
+/* Sums over a row: of the weights, of the residual and of each column of a share, weighted, each with powers of w; and
+ * of products of these. */
 typedef struct {
     double of_one[POWERS], of_rest[ROW_TERMS], of_share[SHARES_MAX][ROW_TERMS];
     double rest_share[SHARES_MAX], share_share[SHARES_MAX * SHARES_MAX];
 } RowMoments;
 
-/* Some cells of a row: columns of shares, what is left of their readings, and its weight. */
+/* Some cells of a row: columns of shares, residuals and weights of the readings. */
 typedef struct {
     double weight[BLOCK], rest[BLOCK], share[SHARES_MAX][BLOCK], w[BLOCK];
 } FitCells;
@@ -47,7 +48,7 @@ static INLINED void load_cells(const ScanEvidence *evidence, size_t shares, cons
     }
 }
 
-/* Adds sums of `line` with powers of w, weighted already. */
+/* Adds sums of `line`, weighted already, with powers of w. */
 static INLINED void add_powers(const double *line, const double *w, size_t count, size_t powers, double *sums) {
     double power[BLOCK];
     memcpy(power, line, count * sizeof *line);
@@ -74,7 +75,7 @@ static INLINED void add_moments(const FitCells *cells, size_t shares, size_t cou
     }
 }
 
-/* The moments of a row in the normal equations; u: its place. */
+/* Adds the moments of a row to the normal equations; u: its place. */
 static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *sums) {
     static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
     const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
@@ -94,7 +95,7 @@ static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *
     }
 }
 
-/* Memory that the threads share while they add up the normal equations. */
+/* Memory of the normal equations, shared by the threads. */
 typedef struct {
     const ScanEvidence *evidence;
     size_t shares;
@@ -191,7 +192,8 @@ bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     const size_t shares = learnt_shares(evidence->options);
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
-    for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) { /* then with what the first leaves */
+    /* the second round scales variances by the misfit of the first */
+    for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) {
         const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
         if (!solve_smooth(evidence, shares, &sums, fit))
             return false;

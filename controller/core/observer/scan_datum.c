@@ -8,8 +8,9 @@
 #include "small_algebra.h"
 
 static const double MAD = 1.4826;   /* standard deviation / median absolute value of a normal variable */
-static const double SURELY = 1e-30; /* [m^2], variance of terms that are none */
-static const double LEAST_STEP = 0.02, SAME_STEP = 0.01; /* layers; of a step (assumed) */
+static const double SURELY = 1e-30; /* variance of absent terms [m^2] */
+/* least step of quantised readings in layers; tolerance as a share of a step (assumed) */
+static const double LEAST_STEP = 0.02, SAME_STEP = 0.01;
 enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
 
 void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
@@ -26,7 +27,7 @@ void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uin
         ground[cell] = !marks[cell];
 }
 
-/* Cells of the ground that were seen. */
+/* Measured cells of the ground. */
 typedef struct {
     size_t count, cell[CELLS_MAX];
     double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
@@ -47,7 +48,7 @@ static double rise_of(const GroundScan *of, size_t cell) {
     return of->scan[cell] - (of->height ? of->height[cell] : 0.0);
 }
 
-/* At even distances, if there are many. */
+/* Samples the cells at even distances, if there are many. */
 static void collect(const GroundScan *of, Ground *cells) {
     const size_t nx = of->nx, ny = of->ny;
     size_t all = 0, found = 0;
@@ -65,7 +66,7 @@ static void collect(const GroundScan *of, Ground *cells) {
     }
 }
 
-/* The normal equations of cells whose errors have a t distribution of this scale. */
+/* The normal equations of cells whose errors have a t distribution of scale `scale`. */
 static void normal_equations(const Ground *cells, double scale, bool is_first, double noise,
                              const double spread[DATUM_TERMS], double *matrix, double side[DATUM_TERMS]) {
     memset(matrix, 0, DATUM_TERMS * DATUM_TERMS * sizeof *matrix);
@@ -85,7 +86,8 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
         matrix[i * DATUM_TERMS + i] += 1.0 / spread[i];
 }
 
-/* Variance of a reading by the differences of neighbours along an axis [m^2]; of too few it is that of all. */
+/* Variance of a reading by the differences of neighbours along an axis [m^2]; with too few pairs that of all
+ * readings. */
 static double neighbours_variance(const GroundScan *of, size_t axis, const double term[DATUM_TERMS], double all,
                                   Ground *cells) {
     size_t count = 0;

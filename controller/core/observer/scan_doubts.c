@@ -3,30 +3,37 @@
 #include <math.h>
 #include <string.h>
 
-static const double STEEP = 0.8;      /* layers per cell: there a displacement moves readings */
-static const double SUSPICIOUS = 2.5; /* mean square of what a scan leaves, in that of droplets and sensor */
-static const double OUTLIER = 100.0;  /* ... that a single cell counts at most */
-static const double FAR_BETTER = 0.4; /* of what the scan leaves as read (assumed) */
-static const double STUCK = 0.05, STUCK_NOISE = 8.0; /* ... and of noise: a surface that did not grow is the same */
-static const double KEPT = 0.5;                      /* of the evidence, from scan to scan */
-static const double BELIEVED = 1.2;      /* two scans in a row have 1.5, of three the first and the last 1.25 */
-static const double LEAST_SHARE = 0.05;  /* of the part: fewer droplets tell nothing */
-static const double VOLUME_STD = 0.05;   /* of a share of the ink that is known (assumed) */
-static const double RESERVE = 1.0;       /* layers above the target that a cell may have by its ledger (assumed) */
-static const double HIGH = 0.4;          /* layers above target and ledger; 0.3 where droplets vary by 40 % (assumed) */
-static const double HIGH_FOREIGN = 0.25; /* ..., where droplets spill in another way than the model's (assumed) */
-static const double RISEN = 0.9;         /* ...: no droplet explains it, those of its neighbours run to it (assumed) */
-static const double UNSURE = 0.3;        /* layers: standard deviation of a height that is not known (assumed) */
-static const double BLIND = 0.5;         /* share of the part (assumed) */
-static const double SMOOTH = 2e-4;       /* layers^2: least noise about a datum, so that it does not follow a part */
-static const double NOISY = 1e-16;       /* [m^2]: readings that vary by 10 nm never repeat bit by bit */
+static const double STEEP = 0.8;      /* slope in layers per cell above which a displacement moves readings */
+static const double SUSPICIOUS = 2.5; /* mean square residual that is examined, in that of droplets and sensor */
+static const double OUTLIER = 100.0;  /* largest square of a single cell in it */
+/* share of the cost as read that another explanation must stay below (assumed) */
+static const double FAR_BETTER = 0.4;
+/* the same for surfaces that did not grow: a share, and a multiple of the noise */
+static const double STUCK = 0.05, STUCK_NOISE = 8.0;
+static const double KEPT = 0.5; /* share of the evidence kept from scan to scan */
+/* evidence that stops the print: two scans in a row have 1.5, of three the first and the last 1.25 */
+static const double BELIEVED = 1.2;
+static const double LEAST_SHARE = 0.05; /* least share of the part with droplets: fewer show nothing */
+static const double VOLUME_STD = 0.05;  /* standard deviation below which a share of the ink is known (assumed) */
+/* layers above the target, by the ledger, from which a cell is capped (assumed) */
+static const double RESERVE = 1.0;
+/* layers above target and ledger that count as high; droplets that vary by 40 % reach 0.3 (assumed) */
+static const double HIGH = 0.4;
+static const double HIGH_FOREIGN = 0.25; /* the same for droplets that spill unlike the model's (assumed) */
+/* layers above target and ledger from which the neighbours are capped: their droplets flow to the cell (assumed) */
+static const double RISEN = 0.9;
+static const double UNSURE = 0.3; /* standard deviation of an unknown height, in layers (assumed) */
+static const double BLIND = 0.5;  /* share of the part without readings that counts as blind (assumed) */
+/* least variance about a datum in layers^2, so that the datum does not follow a part */
+static const double SMOOTH = 2e-4;
+static const double NOISY = 1e-16; /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
 enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
 
 static size_t cells_of(const ScanDoubt *doubt) {
     return doubt->evidence->options->nx * doubt->evidence->options->ny;
 }
 
-/* The cell of the scan that a transform brings to a cell of the printer. */
+/* The cell of the scan that a transform maps to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     const size_t i = cell / ny, j = cell % ny, up = nx - 1 - i, left = ny - 1 - j;
     const size_t from[DOUBTS - DOUBT_MIRRORED_X][2] = {{up, j}, {i, left}, {up, left}, {j, i},
@@ -35,7 +42,7 @@ static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     return place[0] * ny + place[1];
 }
 
-/* Robust mean square of what a scan leaves of the readings `expected`, its datum fitted; below 0: too few cells. */
+/* Robust mean square residual of the readings against `expected`, with the datum fitted; below 0: too few cells. */
 static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t *valid, const double *expected,
                       double most) {
     const ScanEvidence *evidence = doubt->evidence;
@@ -65,7 +72,8 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
     return count < LEAST_CELLS ? -1.0 : sum / (double)count;
 }
 
-/* What droplets and sensor leave of a scan: noise, and of the part what droplets and their volume vary by [m^2]. */
+/* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
+ * their mean volume [m^2]. */
 static double native_square(const ScanDoubt *doubt) {
     const ScanEvidence *evidence = doubt->evidence;
     const EstimatorOptions *options = evidence->options;
@@ -89,7 +97,7 @@ static double native_square(const ScanDoubt *doubt) {
            shares * (growth / (double)droplets) * share;
 }
 
-/* Costs of the other explanations; below 0 where there is none. expected: readings of the prediction. */
+/* Costs of the other explanations; below 0 where one does not apply. expected: readings predicted. */
 static void take_costs(const ScanDoubt *doubt, const double *expected, double most, double cost[DOUBTS]) {
     const ScanEvidence *evidence = doubt->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
@@ -122,7 +130,7 @@ static bool is_last_scan(const ScanDoubt *doubt) {
     return doubt->noise_variance > NOISY;
 }
 
-/* Stops the print if two scans in a row say the same. */
+/* Stops the print if two scans in a row fit the same explanation. */
 static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double read, int best, bool is_stuck,
                      LoopTrust *trust) {
     const double stuck = trust->doubts[DOUBT_NO_GROWTH] + trust->doubts[DOUBT_SAME_SCAN];
@@ -152,7 +160,7 @@ bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
     if (isinf(native))
         return false;
     for (size_t cell = 0; cell < cells_of(doubt); cell++)
-        room->walls[cell] = doubt->maps->slopes[cell] < steep; /* even cells */
+        room->walls[cell] = doubt->maps->slopes[cell] < steep; /* cells without steep slopes */
     read_map(registration, options->nx, options->ny, evidence->predicted, room->lists[0], room->lists[1], expected);
     const double read = cost_of(doubt, doubt->measured, evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
@@ -191,7 +199,7 @@ void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32
     trust->stop_figure = volume;
 }
 
-/* A cell and its neighbours in the part get no more ink. */
+/* Caps a cell and its neighbours in the part. */
 static void cap_near(const EstimatorOptions *options, size_t cell, uint8_t *capped) {
     const size_t ny = options->ny, i = cell / ny, j = cell % ny;
     for (size_t row = i > 0 ? i - 1 : 0; row <= i + 1 && row < options->nx; row++)

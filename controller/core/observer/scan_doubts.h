@@ -1,12 +1,12 @@
-/* Whole scans that do not show what was printed, and cells that get no more ink.
+/* Tests for scans that do not show the print, and for cells that get no more ink.
  *
- * Each scan is compared, away from steep slopes, with the prediction as it was read, and where that fits badly with
- * other explanations: nothing grew, the last scan again, the scan mirrored or turned. One that fits far better collects
- * evidence; such a scan changes no map. Twice in a row stops the print.
+ * Away from steep slopes each scan is compared with the prediction. If it fits badly, it is compared with other
+ * explanations: nothing grew, the last scan again, the scan mirrored or turned. An explanation that fits far better
+ * gains evidence; such a scan changes no map. Two in a row stop the print.
  *
- * The ledger needs no scan: by the least volume that is believed of droplets it says how high a cell must stand. One
- * that is to stand above its target by a layer gets no more ink. Nor do the neighbours of one that stands higher than
- * its droplets explain: theirs run to it. */
+ * The ledger needs no scan: with the least credible volume of a droplet it gives a lower bound of each height. A cell
+ * whose bound is a layer above its target gets no more ink. Nor do the neighbours of a cell that is higher than its
+ * droplets explain: their droplets flow to it. */
 #ifndef INKLOOP_SCAN_DOUBTS_H
 #define INKLOOP_SCAN_DOUBTS_H
 
@@ -15,19 +15,19 @@
 typedef struct {
     const ScanEvidence *evidence;
     const SurfaceEstimate *before;
-    const double *measured; /* the scan as it came, but 0 where it is not valid [m] */
-    double noise_variance;  /* of a reading, as it was known before [m^2] */
+    const double *measured; /* the raw scan, 0 where it is not valid [m] */
+    double noise_variance;  /* variance of a reading before this scan [m^2] */
     int32_t layer;
-    const LayerMaps *maps; /* whose room is used */
+    const LayerMaps *maps; /* maps whose memory is used as scratch */
 } ScanDoubt;
 
-/* Whether another explanation fits far better; adds the evidence to `trust`. */
+/* Whether another explanation fits the scan far better; adds the evidence to `trust`. */
 bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust);
 
-/* Whether the volume of the droplets is beyond belief, after a scan. */
+/* Tests after a scan whether the learnt volume of the droplets is credible. */
 void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32_t layer, LoopTrust *trust);
 
-/* Cells of the part: not seen, high, and capped; in `estimate`. */
+/* Counts the cells of the part that were not seen, are high, and are capped; into `estimate`. */
 void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
 
 #endif

@@ -5,7 +5,8 @@
 
 #include "median.h"
 
-static const double FOREIGN_MISFIT = 4.0; /* two standard deviations: no droplet of the model's (assumed) */
+/* two standard deviations: the droplets do not follow the model (assumed) */
+static const double FOREIGN_MISFIT = 4.0;
 
 void slope_squares(size_t nx, size_t ny, const double *height, double *squares) {
     for (size_t i = 0; i < nx; i++) {
@@ -47,8 +48,7 @@ void average_prediction(const ScanEvidence *evidence, const double share[], doub
     average_under_spot(nx, ny, predicted, spread, room->lists[0], room->averaged, room->spread_slope);
 }
 
-/* Memory that the threads share while they look for misfits: lists of squares by class, and sums over cells with a
- * droplet. */
+/* Memory shared by the threads for misfits: lists of squares by class, and sums over cells with a droplet. */
 typedef struct {
     const ScanEvidence *evidence;
     const InkFit *fit;
@@ -58,7 +58,7 @@ typedef struct {
     double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
 } MisfitWork;
 
-/* Appends the values that are chosen; returns the end. No branch depends on a cell. */
+/* Appends the chosen values; returns the end. No branch depends on a cell. */
 static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
     for (size_t k = 0; k < count; k++) {
         *end = values[k];

@@ -1,23 +1,24 @@
-/* A scan with what was known before it, and what any fit of it gives: ink, what is left of the datum, and misfits. */
+/* A scan with the prior knowledge, and the result of any fit of it: ink, residual datum, and misfits. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
 #include "row_ranges.h"
 #include "scan_view.h"
 
-/* A scan and what was known before it; maps of nx * ny cells in C order. */
+/* A scan and the prior knowledge; maps of nx * ny cells in C order. */
 typedef struct {
     const EstimatorOptions *options;
     const Knowledge *known;
     const JettedLayer *layer;
-    const double *scan; /* without its datum, 0 where it is not valid [m] */
+    const double *scan; /* scan without its datum, 0 where it is not valid [m] */
     const uint8_t *valid;
-    const double *before, *predicted;    /* heights, by the ink known before [m] */
-    const double *variance;              /* of the heights before [m^2] */
-    const DropletIncrements *increments; /* of the layer */
-    double noise_variance;               /* of a reading [m^2] */
-    double droplet_variance;             /* of a droplet's volume [1] */
-    const ScanDatum *datum;              /* that was taken off */
+    /* heights before and after the layer, predicted with the ink known before [m] */
+    const double *before, *predicted;
+    const double *variance;              /* variance of the predicted heights before the scan [m^2] */
+    const DropletIncrements *increments; /* increments of the layer */
+    double noise_variance;               /* variance of a reading [m^2] */
+    double droplet_variance;             /* variance of a droplet's volume [1] */
+    const ScanDatum *datum;              /* datum that was subtracted */
 } ScanEvidence;
 
 enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
@@ -25,56 +26,59 @@ enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reac
 /* Result of a fit of a scan. */
 typedef struct {
     double share[SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX];
-    double datum[DATUM_TERMS]; /* what is left of that of the scan [m] */
+    double datum[DATUM_TERMS]; /* correction of the datum [m] */
     double datum_covariance[DATUM_TERMS * DATUM_TERMS];
-    double misfit[CLASSES];          /* median square of what is left, in variances of droplets and sensor [1] */
-    double mean_base, mean_droplets; /* over cells with a droplet: variances without it, and of it [m^2] */
-    size_t droplets;                 /* their number */
+    double misfit[CLASSES]; /* median squared residual, in variances of droplets and sensor [1] */
+    /* means over cells with a droplet: variance without that of droplets, and of droplets [m^2] */
+    double mean_base, mean_droplets;
+    size_t droplets; /* number of cells with a droplet */
 } InkFit;
 
-/* Maps that a fit needs: `spread_slope` and `averaged` are of the prediction, for what follows it. */
+/* Maps of a fit; `spread_slope` and `averaged` belong to the prediction and are used after the fit. */
 typedef struct {
     double *averaged, *spread_slope, *lists[2];
-    uint8_t *walls, *marks; /* walls: cells that a displacement may move beyond droplets and sensor; marks: a map */
+    /* walls: cells that a displacement may move beyond the variance of droplets and sensor; marks: a map */
+    uint8_t *walls, *marks;
 } FitRoom;
 
-/* Squares of the slopes [m^2 per cell^2]. */
+/* Squares of the slopes of a map [m^2 per cell^2]. */
 void slope_squares(size_t nx, size_t ny, const double *height, double *squares);
 
-/* Variance that droplets and sensor give to the reading of a cell [m^2]. */
+/* Variance of a cell's reading by droplets and sensor [m^2]. */
 static inline double native_variance(const ScanEvidence *evidence, size_t cell) {
     return evidence->noise_variance + evidence->variance[cell] +
            evidence->droplet_variance * evidence->increments->squares[cell];
 }
 
-/* Column of a share: what its change adds to the cells. */
+/* Column of a share in the normal equations: height per change of the share. */
 typedef struct {
     const double *map;
     double factor;
 } ShareColumn;
 ShareColumn share_column(const ScanEvidence *evidence, size_t share);
 
-/* Height that a change of the shares from those known before adds to a cell [m]. */
+/* Height added to a cell by a change of the shares from those known before [m]. */
 double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
 
-/* The prediction with such shares, averaged over a spot, with its slope by it: both into the room. */
+/* The prediction with these shares, averaged over a spot, and its derivative with respect to the spot: both into the
+ * room. */
 void average_prediction(const ScanEvidence *evidence, const double share[], double spread, FitRoom *room);
 
-/* Number of shares that are learnt. */
+/* Number of shares that are fitted. */
 static inline size_t learnt_shares(const EstimatorOptions *options) {
     return options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink);
 }
 
-/* Whether so many variances are more than droplets of the model's and the sensor explain. */
+/* Whether so many variances are more than sensor and model's droplets explain. */
 bool is_foreign(double misfit);
 
-/* Whether a fit leaves more than droplets of the model's and the sensor explain. */
+/* Whether a fit leaves more than sensor and model's droplets explain. */
 bool is_misfit(const InkFit *fit);
 
-/* Fewer readings have no median that tells. */
+/* Least number of readings for a median. */
 enum { LEAST_READINGS = 12 };
 
-/* Cells of a row that are worked on at a time; their places, from `column` on. */
+/* Cells of a row that are processed together; their places, from `column` on. */
 enum { BLOCK = 64 };
 static INLINED void places_in_row(size_t ny, size_t column, size_t count, double *w) {
     const double step = ny > 1 ? 2.0 / ((double)ny - 1.0) : 0.0;
@@ -82,7 +86,7 @@ static INLINED void places_in_row(size_t ny, size_t column, size_t count, double
         w[k] = step > 0.0 ? step * (double)(int32_t)(column + k) - 1.0 : 0.0;
 }
 
-/* Misfits of datum and shares of a fit in register, as medians, with its means over droplets. */
+/* Medians of the squared residuals of a fit in register, and its means over droplets. */
 void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
 
 #endif

@@ -2,7 +2,8 @@
 
 #include <math.h>
 
-static const double LINES_TELL = 0.5; /* of the noise within a line: less that lines share is chance (assumed) */
+/* share of the noise within a line that the offsets of lines must exceed: less is chance (assumed) */
+static const double LINES_TELL = 0.5;
 
 double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], const double *slopes,
                       const uint8_t *near, FitRoom *room, double *scan) {

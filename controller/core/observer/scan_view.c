@@ -5,13 +5,14 @@
 
 #include "instruction_sets.h"
 
-static const double POINT = 1e-9;      /* [cells^2] below which a spot is a point */
-static const double NARROW = 0.36;     /* [cells^2] up to which a spot reaches the next cells alone */
-static const double SPREAD_STEP = 0.1; /* of a difference quotient [cells^2] */
-static const double BORDER = 4.0;      /* standard deviations of a spot: less than a ten-thousandth lies beyond */
-enum { TAPS_MAX = 5 };                 /* of a spot to each side */
+static const double POINT = 1e-9;      /* variance below which a spot is a point [cells^2] */
+static const double NARROW = 0.36;     /* variance up to which a spot covers adjacent cells only [cells^2] */
+static const double SPREAD_STEP = 0.1; /* step of a difference quotient [cells^2] */
+/* reach of a spot in standard deviations: less than a ten-thousandth lies beyond */
+static const double BORDER = 4.0;
+enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
 
-/* Weights of the cells 0, 1, ... away; their variance is that of the spot. Returns the largest distance. */
+/* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */
 static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     double sum = 1.0;
     if (spread < NARROW) {
@@ -103,7 +104,8 @@ double border_variance(size_t nx, size_t ny, const double *map, const Reading *r
             continue;
         const double x[4] = {0.0, (double)nx, spot->x, spot->x}, y[4] = {spot->y, spot->y, 0.0, (double)ny};
         const Place border = place_of(nx, ny, x[side], y[side]);
-        const double share = 0.5 * erfc((fmax(to[side], 0.0) + 0.5) / sqrt(2.0 * spread)); /* beyond the border */
+        /* share of the spot beyond the border */
+        const double share = 0.5 * erfc((fmax(to[side], 0.0) + 0.5) / sqrt(2.0 * spread));
         const double off = share / (1.0 - share) * (reading->value - value_at(map, &border));
         sum += off * off;
     }

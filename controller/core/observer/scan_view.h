@@ -1,14 +1,13 @@
-/* What a displaced sensor with a wide spot reads of a map, and how its readings go back to the cells. */
+/* Readings of a map by a displaced sensor with a wide spot, and the inverse displacement. */
 #ifndef INKLOOP_SCAN_VIEW_H
 #define INKLOOP_SCAN_VIEW_H
 
 #include "scan_datum.h"
 
-/* Where a reading is of: an interpolation by straight lines between four cells; beyond the border the map continues as
- * it is there. */
+/* Place of a reading: bilinear interpolation between four cells; beyond the border the map continues level. */
 typedef struct {
     size_t cell, below, right; /* the first of the four, and steps to the next row and column */
-    double x, y;               /* how far it lies beyond the first one [cells] */
+    double x, y;               /* distance beyond the first one [cells] */
 } Place;
 
 static inline Place place_of(size_t nx, size_t ny, double x, double y) {
@@ -29,7 +28,7 @@ static inline double value_at(const double *map, const Place *place) {
     return near + place->x * (far - near);
 }
 
-/* Where the reading of a cell lies [cells]. */
+/* Place of the reading of a cell [cells]. */
 typedef struct {
     double x, y;
 } Spot;
@@ -39,7 +38,7 @@ static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double 
                   j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
 }
 
-/* Slopes of a reading: with its place [m per cell], with the variance of its spot [m per cells^2]. */
+/* Derivatives of a reading: with respect to its place [m per cell], and to the variance of its spot [m per cells^2]. */
 typedef struct {
     double along_x, along_y, with_spread;
 } Slopes;
@@ -51,10 +50,10 @@ typedef struct {
     Slopes slopes;
 } Reading;
 
-/* Half a step of the difference quotients that slopes are [cells]. */
+/* Half a step of the difference quotients [cells]. */
 #define SLOPE_STEP 0.3
 
-/* A reading of a map that is averaged over the spot, and its slope with the spot (average_under_spot). */
+/* Reading of a map that is averaged over the spot, and its derivative with respect to the spot (average_under_spot). */
 static inline Reading reading_at(size_t nx, size_t ny, const double *averaged, const double *slope, Spot spot,
                                  double step) {
     const Place place = place_of(nx, ny, spot.x, spot.y);
@@ -78,23 +77,23 @@ static inline void geometry_column(const Slopes *slopes, double u, double w, dou
 /* Variance of a reading at (u, w) through the geometry [m^2]. */
 double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w);
 
-/* Variance of a displaced reading by what the view does not model [m^2]: a few thousandths of a cell of its place, and
- * of the shape of the spot a few hundredths (assumed). */
+/* Variance of a displaced reading by the errors of this view model [m^2]: a few thousandths of a cell in its place, a
+ * few hundredths in the shape of the spot (assumed). */
 static inline double view_variance(const Slopes *slopes, double spread) {
     const double x = slopes->along_x, y = slopes->along_y, shape = 0.03 * spread * slopes->with_spread;
     return 0.004 * 0.004 * (x * x + y * y) + shape * shape;
 }
 
-/* Variance of a reading whose spot reaches beyond the grid [m^2]: the surface there may continue that of the border, as
- * average_under_spot has it, or not count. */
+/* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as
+ * average_under_spot assumes, or not count. */
 double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread);
 
-/* The map averaged over a spot of this variance [cells^2], and how that goes with it [m per cells^2]; `lines` holds a
- * map. */
+/* The map averaged over a spot of variance `spread` [cells^2], and its derivative with respect to that variance [m per
+ * cells^2]; `lines` holds a map. */
 void average_under_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged,
                         double *slope);
 
-/* The geometry of the way back: where on the scan the reading of a cell lies. All 0 if there is none. */
+/* The inverse geometry: place on the scan of each cell's reading. All 0 if there is none. */
 void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
 
 /* Readings of a map, displaced or not; `lines` and `averaged` hold a map. */

@@ -5,19 +5,26 @@
 
 #include "median.h"
 
-/* Before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the rest [1]. */
+/* Standard deviations before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the
+ * rest [1]. */
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
-static const double SHARE_STD = 0.15, FULL_STD = 0.3;                        /* of a share of the ink (assumed) */
-static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4}; /* layers (assumed) */
-static const double FIRST_STEP = 0.1;    /* of the shift from scan to scan [cells]; learnt */
-static const double FIRST_ODDS = -3.0;   /* one profiler in twenty is displaced (assumed) */
-static const double RESIDUALS_MAX = 9.0; /* of droplets and sensor: three standard deviations (assumed) */
-static const double SPILL_MAX = 6.0;     /* droplets that vary by 40 % show up to 2.4, other droplets 10 and more */
-static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3; /* of a volume: droplets that vary; those of another kind */
-static const double FOREIGN = 5.0;                         /* early residuals beyond any variation of droplets */
-static const double UNIFORM_MEDIAN_SQUARE = 0.75;          /* of a uniform variable of variance 1 */
-static const int64_t BLIND_LAYERS = 5;                     /* in a row (assumed) */
-enum { PROBE_LAYERS = 5 }; /* every so many layers the dead cells are tried again (assumed) */
+/* standard deviation of a share of the ink before any scan (assumed) */
+static const double SHARE_STD = 0.15, FULL_STD = 0.3;
+/* standard deviation of each term before any scan, in layers (assumed) */
+static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4};
+static const double FIRST_STEP = 0.1;  /* step of the shift from scan to scan before any is learnt [cells] */
+static const double FIRST_ODDS = -3.0; /* log odds: one profiler in twenty is displaced (assumed) */
+/* largest mean square residual, in variances of droplets and sensor: three standard deviations (assumed) */
+static const double RESIDUALS_MAX = 9.0;
+/* largest residual by spill: droplets that vary by 40 % reach 2.4, droplets unlike the model's 10 and more */
+static const double SPILL_MAX = 6.0;
+/* largest deviation of a volume: by variation; of droplets unlike the model's */
+static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3;
+/* early residuals that no variation of droplets explains */
+static const double FOREIGN = 5.0;
+static const double UNIFORM_MEDIAN_SQUARE = 0.75; /* of a uniform variable of variance 1 */
+static const int64_t BLIND_LAYERS = 5;            /* layers in a row (assumed) */
+enum { PROBE_LAYERS = 5 }; /* period in layers after which dead cells are tried again (assumed) */
 
 enum { REAL_MAPS = 6, BYTE_MAPS = 3 };
 
@@ -150,7 +157,7 @@ bool is_probe(int64_t layer) {
     return layer % PROBE_LAYERS == 0;
 }
 
-/* The geometry of the scans, as far as it is known. */
+/* Reports the estimated geometry of the scans. */
 static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
     const double *covariance = registration->covariance, error = spot_error(registration);
     double g[GEOMETRY];

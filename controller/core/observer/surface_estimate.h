@@ -1,8 +1,8 @@
-/* What is known of the surface, of the ink and of the scans, and by which options.
+/* Knowledge of the surface, of the ink and of the scans, and the options of the observer.
  *
  * The observer keeps a map of heights with a variance for each cell, the volume of each ink, and the geometry of the
- * scans: where the reading of a cell lies on the printer, and how wide the spot is. observer.h says how a scan changes
- * them. Lengths in metres, geometry in cells. */
+ * scans: the place on the printer of each cell's reading, and the width of the spot. observer.h describes the update by
+ * a scan. Lengths in metres, geometry in cells. */
 #ifndef INKLOOP_SURFACE_ESTIMATE_H
 #define INKLOOP_SURFACE_ESTIMATE_H
 
@@ -10,18 +10,18 @@
 
 #include "droplet_increments.h"
 
-/* Of a droplet's volume about its mean [1] before the scans show it; 20 % uniform variation has 0.06, 40 % 0.12
- * (assumed). */
+/* Standard deviation of a droplet's volume about its mean [1] before the scans show it; 20 % uniform variation has
+ * 0.06, 40 % 0.12 (assumed). */
 #define DROPLET_STD 0.1
 
-/* Degrees of freedom of what is known of that variation before (assumed). */
+/* Degrees of freedom of the prior of that variation (assumed). */
 #define FIRST_EVIDENCE 10.0
 
-/* Evidence from which on a cell is dead: three layers of it; by chance less than once in a million cells (Wald 1945:
- * exp -15). */
+/* Evidence above which a cell counts as dead: three layers of it; by chance less than once in a million cells (Wald
+ * 1945: exp -15). */
 #define DEAD_EVIDENCE 15.0
 
-/* What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns distinguish them; nothing. */
+/* Parameters learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns distinguish them; none. */
 enum { INK_SCALE = 1, INK_FULL = 2, INK_OFF = 3 };
 enum { SHARES_MAX = INKS_MAX * ORDERS };
 
@@ -34,17 +34,17 @@ typedef struct {
 typedef struct {
     size_t nx, ny;
     const uint8_t *part;  /* nx * ny cells in C order, as all maps */
-    const double *target; /* of the print [m] */
+    const double *target; /* target height of the print [m] */
     InkPrior ink;
-    int32_t drop_levels;              /* largest number of whole drops of a droplet */
+    int32_t drop_levels;              /* largest number of single drops in a droplet */
     int32_t flat_ground;              /* layer 0 is flat, of height 0 */
-    int32_t take_as_read;             /* nothing is estimated: heights are what was read */
-    int32_t register_scans;           /* the geometry of the scans is looked for */
-    int32_t unseen_layers;            /* that a cell may live on prediction alone and still be trusted */
-    double noise_variance;            /* of a reading [m^2]; below 0: not known */
-    double steps_variance;            /* of the rounding of a reading [m^2]: the least there is */
-    double first_variance;            /* of the height of a cell that the first scan did not measure [m^2] */
-    double volume_least, volume_most; /* that is believed of the droplets, as a share of the nominal one [1] */
+    int32_t take_as_read;             /* no estimation: heights are the readings */
+    int32_t register_scans;           /* the geometry of the scans is estimated */
+    int32_t unseen_layers;            /* layers that a cell may live on prediction alone and still be trusted */
+    double noise_variance;            /* variance of a reading [m^2]; below 0: not known */
+    double steps_variance;            /* variance of the rounding of a reading [m^2]: the least possible */
+    double first_variance;            /* variance of the height of a cell that the first scan did not measure [m^2] */
+    double volume_least, volume_most; /* credible volume of the droplets, as a share of the nominal one [1] */
 } EstimatorOptions;
 
 /* Shift along x and y, linear part, variance of the spot. The reading of cell (i, j) is that of the surface, averaged
@@ -58,16 +58,16 @@ static inline double half_of(size_t count) {
     return 0.5 * (count > 2 ? (double)count - 1.0 : 1.0);
 }
 
-enum { REMEMBERED = 3 }; /* scans */
+enum { REMEMBERED = 3 }; /* scans remembered */
 
 typedef struct {
     double estimate[GEOMETRY]; /* after the last scan */
     double covariance[GEOMETRY * GEOMETRY];
     double steps[2];            /* learnt: variance of the shift from scan to scan [cells^2] */
-    double odds;                /* logarithm of how much likelier the scans are displaced than in register */
-    double misfits[REMEMBERED]; /* of the last scans: what a displacement leaves, in variances of droplets and sensor */
-    int64_t fits;               /* scans that it is learnt from */
-    int64_t is_displaced;       /* scans are read as displaced ones */
+    double odds;                /* log odds that scans are displaced rather than in register */
+    double misfits[REMEMBERED]; /* misfits of displaced fits of the last scans, in variances of droplets and sensor */
+    int64_t fits;               /* scans fitted */
+    int64_t is_displaced;       /* scans count as displaced */
 } Registration;
 
 enum { DATUM_TERMS = 6 }; /* offset, tilts and bows of a scan, in u and w */
@@ -94,73 +94,74 @@ enum {
     UNTRUSTED_GROUND = 4,    /* the first scan shows ground called flat far from height 0 */
     UNTRUSTED_RESIDUALS = 8, /* scans differ from predictions by more than droplets and sensor explain */
     UNTRUSTED_INK = 16,      /* cells are capped: by the droplets that they were given they are high enough */
-    UNTRUSTED_HIGH = 32,     /* cells stand higher than they are to, and than their droplets explain */
+    UNTRUSTED_HIGH = 32,     /* cells stand higher than their target and their droplets explain */
     STOP_NO_GROWTH = 64,     /* nothing grew where droplets were jetted */
     STOP_SAME_SCAN = 128,    /* the sensor shows an earlier scan again */
     STOP_LATE = 256,         /* scans show the surface of an earlier layer */
     STOP_TURNED = 512,       /* scans are mirrored or turned against the patterns */
-    STOP_VOLUME = 1024       /* droplets bring more or less than is believed of any ink */
+    STOP_VOLUME = 1024       /* droplets have a volume that no ink is believed to have */
 };
 
 typedef struct {
-    double ground[3];   /* of the first scan on ground called flat: height of its middle, and its rise over the grid
-                           along x and y [m] */
-    double early;       /* mean square of the residuals of the first layers, in variances of droplets [1] */
-    double surprise;    /* of all layers, recent ones more, in variances of droplets as learnt and of the sensor [1] */
-    double spill;       /* ... of cells that only neighbours' droplets reach: near 1 where the model holds */
-    double blind_share; /* of the part that the last scan did not measure */
-    double excess;      /* of ink: the most that a cell is above its scan by its droplets [m] */
-    double rise;        /* the most that a cell stands above its target and what its droplets explain [m] */
-    double doubts[DOUBTS]; /* evidence for each; halved from scan to scan */
+    /* first scan on ground called flat: height of its middle, and its rise over the grid along x and y [m] */
+    double ground[3];
+    double early; /* mean square of the residuals of the first layers, in variances of droplets [1] */
+    /* mean square of the residuals of all layers, recent ones more, in learnt variances of droplets and sensor [1] */
+    double surprise;
+    double spill;          /* the same for cells that only neighbours' droplets reach: near 1 where the model holds */
+    double blind_share;    /* share of the part that the last scan did not measure */
+    double excess;         /* largest height missing on a cell against its droplets [m] */
+    double rise;           /* largest height of a cell above its target and above its droplets [m] */
+    double doubts[DOUBTS]; /* evidence for each explanation; halved from scan to scan */
     double volume_doubt;
-    int64_t excess_cell, rise_cell; /* where these are */
-    int64_t layers;                 /* that count in the residuals */
+    int64_t excess_cell, rise_cell; /* cells of these two maxima */
+    int64_t layers;                 /* layers that count in the residuals */
     int64_t capped_cells, unseen_cells, high_cells, blind_layers;
-    int64_t ground_wrong;       /* the ground is not the flat one */
+    int64_t ground_wrong;       /* the ground is not flat at height 0 */
     int64_t stop;               /* STOP_... of the first scan that stopped the print; 0: none did */
-    int64_t stop_layer;         /* ... its layer */
-    int64_t is_looked_at;       /* by a person: the next scan is taken as it is */
-    int64_t is_volume_believed; /* whatever it is: a person has looked */
-    int64_t transform;          /* ... the DOUBT_... that fits mirrored or turned scans */
-    double stop_figure;         /* ... how many times better the scan fits than as read; a volume [1] */
+    int64_t stop_layer;         /* layer of that scan */
+    int64_t is_looked_at;       /* a person has looked: the next scan is accepted unchecked */
+    int64_t is_volume_believed; /* any learnt volume is accepted: a person has looked */
+    int64_t transform;          /* the DOUBT_... of mirrored or turned scans */
+    double stop_figure;         /* ratio by which the scan fits better than as read; or a volume [1] */
 } LoopTrust;
 
-/* All that is known besides the maps; numbers without padding. */
+/* All knowledge besides the maps; numbers without padding. */
 typedef struct {
     Registration registration;
     LoopTrust trust;
-    double share[SHARES_MAX]; /* of the nominal ink: volumes, or heights h1, h2, h3 of each */
+    double share[SHARES_MAX]; /* shares of the nominal ink: volumes, or heights h1, h2, h3 of each */
     double share_covariance[SHARES_MAX * SHARES_MAX];
-    double datum[DATUM_TERMS];        /* of the last scan [m] */
+    double datum[DATUM_TERMS];        /* datum of the last scan [m] */
     double datum_spread[DATUM_TERMS]; /* variance of each term over the scans, learnt [m^2] */
-    double noise_variance;            /* of a reading [m^2] */
-    double neighbours[2];             /* ... by neighbours along x and along y alone (scan_lines.h) [m^2] */
-    double droplet_variance;          /* of a droplet's volume in DROPLET_STD^2, learnt */
-    double droplet_evidence;          /* degrees of freedom that this was learnt from */
-    double vanishing, lasting;        /* shares of readings that surprised and were the sensor's, and the cell's */
-    int64_t scans;                    /* so far */
+    double noise_variance;            /* variance of a reading [m^2] */
+    double neighbours[2];             /* variance by neighbours along x and along y alone (scan_lines.h) [m^2] */
+    double droplet_variance;          /* variance of a droplet's volume in DROPLET_STD^2, learnt */
+    double droplet_evidence;          /* degrees of freedom of that variance */
+    double vanishing, lasting;        /* shares of readings with a surprise that vanished, and that lasted */
+    int64_t scans;                    /* scans so far */
 } Knowledge;
 
 /* Estimate after a scan; all memory is the caller's. */
 typedef struct {
     double *height;        /* [m] */
-    double *variance;      /* of its error [m^2] */
+    double *variance;      /* variance of the height's error [m^2] */
     double *ledger;        /* height by the droplets alone, of nominal volume [m]; no reading enters */
     double *last;          /* the last scan [m] */
-    double *surprise;      /* what a reading was off by, where no droplet and no noise explains it [m]; else 0 */
-    double *dead_evidence; /* logarithm of how much likelier nothing comes than a weak droplet [1] */
+    double *surprise;      /* residual of a reading that no droplet and no noise explains [m]; else 0 */
+    double *dead_evidence; /* log likelihood ratio: no droplet against a weak one [1] */
     int32_t *unseen;       /* layers that each cell has lived on prediction alone */
     uint8_t *last_valid;
-    uint8_t *surprised; /* scans in a row that surprised */
-    uint8_t *capped;    /* cells that are given no more ink */
+    uint8_t *surprised; /* surprises in a row */
+    uint8_t *capped;    /* cells that get no more ink */
     Knowledge *known;
 } SurfaceEstimate;
 
-/* Size of an estimate with all that it points to [bytes], and the one that lies in such a block. */
+/* Size in bytes of an estimate in one block, and the estimate in such a block. */
 size_t estimate_size(size_t cells);
 SurfaceEstimate estimate_in(void *block, size_t cells);
 
-/* Number of shares of the inks, and the inks as learnt. */
+/* Number of shares of the inks, and the learnt inks. */
 size_t ink_shares(const InkPrior *prior);
 void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]);
 
@@ -173,37 +174,39 @@ double layer_of(const EstimatorOptions *options);
 /* Knowledge before any scan. */
 Knowledge first_knowledge(const EstimatorOptions *options);
 
-/* The geometry by which scans are read: as estimated, with a point for a spot that cannot be distinguished from one,
- * since a spot that is none raises walls. */
+/* The geometry used to read scans: the estimated one, but with a point for a spot that is not significant, since a
+ * wrong spot raises walls. */
 void geometry_seen(const Registration *registration, double g[GEOMETRY]);
 
-/* Whether droplets spill onto their neighbours in another way than the model's. */
+/* Whether droplets spill onto their neighbours unlike the model's. */
 bool is_spill_foreign(const LoopTrust *trust);
 
 /* Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned. */
 bool is_probe(int64_t layer);
 
-/* Figures of an estimate that are reported, and that a plan needs besides the surface. */
+/* Figures of an estimate: those reported, and those that a plan needs besides the surface. */
 typedef struct {
-    Ink ink[INKS_MAX];       /* what their droplets really add */
-    double volume;           /* ... as a share of the nominal ones, mean over the inks [1] */
-    double droplet_std;      /* of a droplet's volume, as a share of it; 0 before any layer */
-    double noise_std;        /* of a reading [m] */
-    double ground[3];        /* of the first scan on ground called flat: middle, rise over the grid along x and y [m] */
-    double surprise;         /* what scans differ from predictions by, in standard deviations of droplets and sensor */
-    double blind_share;      /* of the part that the last scan did not measure */
-    double excess, rise;     /* LoopTrust [m] */
-    double shift_x, shift_y; /* of the last scan in the middle of the grid [cells] */
-    double shift_std;        /* of the errors of the shift, the larger one [cells] */
+    Ink ink[INKS_MAX];  /* learnt heights of the droplets */
+    double volume;      /* learnt volume as a share of the nominal one, mean over the inks [1] */
+    double droplet_std; /* standard deviation of a droplet's volume, as a share of it; 0 before any layer */
+    double noise_std;   /* standard deviation of a reading [m] */
+    double ground[3];   /* first scan on ground called flat: middle, rise over the grid along x and y [m] */
+    /* residuals of scans against predictions, in standard deviations of droplets and sensor */
+    double surprise;
+    double blind_share;             /* share of the part that the last scan did not measure */
+    double excess, rise;            /* as in LoopTrust [m] */
+    double shift_x, shift_y;        /* shift of the last scan in the middle of the grid [cells] */
+    double shift_std;               /* standard deviation of the shift, the larger one [cells] */
     double spot_radius, spot_std;   /* standard deviation of the spot, and of its error [cells] */
-    double rotation, magnification; /* of the scans against the printer [rad, 1] */
-    double stop_figure;             /* LoopTrust */
+    double rotation, magnification; /* rotation and magnification of the scans against the printer [rad, 1] */
+    double stop_figure;             /* as in LoopTrust */
     int64_t reasons;                /* UNTRUSTED_... and STOP_..., added up */
     int64_t stop, stop_layer, transform;
     int64_t unseen_cells, dead_cells, capped_cells, excess_cell, rise_cell;
-    int64_t is_displaced; /* scans are read as displaced ones */
-    int64_t is_foreign;   /* droplets spill onto their neighbours in another way than the model's: plans that look far
-                             ahead promise more than such a plant keeps */
+    int64_t is_displaced; /* scans count as displaced */
+    /* droplets spill onto their neighbours unlike the model's: plans that look far ahead promise more than such a plant
+     * keeps */
+    int64_t is_foreign;
     int64_t scans;
 } EstimateFigures;
 

@@ -7,8 +7,8 @@
 #include "median.h"
 #include "near_cells.h"
 
-static const double WALL = 0.1;  /* of the variance of a droplet: the least that a displacement moves */
-static const double STEEP = 0.8; /* layers per cell */
+static const double WALL = 0.1;  /* least variance by displacement that makes a wall, in that of droplet and sensor */
+static const double STEEP = 0.8; /* least slope of a steep wall, in layers per cell */
 enum { WALLS_MAX = 640 };
 
 void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room) {
@@ -32,7 +32,7 @@ void mark_walls(const ScanEvidence *evidence, const double *slopes, const double
     }
 }
 
-/* At even distances, if there are many. */
+/* Samples the walls at even distances, if there are many. */
 bool collect_walls(WallFit *fit) {
     const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny, cells = nx * ny;
     const size_t most = cells < WALLS_MAX ? cells : WALLS_MAX;
@@ -63,7 +63,7 @@ void average_walls(const double *x, WallFit *fit) {
     average_prediction(fit->evidence, fit->share, fit->spread, fit->room);
 }
 
-/* The class of the cells that a reading is of: with droplets of their own, reached by others', or neither. */
+/* The class of the cells under a reading: with droplets of their own, reached by others', or neither. */
 static size_t class_at(const int32_t *all, const Place *place, double squares) {
     const int32_t *pattern = all + place->cell;
     const bool is_own = (pattern[0] > 0 && place->x < 1.0 && place->y < 1.0) ||
@@ -118,8 +118,8 @@ double heat_of(const WallFit *fit, const double *covariance) {
 /* Groups of walls: by their class, and steep ones. */
 enum { STEEP_WALLS = CLASSES, GROUPS };
 
-/* The median, and half the upper quartile while scans are not displaced, since droplets of another kind often leave
- * half of the walls alone. */
+/* Misfit: the median, and until scans count as displaced the larger of it and half the upper quartile, since droplets
+ * unlike the model's often leave half of the walls unchanged. */
 double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;

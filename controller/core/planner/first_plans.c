@@ -10,9 +10,11 @@
 #include "plan_surface.h"
 #include "stopwatch.h"
 
-static const double RELAXATION_SHARE = 0.3; /* of a time limit, at most (assumed) */
-static const double ENDING = 1.0;           /* copies of the plan and its first layer's surface, in evaluations */
-static const double LEAST_RELAXATION = 6.0; /* memory, one iteration and two values, in evaluations (by trial) */
+static const double RELAXATION_SHARE = 0.3; /* largest share of a time limit (assumed) */
+/* copies of the plan and its first layer's surface, in times of an evaluation */
+static const double ENDING = 1.0;
+/* memory, one iteration and two values, in times of an evaluation (by trial) */
+static const double LEAST_RELAXATION = 6.0;
 
 double ending_at(const FirstPlans *first) {
     return first->ends_at - ENDING * first->evaluation;
@@ -39,21 +41,21 @@ static bool take(FirstPlans *first, PlanSurface *surface, int start, double ends
     return first->is_there[start];
 }
 
-/* Takes one of the plans that are easily made, unless the time ends first. */
+/* Evaluates one of the cheap plans, unless the time ends first. */
 static bool take_start(FirstPlans *first, PlanSurface *surface, int start) {
     const bool is_taken = take(first, surface, start, ending_at(first));
     first->left_out |= is_taken ? 0 : LEFT_STARTS;
     return is_taken;
 }
 
-/* Whether there is time for one more of the plans that are easily made. */
+/* Whether there is time for one more cheap plan. */
 static bool has_time(FirstPlans *first) {
     const bool found = seconds_left(first) >= first->evaluation;
     first->left_out |= found ? 0 : LEFT_STARTS;
     return found;
 }
 
-/* Droplets of any size: one layer in one pass gains nothing by more than an even share (by trial). */
+/* Whether droplets of any size help: one layer in one pass gains no more by them than by an even share (by trial). */
 static bool can_relax(const FirstPlans *first) {
     return first->work->relaxation == RELAX_HERE && (first->problem->layers > 1 || first->problem->passes > 1);
 }
@@ -79,7 +81,7 @@ static int32_t relax(FirstPlans *first) {
     return status;
 }
 
-/* Instead of the even shares the relaxed droplets, rounded, if they were relaxed to the end or are better. */
+/* Replaces the even shares by the rounded relaxed droplets, if the relaxation was completed or they are better. */
 static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double rounding) {
     const int32_t relaxed = relax(first);
     if (relaxed == CORE_NO_MEMORY)
@@ -112,8 +114,8 @@ static bool has_sizes(const HorizonProblem *problem) {
     return false;
 }
 
-/* What is left of the last plan, or of the plan for one layer more. A plan of several sizes of droplets is not put off:
- * its repairs would not come away from it (by trial: mean absolute error of four sizes 0.22 um instead of 0.14). */
+/* The rest of the last plan, or of the plan for one layer more. A plan of several sizes of droplets is not postponed: a
+ * repair would not leave that plan (by trial: mean absolute error of four sizes 0.22 um instead of 0.14). */
 static void take_rest(FirstPlans *first, PlanSurface *surface) {
     const HorizonProblem *problem = first->problem;
     const PlanWork *work = first->work;
@@ -148,7 +150,8 @@ static void take_full_layers(FirstPlans *first, PlanSurface *surface) {
     (void)take_start(first, surface, START_FULL_LAYERS);
 }
 
-/* The rounded droplets, or full layers where there are none to round, and how long the rounding took [s]. */
+/* A plan that is sound for every problem: the rounded droplets, or full layers if there is no relaxation; and the
+ * duration of the rounding [s]. */
 static int32_t take_sound(FirstPlans *first, PlanSurface *surface, double *rounding) {
     const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
     const double began = stopwatch_seconds();
@@ -174,9 +177,9 @@ static bool has_last_plan(const FirstPlans *first) {
     return work->longer != NULL;
 }
 
-/* Instead of the diffused droplets of a single layer the dithered ones, if they are better. On nearly flat surfaces
- * they are, and their repair, too (by trial: by 2 to 4 % from 60 x 60 cells on); of several layers they never were.
- * A last plan is as good a start, and most prints of single layers have one: there it is not tried. */
+/* Replaces the diffused droplets of a single layer by dithered ones, if they are better. On nearly flat surfaces they
+ * are, and so is their repair (by trial: by 2 to 4 % from 60 x 60 cells on); of several layers they never were. A last
+ * plan is as good a start, and most prints of single layers have one: then dithering is not tried. */
 static void take_dithered(FirstPlans *first, PlanSurface *surface) {
     const HorizonProblem *problem = first->problem;
     if (first->work->relaxation == RELAX_NOTHING || problem->layers > 1 || has_sizes(problem) || has_last_plan(first) ||
@@ -194,8 +197,8 @@ static void take_dithered(FirstPlans *first, PlanSurface *surface) {
     }
 }
 
-/* With a limit a sound plan comes first. Without one it comes last: it is mostly the best one, and its surface is there
- * then for the repair. */
+/* With a limit a sound plan comes first. Without one it comes last: it is mostly the best one, and its surface is then
+ * evaluated for the repair. */
 static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
     const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
     double rounding;

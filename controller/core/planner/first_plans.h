@@ -1,7 +1,7 @@
-/* The plans that a repair can begin from, made and evaluated: nothing and a sound plan first, then what time allows.
+/* Start plans of the repair, made and evaluated: nothing and a sound plan first, then others as time allows.
  *
- * Each stage is begun only if as much time is left as its like took before, and an ending besides; it is cut off where
- * it takes longer. */
+ * A stage begins only if the time left covers its expected duration and the ending; it is cut off if it takes
+ * longer. */
 #ifndef INKLOOP_FIRST_PLANS_H
 #define INKLOOP_FIRST_PLANS_H
 
@@ -13,16 +13,16 @@
 typedef struct {
     const HorizonProblem *problem;
     const PlanWork *work;
-    size_t places;        /* values of a plan */
+    size_t places;        /* number of values of a plan */
     double ends_at;       /* by the stopwatch [s]; infinite: no limit */
-    double first_ends_at; /* the same for the first plan: infinite where there must be one */
-    double evaluation;    /* of a plan, the longest yet [s] */
+    double first_ends_at; /* the same for the first plan: infinite if one is required */
+    double evaluation;    /* longest evaluation of a plan so far [s] */
     bool is_there[STARTS];
     int32_t *plan[STARTS];
     Objective value[STARTS];
-    double *droplets;    /* of any size, in `places` */
-    int32_t *trial;      /* holds a plan */
-    PlanSurface surface; /* of a plan that was evaluated, for others; open once the first plans were made */
+    double *droplets;    /* droplets of any size, `places` values */
+    int32_t *trial;      /* memory for a plan */
+    PlanSurface surface; /* surface of an evaluated plan, for others to use; open once the first plans were made */
     int32_t left_out;    /* LEFT_... */
     double seconds[PHASES];
 } FirstPlans;
@@ -33,11 +33,11 @@ int32_t make_first_plans(FirstPlans *first);
 
 void close_first_plans(FirstPlans *first);
 
-/* When the ending is to begin, by the stopwatch [s], and the time until then. */
+/* Time at which the ending begins, by the stopwatch [s], and the time until then. */
 double ending_at(const FirstPlans *first);
 double seconds_left(const FirstPlans *first);
 
-/* The plans there by their objectives, the lowest first; equal ones stay as they are. Their number. */
+/* Ranks the plans by their objectives, the lowest first; equal ones keep their order. Returns their number. */
 int rank_first_plans(const FirstPlans *first, int rank[STARTS]);
 
 #endif

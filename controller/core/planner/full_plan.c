@@ -2,9 +2,9 @@
 
 #include <math.h>
 
-static const double SAME_SHAPE = 1e-9; /* inks whose parts differ by less, as shares, are drops of one ink (assumed) */
+static const double SAME_SHAPE = 1e-9; /* difference of shares below which inks are drops of one ink (assumed) */
 
-static const double ROUNDED = 1e-12; /* more than what a surface is rounded by [m] */
+static const double ROUNDED = 1e-12; /* bound of the rounding of a surface [m] */
 
 static bool is_same_shape(const Ink *one, const Ink *other) {
     const double scale = one->h1 / other->h1;
@@ -12,7 +12,7 @@ static bool is_same_shape(const Ink *one, const Ink *other) {
            fabs(scale * other->h3 - one->h3) <= SAME_SHAPE * one->h3;
 }
 
-/* 1 + the largest kind among the choices, 0 if there is none; false if none is the largest. */
+/* 1 + the largest kind among the choices, 0 if there is none; false if no kind is the largest in every part. */
 static bool largest_kind(const HorizonProblem *problem, uint16_t choices, int32_t *value) {
     *value = 0;
     for (size_t kind = 0; kind < problem->kinds; kind++) {
@@ -26,7 +26,7 @@ static bool largest_kind(const HorizonProblem *problem, uint16_t choices, int32_
     return true;
 }
 
-/* Whether full layers alone, without what the neighbours give, pass the target of a cell that counts. */
+/* Whether full layers alone, without shares of neighbours, exceed the target of a cell that counts. */
 static bool is_passed(const HorizonProblem *problem, const int32_t *plan) {
     const size_t cells = problem->nx * problem->ny;
     for (size_t cell = 0; cell < cells; cell++) {
@@ -53,8 +53,8 @@ bool fullest_plan(const HorizonProblem *problem, int32_t *plan) {
     return !is_passed(problem, plan);
 }
 
-/* What a lower surface may take from the squares of what is left to chance, as a height above the mean [m]: at most
- * the w of a droplet left out, w^2 / 3 per height of that droplet, and w / 3 for what neighbours add to w. */
+/* Largest decrease of the expected squares by a lower surface, as a height above the mean [m]: at most the w of a
+ * droplet left out, w^2 / 3 per height of that droplet, and w / 3 for the neighbours' contribution to w. */
 static double chance_above_mean(const PlanSurface *surface) {
     double largest = 0.0, smallest = INFINITY;
     for (size_t cell = 0; cell < surface->framed; cell++)

@@ -1,7 +1,7 @@
-/* Droplets wherever they may fall, in every layer: the best plan far below the target, and when that is certain.
+/* The fullest plan, droplets wherever allowed in every layer: best far below the target; and a test of that.
  *
  * One droplet more, or a larger one, lowers no cell of any later surface, as long as the slopes of its flow add up to 1
- * at most: what one cell gains by a higher neighbour it cannot lose again. So no plan ends higher anywhere. Below the
+ * at most: a cell never loses more than it gains by a higher neighbour. So no plan ends higher anywhere. Below the
  * target the mean error falls as fast as a cell rises, and the standard deviation is convex: where the error weighs
  * more on every cell than its height above the mean does, no lower surface has a lower objective. */
 #ifndef INKLOOP_FULL_PLAN_H
@@ -9,11 +9,11 @@
 
 #include "plan_surface.h"
 
-/* Wherever a droplet may fall, one of the largest kind that may. False if a cell may choose between kinds of which none
+/* One of the largest droplets allowed wherever one is allowed. False if a cell may choose between kinds of which none
  * is the largest in every part, or if droplets may flow so freely that more of them can lower a cell. */
 bool fullest_plan(const HorizonProblem *problem, int32_t *plan);
 
-/* Whether no plan is better than this one, the fullest, by its surfaces. */
+/* Whether no plan is better than this fullest one, by its surfaces. */
 bool is_fullest_best(const PlanSurface *surface);
 
 #endif

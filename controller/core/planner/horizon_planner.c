@@ -10,17 +10,21 @@
 #include "plan_starts.h"
 #include "stopwatch.h"
 
-static const double LEAST_REPAIR = 3.0;   /* the evaluations before and after, and some time between (assumed) */
-static const double LEFT_BY_REPAIR = 0.4; /* of how much a start is worse than the longer plan, at least (by trial) */
-static const double FULL_SHARE = 0.3;     /* of a time limit, for the proof that full layers are best (assumed) */
-enum { ONE_LAYER_ANNEALING = 50 };        /* sweeps: these reach the proven optima of small grids (by trial) */
-enum { SMALL_LAYER = 20000 };     /* cells of a single layer up to which annealing is worth its time (assumed) */
-enum { SMALL_PLAN = 1000 };       /* values of a plan of several layers up to which it is (by trial) */
-enum { SMALL_ANNEALING = 40000 }; /* values drawn for such a plan, in at most 200 sweeps (by trial) */
+/* least time of a repair in evaluations: one before, one after, and some between (assumed) */
+static const double LEAST_REPAIR = 3.0;
+/* least share of a start's loss against the longer plan that remains after a repair (by trial) */
+static const double LEFT_BY_REPAIR = 0.4;
+/* share of a time limit for the proof that full layers are best (assumed) */
+static const double FULL_SHARE = 0.3;
+enum { ONE_LAYER_ANNEALING = 50 }; /* sweeps that reach the proven optima of small grids (by trial) */
+enum { SMALL_LAYER = 20000 };      /* largest number of cells of a single layer that is annealed (assumed) */
+/* largest number of values of a plan of several layers that is annealed (by trial) */
+enum { SMALL_PLAN = 1000 };
+enum { SMALL_ANNEALING = 40000 }; /* values drawn in annealing such a plan, in at most 200 sweeps (by trial) */
 enum { MANY_SWEEPS = 200 };
 enum { UNREPAIRED = -1 };
 
-/* A plan and its origin; found: how its search ended, or UNREPAIRED. */
+/* A plan and its origin; found: status of its search, or UNREPAIRED. */
 typedef struct {
     int32_t start, is_annealed, found;
 } Origin;
@@ -28,11 +32,11 @@ typedef struct {
 typedef struct {
     const HorizonProblem *problem;
     const PlanWork *work;
-    size_t places; /* values of a plan */
+    size_t places; /* number of values of a plan */
     FirstPlans first;
-    int32_t *repaired, *trial, *moved, *best; /* the first and the last where `droplets` were */
+    int32_t *repaired, *trial, *moved, *best; /* memory of `droplets` for the first and the last */
     Objective best_value;
-    double best_rank; /* what plans are compared by [m] */
+    double best_rank; /* value by which plans are compared [m] */
     Origin best_origin;
     int64_t sweeps;
     void *memory;
@@ -51,14 +55,14 @@ static bool planning_open(Planning *planning, const HorizonProblem *problem, con
     planning->memory = droplets;
     if (!droplets)
         return false;
-    planning->first.droplets = droplets; /* until the first plans are made */
+    planning->first.droplets = droplets; /* used until the first plans are made */
     planning->repaired = (int32_t *)droplets;
     planning->best = planning->repaired + places;
     int32_t *next = planning->best + places;
     for (int k = 0; k < STARTS; k++, next += places)
         planning->first.plan[k] = next;
     planning->trial = planning->first.trial = next;
-    planning->moved = next + places; /* hardly ever touched */
+    planning->moved = next + places; /* hardly ever used */
     return true;
 }
 
@@ -69,9 +73,9 @@ static bool is_empty(const int32_t *values, size_t count) {
     return true;
 }
 
-/* Takes a plan, that begins with a layer then, if it is better than the best. One that does not begin with a layer
- * needs an evaluation more, which ends at `ends_at` by the stopwatch: the best remains then. Empty layers at the end
- * hide what the last droplets leave to chance, so they win nothing by moving there. */
+/* Takes a plan if it is better than the best, and moves empty first layers to its end. A plan with such layers needs
+ * one more evaluation, which ends at `ends_at` by the stopwatch; if it does not complete, the best plan remains. Empty
+ * layers at the end hide the uncertainty of the last droplets, so a plan gains nothing by the move. */
 static void consider(Planning *planning, const int32_t *plan, Objective value, Origin origin, double ends_at) {
     const size_t bytes = planning->places * sizeof(int32_t);
     double rank = value.value;
@@ -110,7 +114,7 @@ static int64_t annealing_sweeps(const Planning *planning) {
     return SMALL_ANNEALING / values < MANY_SWEEPS ? SMALL_ANNEALING / values : MANY_SWEEPS;
 }
 
-/* CORE_STOPPED if nothing more is to be repaired. */
+/* CORE_STOPPED if no further start is to be repaired. */
 static int32_t repair(Planning *planning, int start, int64_t annealing, double seconds) {
     const PlanWork *work = planning->work;
     const SearchOptions options = {.moves = MOVES_ALL,
@@ -151,7 +155,8 @@ static int32_t repair_starts(Planning *planning) {
     return status == CORE_STOPPED ? CORE_DONE : status;
 }
 
-/* Full layers, with what they and none reach, where nothing is better; not looked at without any time. */
+/* Takes full layers if they are proven best, with the objectives of full and of empty layers; skipped without any
+ * time. */
 static int32_t take_full_layers(Planning *planning, bool *is_best) {
     FirstPlans *first = &planning->first;
     PlanSurface surface;
@@ -176,7 +181,8 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
     return CORE_DONE;
 }
 
-/* Whether no start is so good that a repair can be expected to make a useful plan of it. */
+/* Whether no start can be repaired to a useful plan: 40 % of the loss of the best start already exceed the price of a
+ * layer. */
 static bool is_useless(const Planning *planning) {
     const PlanWork *work = planning->work;
     int rank[STARTS];
@@ -186,8 +192,8 @@ static bool is_useless(const Planning *planning) {
     return LEFT_BY_REPAIR * (planning->first.value[rank[0]].value - work->longer_value) > work->layer_price;
 }
 
-/* Compares the starts as they are, the best one first, with time until `first_ends_at` for that and as long as none
- * prints. */
+/* Compares the unrepaired starts, the best one first, with time until `first_ends_at` for that one and as long as no
+ * plan prints anything. */
 static void consider_starts(Planning *planning, double first_ends_at) {
     const FirstPlans *first = &planning->first;
     int rank[STARTS];
@@ -221,7 +227,7 @@ static int32_t find_best(Planning *planning) {
         return CORE_NO_MEMORY;
     consider_starts(planning, ending_at(first));
     if (planning->best_origin.found == UNREPAIRED && first->left_out & LEFT_STARTS)
-        consider_starts(planning, first->first_ends_at); /* the best one prints, whatever time that takes */
+        consider_starts(planning, first->first_ends_at); /* the best start is taken even beyond the time limit */
     return CORE_DONE;
 }
 

@@ -18,10 +18,10 @@ int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, doubl
     return is_evaluated ? CORE_DONE : CORE_TIME;
 }
 
-/* Improves the plan of an evaluated surface, which took from `began` on. */
+/* Improves the plan of an evaluated surface; the evaluation began at `began`. */
 static int32_t improve(PlanSurface *surface, const SearchOptions *options, double began, int32_t *plan,
                        SearchReport *report) {
-    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
+    const double evaluation = stopwatch_seconds() - began; /* time reserved for the evaluation at the end */
     const int32_t status = plan_search(surface, options, began + options->seconds_max - evaluation, report);
     report->objective = surface_objective(surface);
     surface_plan(surface, plan);
@@ -45,7 +45,8 @@ int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options
 int32_t improve_plan_on(PlanSurface *surface, const SearchOptions *options, int32_t *plan, SearchReport *report) {
     *report = UNKNOWN;
     const double began = stopwatch_seconds();
-    if (!isinf(options->seconds_max) || !surface_holds(surface, plan)) { /* a limit needs the time of an evaluation */
+    /* a time limit needs the duration of an evaluation */
+    if (!isinf(options->seconds_max) || !surface_holds(surface, plan)) {
         surface_set_plan(surface, plan);
         if (!surface_evaluate_until(surface, began + options->seconds_max))
             return CORE_TIME;

@@ -18,7 +18,7 @@ static bool may_fall(uint16_t choices, int32_t value) {
     return value == 0 || (choices >> (value - 1) & 1);
 }
 
-/* The droplet, or the first one that may fall in its place. */
+/* The droplet if allowed, else the first kind allowed in its place. */
 static int32_t allowed(uint16_t choices, int32_t value) {
     return may_fall(choices, value) ? value : first_value(choices);
 }

@@ -9,15 +9,16 @@
 #include "plan_starts.h"
 #include "stopwatch.h"
 
-/* Of what a full layer adds to the mean error far from the target: nothing makes up for leaving that out (by trial). */
+/* Share of the mean error that a full layer removes far from the target: more than nothing can make up for (by
+ * trial). */
 static const double FULL_LAYER = 0.75;
 
-/* A plan for more layers leaves holes for its last ones to level, which they do in the model alone. On plants of other
- * droplets three layers end as even as five, or evener; of two, the change from five ends rough under surface tension
- * (by trial). */
+/* Horizon on plants whose droplets the model does not describe. A plan for more layers leaves holes for its last ones
+ * to level, which only the model does. On such plants three layers end as even as five, or evener; of two, the change
+ * from five ends rough under surface tension (by trial). */
 enum { FOREIGN_HORIZON = 3 };
 
-/* Time that a plan for fewer layers is not begun without, in evaluations of a plan (assumed). */
+/* Minimum time left to try a shorter plan, in evaluations of a plan (assumed). */
 static const double LEAST_TIME = 10.0;
 
 typedef struct {
@@ -45,7 +46,7 @@ static size_t layers_used(const HorizonProblem *problem, const int32_t *plan) {
     return (place + cells - 1) / cells;
 }
 
-/* Ends the horizon with the last layer of the plan: an empty one would hide what the last droplets leave to chance.
+/* Ends the horizon with the last layer of the plan: an empty one would hide the uncertainty of the last droplets.
  * Without the time to evaluate that (CORE_TIME) the objective stays the one with the empty layers. */
 static int32_t end_with_plan(HorizonProblem *problem, const PlanWork *work, const int32_t *plan, double ends_at,
                              Objective *value) {
@@ -69,8 +70,8 @@ static void add_work(PlanReport *report, const PlanReport *earlier) {
         report->seconds[phase] += earlier->seconds[phase];
 }
 
-/* The plan for the first layers of the problem (`fewer`) in `shorter`, made from the `longer` one among others. False
- * if there is none that can be worth it, or no time (CORE_TIME). */
+/* A plan for the first layers of the problem (`fewer`) in `shorter`; one start is made from the `longer` one. False if
+ * no such plan can be worth it, or if there is no time (CORE_TIME). */
 static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, double ends_at, int32_t *shorter,
                        PlanReport *report, int32_t *status) {
     Objective rest;
@@ -84,7 +85,7 @@ static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, double
     return *status == CORE_DONE;
 }
 
-/* Makes the plan shorter as long as that pays. */
+/* Removes layers from the plan as long as that pays. */
 static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, double price, double ends_at, Stop *stop,
                        int32_t *plan, int32_t *shorter, PlanReport *report) {
     const size_t cells = problem->nx * problem->ny;

@@ -13,9 +13,11 @@ enum { HEAD = 64 }; /* bytes before the memory that hold its length, so that map
 #if defined(__linux__)
 #include <sys/mman.h>
 
-enum { LARGE_PAGE = 1 << 21, LEAST_PAGES = 16 }; /* the heap keeps smaller ones from call to call (by trial) */
+/* smaller memory is reused by the heap from call to call (by trial) */
+enum { LARGE_PAGE = 1 << 21, LEAST_PAGES = 16 };
 
-/* From the system, in large pages if it likes; NULL if it is too little for them, or if there is none. */
+/* Memory from the system, in large pages if possible; NULL if the request is too small for them, or if there is
+ * none. */
 static void *take_pages(size_t bytes) {
     if (bytes < (size_t)LEAST_PAGES * LARGE_PAGE)
         return NULL;
@@ -23,7 +25,7 @@ static void *take_pages(size_t bytes) {
     if (pages == MAP_FAILED)
         return NULL;
     const uintptr_t first = ((uintptr_t)pages + LARGE_PAGE - 1) / LARGE_PAGE * LARGE_PAGE;
-    (void)madvise((void *)first, bytes - (first - (uintptr_t)pages), MADV_HUGEPAGE); /* only a wish */
+    (void)madvise((void *)first, bytes - (first - (uintptr_t)pages), MADV_HUGEPAGE); /* a hint; failure is harmless */
     return pages;
 }
 

@@ -10,10 +10,10 @@
 /* count * size bytes, all 0; NULL if there is no memory. */
 void *take_maps(size_t count, size_t size);
 
-/* The same with whatever values. */
+/* The same, uninitialised. */
 void *take_raw_maps(size_t count, size_t size);
 
-/* Gives back what these returned; NULL is allowed. */
+/* Releases memory of these functions; NULL is allowed. */
 void give_maps(void *memory);
 
 #endif

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdbool.h>
 
-/* Reorders so that no value before `middle` is larger than it and none behind is smaller (Hoare 1961). */
+/* Partial sort: no value before `middle` is larger than it, none behind is smaller (Hoare 1961). */
 static void select_place(double *values, size_t count, size_t middle) {
     ptrdiff_t left = 0, right = (ptrdiff_t)count - 1;
     while (left < right) {
@@ -31,7 +31,8 @@ static void select_place(double *values, size_t count, size_t middle) {
 
 enum { LEAST_SAMPLED = 1024, SAMPLE_MAX = 2048 };
 
-/* A sample of so many of `count` values takes about as long as the values that its limits leave: a power of 2. */
+/* Size of a sample of `count` values, a power of 2: sorting it takes about as long as sorting the values between its
+ * limits. */
 static size_t sample_size(size_t count) {
     size_t size = SAMPLE_MAX;
     while ((double)size * (double)size * (double)size > 2.0 * (double)count * (double)count)
@@ -39,7 +40,7 @@ static size_t sample_size(size_t count) {
     return size;
 }
 
-/* Limits between which the middle of a sample's origin is likely to lie: four standard deviations of that of the sample
+/* Limits that are likely to contain the median of the sampled values: four standard deviations of the sample's median
  * to both sides. */
 static void likely_limits(double *sample, size_t size, double *low, double *high) {
     const size_t margin = (size_t)(2.0 * sqrt((double)size)), first = size / 2 - margin;
@@ -53,7 +54,7 @@ static const double *list_of(const ValueLists *lists, size_t chunk) {
     return lists->map + chunk_row(lists->nx, chunk) * lists->ny;
 }
 
-/* Values at even distances. */
+/* Samples values at even distances. */
 static void take_sample(const ValueLists *lists, size_t distance, size_t size, double *sample) {
     size_t taken = 0, before = 0;
     for (size_t chunk = 0; chunk < CHUNKS; before += lists->lengths[chunk++])
@@ -61,12 +62,12 @@ static void take_sample(const ValueLists *lists, size_t distance, size_t size, d
             sample[taken] = list_of(lists, chunk)[taken * distance - before];
 }
 
-/* Values by the limits: how many are below, and how many were put into `room` because they are within. */
+/* Partition of values by two limits: the number below, and the number within, which are in `room`. */
 typedef struct {
     size_t below, within;
 } Sides;
 
-/* No branch depends on a value: no processor could predict it. */
+/* No branch depends on a value: branch prediction would fail. */
 static Sides take_within(const ValueLists *lists, double low, double high, double *room) {
     Sides sides = {0, 0};
     for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
@@ -81,8 +82,8 @@ static Sides take_within(const ValueLists *lists, double low, double high, doubl
     return sides;
 }
 
-/* The value in a place of the sorted ones, or its mean with the one before. */
-static double middle_of(double *values, size_t count, size_t middle, bool with_before) {
+/* k-th smallest value (k = middle), or its mean with the one before. */
+static double kth_smallest(double *values, size_t count, size_t middle, bool with_before) {
     select_place(values, count, middle);
     if (!with_before)
         return values[middle];
@@ -98,7 +99,7 @@ double upper_quartile(double *values, size_t count) {
 }
 
 double median(double *values, size_t count) {
-    return middle_of(values, count, count / 2, count % 2 == 0);
+    return kth_smallest(values, count, count / 2, count % 2 == 0);
 }
 
 double median_of_lists(const ValueLists *lists, double *room) {
@@ -106,14 +107,15 @@ double median_of_lists(const ValueLists *lists, double *room) {
     for (size_t chunk = 0; chunk < CHUNKS; chunk++)
         count += lists->lengths[chunk];
     const size_t middle = count / 2;
-    if (count >= LEAST_SAMPLED) { /* only values about the middle, if limits say where that is (Floyd, Rivest 1975) */
+    /* with limits for the median only the values about it are sorted (Floyd, Rivest 1975) */
+    if (count >= LEAST_SAMPLED) {
         const size_t size = sample_size(count);
         double sample[SAMPLE_MAX], low, high;
         take_sample(lists, count / size, size, sample);
         likely_limits(sample, size, &low, &high);
         const Sides sides = take_within(lists, low, high, room);
         if (middle > sides.below && middle < sides.below + sides.within) /* the value before the middle counts, too */
-            return middle_of(room, sides.within, middle - sides.below, count % 2 == 0);
+            return kth_smallest(room, sides.within, middle - sides.below, count % 2 == 0);
     }
     take_within(lists, -INFINITY, INFINITY, room);
     return median(room, count);

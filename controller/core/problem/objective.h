@@ -3,12 +3,12 @@
 #ifndef INKLOOP_OBJECTIVE_H
 #define INKLOOP_OBJECTIVE_H
 
-/* Sums over the cells, or what a trial adds to them. The height counts from a reference near its mean: its square
- * would cancel against the squared mean if it counted from the substrate. */
+/* Sums over the cells, or their change by a trial. The height counts from a reference near its mean: its square would
+ * cancel against the squared mean if it counted from the substrate. */
 typedef struct {
-    double cost;           /* of errors, weighted, and of what lies above the ceiling [m] */
-    double height;         /* over the part [m] */
-    double squared_height; /* over the part [m2] */
+    double cost;           /* sum of weighted errors and of heights above the ceiling [m] */
+    double height;         /* sum over the part [m] */
+    double squared_height; /* sum over the part [m2] */
 } Sums;
 
 typedef struct {
@@ -22,7 +22,7 @@ double objective(const Sums *sums, const Weighting *weighting);
 /* Standard deviation of the heights [m]. */
 double deviation(const Sums *sums, const Weighting *weighting);
 
-/* What `change` does to the objective [m]; exact to rounding of the change itself, however large the sums are. */
+/* Change of the objective by `change` [m]; exact to rounding of the change itself, however large the sums are. */
 double objective_change(const Sums *sums, const Sums *change, const Weighting *weighting);
 
 /* sums + change */

@@ -8,7 +8,7 @@
 enum { MAX_PARALLEL = 64 };
 enum { SHARE_CELLS = 8192 }; /* fewer are not worth a thread (assumed) */
 
-/* How many of `threads` are worth starting for maps of so many cells. */
+/* Number of threads, up to `threads`, that pay for maps of so many cells. */
 static inline size_t useful_threads(size_t threads, size_t cells) {
     const size_t most = 1 + cells / SHARE_CELLS < MAX_PARALLEL ? 1 + cells / SHARE_CELLS : MAX_PARALLEL;
     return threads < most ? threads : most;

@@ -2,7 +2,7 @@
 
 #include "parallel.h"
 
-enum { LIGHT = 8 }; /* times less work on a cell than that which threads are started for elsewhere (assumed) */
+enum { LIGHT = 8 }; /* ratio of work per cell, elsewhere in the core to here, for starting threads (assumed) */
 
 _Static_assert((int)CHUNKS <= (int)MAX_PARALLEL, "each thread has a chunk");
 

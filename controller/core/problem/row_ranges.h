@@ -17,17 +17,17 @@ static inline size_t chunk_row(size_t nx, size_t chunk) {
     return nx * chunk / CHUNKS;
 }
 
-/* What a thread works on; ends excluded. */
+/* Range of one thread; ends excluded. */
 typedef struct {
     size_t chunk, end;  /* chunks */
     size_t top, bottom; /* their rows */
-    size_t thread;      /* counted from 0 */
+    size_t thread;      /* number of the thread, from 0 */
 } RowRange;
 
-/* `context`: what all threads share. */
+/* `context`: data shared by all threads. */
 typedef void RowWork(void *context, const RowRange *range);
 
-/* How many of `threads` are worth starting for a grid. */
+/* Number of threads, up to `threads`, that pay for a grid. */
 size_t row_threads(size_t threads, size_t nx, size_t ny);
 
 /* Calls `work` on ranges of rows that are all rows together; returns when all are done. */
@@ -35,12 +35,12 @@ void run_rows(size_t threads, size_t nx, size_t ny, RowWork *work, void *context
 
 enum { LANES = 8 };
 
-/* Sum of what stands in the lanes. */
+/* Sum of the lanes. */
 static INLINED double sum_of_lanes(const double lane[LANES]) {
     return ((lane[0] + lane[4]) + (lane[1] + lane[5])) + ((lane[2] + lane[6]) + (lane[3] + lane[7]));
 }
 
-/* Sum of some values, in lanes that are added up at once. */
+/* Sum of values, accumulated in lanes. */
 static INLINED double lane_sum(const double *values, size_t count) {
     double lane[LANES] = {0.0};
     size_t k = 0;
@@ -52,7 +52,7 @@ static INLINED double lane_sum(const double *values, size_t count) {
     return sum_of_lanes(lane);
 }
 
-/* Sum of some products, in the same way. */
+/* Sum of products, accumulated in lanes. */
 static INLINED double lane_dot(const double *one, const double *other, size_t count) {
     double lane[LANES] = {0.0};
     size_t k = 0;
@@ -64,7 +64,7 @@ static INLINED double lane_dot(const double *one, const double *other, size_t co
     return sum_of_lanes(lane);
 }
 
-/* How many of some marks, 1 or 0, are 1: of as many as a byte counts at a time. */
+/* Number of marks, 1 or 0, that are 1; at most as many at a time as a byte can count. */
 static INLINED size_t count_marked(const uint8_t *marks, size_t count) {
     size_t sum = 0;
     for (size_t first = 0; first < count; first += UINT8_MAX) {
@@ -77,8 +77,7 @@ static INLINED size_t count_marked(const uint8_t *marks, size_t count) {
     return sum;
 }
 
-/* Defines `work` from a body that is INLINED: with the instructions that every processor has, and with those of AVX2.
- */
+/* Defines `work` from an INLINED body, once with the baseline instructions and once with those of AVX2. */
 #define CLONED_ROW_WORK(work, body)                                                                                    \
     static void work##_plain(void *context, const RowRange *range) {                                                   \
         body(context, range);                                                                                          \

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-static const double SINGULAR = 1e-12; /* of a diagonal entry: what is left of it there is rounding (assumed) */
+static const double SINGULAR = 1e-12; /* share of a diagonal entry below which its remainder is rounding (assumed) */
 
 bool solve_definite(size_t n, const double *a, double *b) {
     double l[ENTRIES_MAX] = {0.0};

@@ -1,4 +1,4 @@
-/* A clock that limits a search; an answer depends on it only by where the search ends. */
+/* A clock that limits a search; an answer depends on it only by the place where the search ends. */
 #ifndef INKLOOP_STOPWATCH_H
 #define INKLOOP_STOPWATCH_H
 
@@ -7,12 +7,12 @@
 /* Seconds since some fixed instant. */
 double stopwatch_seconds(void);
 
-/* Whether this instant has come; infinite: it never does. Looked at once in BAND_CELLS cells or so, limit or none: what
- * is looked at then counts the work. */
+/* Whether this instant has passed; never if infinite. Called about once in BAND_CELLS cells, with or without a
+ * limit. */
 static inline bool is_past(double ends_at) {
     return stopwatch_seconds() >= ends_at;
 }
 
-enum { BAND_CELLS = 2048 }; /* some 0.03 ms, so that a look costs nothing (assumed) */
+enum { BAND_CELLS = 2048 }; /* cells in some 0.03 ms, so that a call costs nothing (assumed) */
 
 #endif

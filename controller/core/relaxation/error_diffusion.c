@@ -15,7 +15,7 @@ static const struct {
 } LATER[] = {{0, 1, 7.0 / 16.0}, {1, -1, 3.0 / 16.0}, {1, 0, 5.0 / 16.0}, {1, 1, 1.0 / 16.0}};
 enum { LATERS = 4 };
 
-/* Drop levels of the kinds, each in droplets of each other one. */
+/* Drop levels of the kinds, each in droplets of each other kind. */
 typedef struct {
     double level[KINDS_MAX][KINDS_MAX];
 } Levels;
@@ -53,7 +53,7 @@ static uint8_t kind_for(const HorizonProblem *problem, const Levels *levels, uin
     return best;
 }
 
-/* Jets `amount` droplets on a cell, in the last layers first; returns those that fell. */
+/* Jets `amount` droplets on a cell, in the last layers first; returns the number jetted. */
 static double fill_layers(const HorizonProblem *problem, const Levels *levels, size_t cell, double amount,
                           int32_t *plan) {
     const size_t cells = problem->nx * problem->ny;
@@ -68,9 +68,9 @@ static double fill_layers(const HorizonProblem *problem, const Levels *levels, s
     return amount - left;
 }
 
-/* Two rows of cells: the one that is rounded, and the next one. */
+/* Two rows of cells: the one being rounded, and the next one. */
 typedef struct {
-    double *wanted[2], *room[2]; /* droplets that are still to fall on a cell, and that may at most */
+    double *wanted[2], *room[2]; /* droplets still to be jetted on a cell, and the most allowed */
 } RollingRows;
 
 /* Takes row i of the droplets into the rows `wanted` and `room`; nothing behind the last one. */
@@ -89,7 +89,7 @@ static void take_row(const HorizonProblem *problem, const Levels *levels, const 
     }
 }
 
-/* Passes `error` on to the later neighbours that may get droplets at all; `forward`: +1 or -1 along the row. */
+/* Distributes `error` over the later neighbours that may get droplets at all; `forward`: +1 or -1 along the row. */
 static void pass_on(const HorizonProblem *problem, const RollingRows *rows, size_t i, size_t j, ptrdiff_t forward,
                     double error) {
     bool takes[LATERS];

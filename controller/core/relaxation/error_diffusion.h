@@ -4,11 +4,11 @@
 
 #include "horizon_problem.h"
 
-/* Every cell gets a whole number of droplets near the sum of its relaxed ones; the rounding error is passed
- * on to its neighbours that may get droplets at all. The last layers are filled first: a full layer flows
- * into the gaps that a partial one left below. Where a size is not among a cell's choices, the next smaller one falls.
- * Returns CORE_DONE, CORE_NO_MEMORY, or CORE_TIME where `ends_at` by the stopwatch came before the end: the plan is of
- * no use then. The same input gives the same bits. */
+/* Every cell gets a whole number of droplets near the sum of its relaxed ones; the rounding error is passed on to its
+ * neighbours that may get droplets at all. The last layers are filled first: a full layer flows into the gaps that a
+ * partial one left below. Where a size is not among a cell's choices, the next smaller one falls. Returns CORE_DONE,
+ * CORE_NO_MEMORY, or CORE_TIME if `ends_at` by the stopwatch came first: then the plan is invalid. The same input gives
+ * the same bits. */
 int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, double ends_at, int32_t *plan);
 
 #endif

@@ -4,7 +4,7 @@
 
 enum { SIDE_OF_PATTERN = 4, THRESHOLDS = SIDE_OF_PATTERN * SIDE_OF_PATTERN };
 
-/* Bayer (1973): each next droplet falls as far as it can from those before. */
+/* Thresholds of Bayer (1973): each next droplet falls as far as possible from those before. */
 static const int ORDER[SIDE_OF_PATTERN][SIDE_OF_PATTERN] = {
     {0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
 

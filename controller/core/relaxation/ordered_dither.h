@@ -4,8 +4,8 @@
 
 #include "horizon_problem.h"
 
-/* A cell gets a droplet of its first kind where it wants more than its threshold, one of sixteen that repeat every four
- * cells: where all want the same share, droplets fall in a regular pattern. */
+/* Jets a droplet of a cell's first kind where its relaxed droplet exceeds a threshold, one of sixteen that repeat every
+ * four cells: equal shares give a regular pattern. */
 void dither_droplets(const HorizonProblem *problem, const double *droplets, int32_t *plan);
 
 #endif

@@ -5,9 +5,9 @@
 
 #include "relaxed_surface.h"
 
-/* Moves `droplets` from where they are, each within 0 and the largest drop allowed there, for `iterations_max` steps
- * (CORE_DONE) or `seconds_max` (CORE_TIME); what it leaves is not worse than the start. Or CORE_NO_MEMORY. Where the
- * time was too short for the value of the start, the value is infinite. */
+/* Minimises over `droplets`, each between 0 and the largest drop allowed there, for `iterations_max` steps (CORE_DONE)
+ * or `seconds_max` (CORE_TIME), or returns CORE_NO_MEMORY. The result is not worse than the start. If the time was too
+ * short to evaluate the start, the value is infinite. */
 int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *options, double *droplets,
                            RelaxationReport *report);
 

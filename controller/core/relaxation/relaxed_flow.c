@@ -9,19 +9,19 @@
 enum { BAND = 128, LINE = BAND + 2, ROWS_BETWEEN_LOOKS = BAND_CELLS / BAND };
 enum { PLACES = CORNER + 1 };
 
-/* The droplets of a row of the grid, 0 where none falls; cell k of the band stands at 1 + k. */
+/* The droplets of a row of the grid, 0 where no droplet falls; cell k of the band is at 1 + k. */
 typedef struct {
     double amount[LINE], h1[LINE], spread[PLACES][LINE], steepness[PLACES][LINE];
-    bool is_mixed; /* some are not of the first kind */
+    bool is_mixed; /* kinds differ within the row */
 } Line;
 
-/* Some columns of a grid, three rows of them at a time: row i, counted with the frame, is line i % 3. */
+/* Some columns of a grid, three rows at a time: row i, counted with the frame, is line i % 3. */
 typedef struct {
     size_t first, count; /* columns */
     Line line[3];
 } Band;
 
-/* Rows next to each other: droplets, and values of a framed map; cell k at 1 + k. */
+/* Three adjacent rows: droplets, and values of a framed map; cell k at 1 + k. */
 typedef struct {
     const Line *above, *here, *below;
 } Lines;
@@ -41,7 +41,7 @@ static INLINED void set_first_kind(const Footprint *kind, Line *line) {
     line->is_mixed = false;
 }
 
-/* The kind of the cells that allow it first; what the others have stays. */
+/* Sets the kind of the cells that allow it first; other cells are unchanged. */
 static INLINED void set_kind(const Footprint *kind, const bool *restrict is_own, Line *line) {
     for (size_t k = 0; k < LINE; k++)
         line->h1[k] = is_own[k] ? kind->h1 : line->h1[k];
@@ -53,7 +53,7 @@ static INLINED void set_kind(const Footprint *kind, const bool *restrict is_own,
     line->is_mixed = true;
 }
 
-/* Row `row`, counted with the frame. */
+/* Loads row `row`, counted with the frame. */
 static INLINED void load_line(const RelaxedStep *step, size_t row, Band *band) {
     const HorizonProblem *problem = step->problem;
     Line *line = &band->line[row % 3];
@@ -83,7 +83,7 @@ static INLINED void load_line(const RelaxedStep *step, size_t row, Band *band) {
     }
 }
 
-/* Begins with the columns from `first` on, before row `row` of the grid. */
+/* Begins a band with the columns from `first` on, before row `row` of the grid. */
 static INLINED void begin_band(const RelaxedStep *step, size_t first, size_t row, Band *band) {
     const size_t left = step->problem->ny - first;
     band->first = first;
@@ -94,13 +94,13 @@ static INLINED void begin_band(const RelaxedStep *step, size_t first, size_t row
     load_line(step, row + 1, band);
 }
 
-/* The droplets about row `row` of the grid, after those before it. */
+/* The droplets about row `row` of the grid; rows are read in order. */
 static INLINED Lines next_lines(const RelaxedStep *step, size_t row, Band *band) {
     load_line(step, row + 2, band);
     return (Lines){&band->line[row % 3], &band->line[(row + 1) % 3], &band->line[(row + 2) % 3]};
 }
 
-/* Of a framed map, about row `row` of the grid. */
+/* Values of a framed map about row `row` of the grid. */
 static INLINED Values values_about(const RelaxedStep *step, const double *map, size_t row, const Band *band) {
     const size_t stride = step->problem->ny + 2;
     const double *above = map + row * stride + band->first;
@@ -113,7 +113,7 @@ static INLINED double saturated(double rise, double steepness) {
     return share > 0.0 ? share : 0.0;
 }
 
-/* What one of the droplets gives to a neighbour that is `rise` lower. */
+/* Share of a unit droplet that a neighbour takes, `rise` below the droplet's cell. */
 static INLINED double taken(const Line *line, size_t k, int place, double rise) {
     return line->spread[place][k] * saturated(rise, line->steepness[place][k]);
 }
@@ -122,12 +122,12 @@ static INLINED double given(const Line *line, size_t k, int place, double rise) 
     return line->amount[k] * taken(line, k, place, rise);
 }
 
-/* What it keeps of a neighbour's part. */
+/* Share of a unit droplet that its own cell keeps of a neighbour's part. */
 static INLINED double kept(const Line *line, size_t k, int place, double rise) {
     return line->spread[place][k] - taken(line, k, place, rise);
 }
 
-/* In the order of the droplets, row by row. */
+/* Surface after the droplets of a row, added in the order of the droplets. */
 static INLINED void jet_row(const Lines *lines, const Values *before, size_t count, double *restrict after) {
     const Line *above = lines->above, *here = lines->here, *below = lines->below;
     const double *up = before->above, *own = before->here, *down = before->below;
@@ -155,13 +155,13 @@ static INLINED void jet_row(const Lines *lines, const Values *before, size_t cou
     }
 }
 
-/* What a neighbour's part adds to the sensitivity to the droplet: `own` is that to the height of its cell, `ahead` how
- * much more the objective feels of the neighbour's. */
+/* Contribution of a neighbour to the sensitivity with respect to the droplet; `own`: sensitivity to the height of the
+ * droplet's cell, `ahead`: that of the neighbour less `own`. */
 static INLINED double gained(const Line *line, size_t k, int place, double rise, double ahead, double own) {
     return line->spread[place][k] * own + saturated(rise, line->steepness[place][k]) * (line->spread[place][k] * ahead);
 }
 
-/* To the amounts of the droplets of a row. */
+/* Sensitivities to the amounts of the droplets of a row. */
 static INLINED void trace_amounts(const Line *here, const Values *before, const Values *later, size_t count,
                                   double *restrict gain) {
     const double *up = before->above, *at = before->here, *down = before->below;
@@ -181,14 +181,15 @@ static INLINED void trace_amounts(const Line *here, const Values *before, const 
     }
 }
 
-/* What the flow to a neighbour that is `rise` lower passes back to the height of the droplet's cell. */
+/* Contribution of a neighbour `rise` lower to the sensitivity to the height of the droplet's cell, through the flow to
+ * it. */
 static INLINED double passed(const Line *line, size_t k, int place, double rise, double ahead) {
     const double steepness = line->steepness[place][k];
     const double felt = 1.0 + rise * steepness > 0.0 ? steepness : 0.0, bend = rise < 0.0 ? felt : 0.0;
     return line->amount[k] * bend * (line->spread[place][k] * ahead);
 }
 
-/* To the heights of a row, in the order of the droplets. */
+/* Sensitivities to the heights of a row, in the order of the droplets. */
 static INLINED void trace_heights(const Lines *lines, const Values *before, const Values *later, size_t count,
                                   double *restrict earlier) {
     const Line *above = lines->above, *here = lines->here, *below = lines->below;
@@ -233,7 +234,7 @@ static INLINED bool jet(const RelaxedStep *step, size_t top, size_t bottom, doub
     return true;
 }
 
-/* Takes the gains of the cells that are jetted, 0 where no droplet may fall. */
+/* Stores the sensitivities of the cells that are jetted, 0 where no droplet is allowed. */
 static INLINED void take_gains(const RelaxedStep *step, size_t i, const Band *band, const double *gain,
                                double *gradient) {
     const size_t place = i * step->problem->ny + band->first;

@@ -70,7 +70,7 @@ static RelaxedStep step_at(const RelaxedSurface *surface, const double *droplets
                          surface->height + number * surface->framed};
 }
 
-/* Rows of the grid, `top` to `bottom` excluded, that one thread makes. */
+/* Rows of the grid of one thread, `top` to `bottom` excluded. */
 typedef struct {
     const RelaxedStep *step;
     size_t top, bottom;
@@ -80,7 +80,7 @@ typedef struct {
     bool is_done;
 } Share;
 
-/* Calls `work` for all rows in shares like this one; false if one of them has run out of time. */
+/* Calls `work` for all rows in shares of this kind; false if one of them has run out of time. */
 static bool run_shares(const RelaxedSurface *surface, void *(*work)(void *share), const Share *like) {
     const size_t rows = surface->problem->nx;
     size_t threads = useful_threads(surface->threads, surface->framed);
@@ -120,7 +120,7 @@ static bool jet_all(RelaxedSurface *surface, const double *droplets) {
     return true;
 }
 
-/* Rows of a map between looks at the stopwatch. */
+/* Rows of a map between two looks at the stopwatch. */
 static size_t band_rows(const HorizonProblem *problem) {
     return 1 + BAND_CELLS / problem->ny;
 }

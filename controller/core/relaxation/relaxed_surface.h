@@ -1,9 +1,9 @@
-/* The surface after the horizon when droplets may be of any size, and the gradient of its smoothed objective by the
- * adjoint of the layer map.
+/* The surface after the horizon for droplets of any size, and the gradient of its smoothed objective by the adjoint of
+ * the layer map.
  *
  * droplets: layers * nx * ny, in droplets of the first kind that a cell's choices allow; 0 where they allow none. A
  * positive part max(x, 0) is smoothed to (x + sqrt(x^2 + s^2)) / 2, the standard deviation to sqrt(variance + s^2); the
- * saturation of the layer map stays as it is, its gradient at a kink is that of either side. */
+ * saturation of the layer map is not smoothed; its gradient at a kink is that of either side. */
 #ifndef INKLOOP_RELAXED_SURFACE_H
 #define INKLOOP_RELAXED_SURFACE_H
 
@@ -29,12 +29,12 @@ typedef struct {
 bool relaxed_open(RelaxedSurface *surface, const HorizonProblem *problem);
 void relaxed_close(RelaxedSurface *surface);
 
-/* Smoothed objective [m] of `droplets` in *value, and their surfaces in `height`. False if `ends_at` came before the
- * end: neither is there then. */
+/* Smoothed objective [m] of `droplets` in *value, and their surfaces in `height`. False, and neither is valid, if
+ * `ends_at` came first. */
 bool relaxed_value(RelaxedSurface *surface, const double *droplets, double smoothing, double *value);
 
-/* Gradient of the value last computed, for the same droplets and smoothing [m per droplet]; 0 where none may fall.
- * False if `ends_at` came before the end. */
+/* Gradient of the value last computed, for the same droplets and smoothing [m per droplet]; 0 where no droplet is
+ * allowed. False if `ends_at` came first. */
 bool relaxed_gradient(RelaxedSurface *surface, const double *droplets, double smoothing, double *gradient);
 
 #endif

@@ -4,25 +4,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What rounding moves in a step in sum, as a share of the largest difference. 49 cells have 8 pairs each; a pair and
- * the sums that it goes through are rounded by less than 12 times 2^-24 of that difference, times a slope below 1/4:
- * 7e-5 at most. */
+/* Bound of the rounding in a step in sum, as a share of the largest difference. 49 cells have 8 pairs each; a pair and
+ * the sums that it enters are rounded by less than 12 times 2^-24 of that difference, times a slope below 1/4: 7e-5 at
+ * most. */
 static const double ROUNDING = 1e-4;
 
 static const double DROPLET_OF_MOST = 0.25; /* the largest droplet, as a share of the largest difference */
 
-enum { LEAST_STEPS = 2 }; /* fewer are tried as quickly (by trial) */
+enum { LEAST_STEPS = 2 }; /* least number of steps: fewer are tried as quickly (by trial) */
 
-/* The lane behind each row of near cells is none. */
+/* 1 for cells in sight; the lane behind each row of near cells is no cell. */
 static const float IN_SIGHT[NEAR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 0.0f};
 
-/* Differences of heights as they spread, from cell NEAR_MARGIN on. */
+/* Differences of heights as they propagate, from cell NEAR_MARGIN on. */
 typedef struct {
     float before[NEAR_MAP], after[NEAR_MAP];
-    float left[NEAR_LANES];   /* out of sight, in sum, by lanes [m] */
-    float chance[NEAR_CELLS]; /* after the last step [m] */
+    float left[NEAR_LANES];   /* sum of the differences out of sight, by lanes [m] */
+    float chance[NEAR_CELLS]; /* uncertainty after the last step [m] */
     float most;               /* the largest difference after the last step [m] */
-    size_t top, bottom;       /* rows that differ; bottom excluded */
+    size_t top, bottom;       /* rows with differences; bottom excluded */
 } Spread;
 
 bool bound_open(ChangeBound *bound, const PlanSurface *surface) {
@@ -44,7 +44,8 @@ bool bound_open(ChangeBound *bound, const PlanSurface *surface) {
         weight = fmax(weight, surface->weight[cell]);
     const double steep = surface->upward + fabs(surface->skew);
     bound->cost_slope = weight * (steep + (surface->ceiling ? surface->problem->ceiling_cost : 0.0));
-    bound->chance_slope = weight * surface->upward * surface->chance; /* half of it, times twice what is out of sight */
+    /* half of the slope times twice the differences out of sight */
+    bound->chance_slope = weight * surface->upward * surface->chance;
     return next != NULL;
 }
 
@@ -54,7 +55,7 @@ void bound_close(ChangeBound *bound) {
     bound->memory = NULL;
 }
 
-/* Costs of cells as in surface_cost. */
+/* Adds the costs of cells as in surface_cost. */
 static INLINED void add_costs(const PlanSurface *surface, const float *restrict error, const float *restrict above,
                               const float *restrict chance, const float *restrict weight, size_t count,
                               float *restrict cost) {
@@ -71,15 +72,15 @@ static size_t least_of(size_t a, size_t b) {
     return a < b ? a : b;
 }
 
-/* How far a cell of the part is above or below the reference; 0 outside. */
+/* Height of a cell of the part above or below the reference; 0 outside. */
 static INLINED double height_off(const PlanSurface *surface, const double *last, size_t cell) {
     return surface->inside[cell] * fabs(last[cell] - surface->reference);
 }
 
-/* The largest height of the cells of the part in rows and columns of the grid, above or below the reference. No other
- * cells are read: threads of other tiles may write them. */
+/* Largest distance from the reference of the cells of the part in rows and columns of the grid. No other cells are
+ * read: threads of other tiles may write them. */
 static INLINED double highest(const PlanSurface *surface, size_t top, size_t bottom, size_t left, size_t right) {
-    enum { WIDTH = 4 }; /* columns that are read together */
+    enum { WIDTH = 4 }; /* columns read together */
     const double *last = surface_height(surface, surface->steps);
     double most[WIDTH] = {0.0};
     for (size_t row = top; row < bottom; row++) {
@@ -116,8 +117,8 @@ void bound_begin(ChangeBound *bound, const PlanSurface *surface, const Tile *til
     bound->height_most = surface->weighting.alpha == 1.0 ? 0.0 : highest_of_tile(surface, tile);
 }
 
-/* Cells of the surface's maps behind each other, and where they come in the maps. Beyond twice the largest difference
- * an error may be any other of its sign. */
+/* Reads adjacent cells of the surface's maps into these maps. An error beyond twice the largest difference may be
+ * replaced by any other of its sign. */
 static INLINED void read_last(const PlanSurface *surface, ChangeBound *bound, size_t cell, size_t there, size_t count) {
     const double *last = surface_height(surface, surface->steps) + cell, *target = surface->target + cell;
     const double *weight = surface->weight + cell, *inside = surface->inside + cell;
@@ -140,7 +141,7 @@ static INLINED void read_last(const PlanSurface *surface, ChangeBound *bound, si
     add_costs(surface, error, above, chances, weights, count, bound->cost + there);
 }
 
-/* The box of the maps that lies on the surface's maps. */
+/* The box of these maps on the surface's maps. */
 static INLINED void read_box(const PlanSurface *surface, ChangeBound *bound, const Box *box) {
     const NearMaps *maps = &bound->maps;
     const ptrdiff_t left = box->left + maps->left > 0 ? box->left : -maps->left, end = (ptrdiff_t)surface->stride;
@@ -163,7 +164,7 @@ static WITH_AVX2 void read_avx2(const PlanSurface *surface, ChangeBound *bound, 
     read_box(surface, bound, box);
 }
 
-/* Reads the rows near row `i` of the grid that have not been read. */
+/* Reads those rows near row `i` of the grid that have not been read. */
 static void read_rows(ChangeBound *bound, const PlanSurface *surface, size_t i) {
     const ptrdiff_t first = (ptrdiff_t)(i + 1) - NEAR_REACH - bound->maps.top, end = first + NEAR_ROWS;
     const bool begins = first < bound->top || first > bound->bottom || bound->top == bound->bottom;
@@ -185,7 +186,7 @@ static ptrdiff_t higher_of(ptrdiff_t a, ptrdiff_t b) {
     return a > b ? a : b;
 }
 
-/* Cells lose by pairs with changed ones, too. Rows that were not read wait until they are. */
+/* Updates the maps in a changed box; pairs with changed cells change, too. Rows that were not read are read later. */
 void bound_change(ChangeBound *bound, const PlanSurface *surface, const Box *changed) {
     const NearMaps *maps = &bound->maps;
     if (!bound->memory || box_is_empty(changed))
@@ -204,13 +205,10 @@ void bound_change(ChangeBound *bound, const PlanSurface *surface, const Box *cha
     (HAS_AVX2 ? read_avx2 : read_plain)(surface, bound, &box);
 }
 
-enum {
-    SHARE_LANES = 4,
-    SHARES = 3 * SHARE_LANES
-}; /* of the nine cells that a droplet reaches, a lane behind each row */
+enum { SHARE_LANES = 4, SHARES = 3 * SHARE_LANES }; /* nine cells of a droplet, a lane behind each row */
 
-/* Adds the shares of a droplet on a near cell `sign` times, `after` being the first of the cells that it reaches;
- * returns what it leaves there [m]. */
+/* Adds the shares of a droplet on a near cell `sign` times, `after` being the first of its nine cells; returns the
+ * height it leaves on its own cell [m]. */
 static INLINED double add_droplet(const Droplet *droplet, const double *restrict heights, float sign,
                                   float *restrict after) {
     const double own = heights[SHARE_LANES + 1];
@@ -229,7 +227,7 @@ static INLINED double add_droplet(const Droplet *droplet, const double *restrict
     return kept;
 }
 
-/* Puts the new droplet in the place of the old one; (i, j): the cell in the middle. */
+/* Replaces the old droplet by the new one; (i, j): the cell in the middle. */
 static INLINED void make_change(const PlanSurface *surface, size_t i, size_t j, const Change *change, size_t number,
                                 Spread *spread) {
     const size_t row = change->i + NEAR_REACH - i, lane = change->j + NEAR_REACH - j;
@@ -252,7 +250,7 @@ static INLINED void make_change(const PlanSurface *surface, size_t i, size_t j, 
     spread->bottom = spread->bottom > row + 2 ? spread->bottom : row + 2;
 }
 
-/* Carries the differences through a step as it is; view: first of the near cells in the maps. */
+/* Propagates the differences through one step; view: first of the near cells in the maps. */
 static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, size_t number, size_t view,
                           bool is_mixed, bool is_last, Spread *spread) {
     spread->top -= spread->top > 0;
@@ -264,7 +262,8 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
     for (size_t row = spread->top; row < spread->bottom; row++) {
         const size_t here = view + row * stride, near = row * NEAR_LANES;
         const float *before = spread->before + NEAR_MARGIN + near;
-        float after[NEAR_LANES], away[NEAR_LANES], chance[NEAR_LANES]; /* of their own: nothing read lies in them */
+        /* separate arrays: they do not alias an input */
+        float after[NEAR_LANES], away[NEAR_LANES], chance[NEAR_LANES];
         AS_LOOP for (size_t k = 0; k < NEAR_LANES; k++) {
             float given;
             const float lost = near_loss(step, bound->rules.slope, is_mixed, is_last, (ptrdiff_t)(here + k),
@@ -283,7 +282,7 @@ static INLINED void carry(const PlanSurface *surface, const ChangeBound *bound, 
     }
 }
 
-/* What the differences after the last step add to the sums. */
+/* Change of the sums by the differences after the last step. */
 static INLINED Sums added_sums(const PlanSurface *surface, const ChangeBound *bound, size_t view, Spread *spread) {
     float sums[3][NEAR_LANES] = {{0.0f}}, most[NEAR_LANES] = {0.0f};
     for (size_t row = spread->top; row < spread->bottom; row++) {

@@ -6,14 +6,15 @@
 #include "instruction_sets.h"
 #include "map_memory.h"
 
-static const double SURE = 1e-3; /* of what a neighbour changes: far above the rounding of bounds below MOST */
-static const double MOST = 32.0; /* of the same: more than all cells near take away together */
+/* share of the interaction of side neighbours: far above the rounding of bounds below MOST */
+static const double SURE = 1e-3;
+static const double MOST = 32.0; /* largest bound, in the same unit: more than all near cells reduce together */
 
-/* Within these limits floats are far from their ends, and the lattice of heights is far below their rounding. */
+/* Limits within which floats neither overflow nor underflow, and the lattice of heights is far below their rounding. */
 static const double VOLUME_MIN = 1e-9;                 /* [m] */
 static const double SLOPE_MIN = 1e-9, SLOPE_MAX = 1e9; /* metre for metre */
 
-/* The steepest that the slope of a cell's cost can change by. */
+/* Largest change of the slope of a cell's cost. */
 static double slope_change(const PlanSurface *surface) {
     double heaviest = surface->problem->weight ? 0.0 : 1.0;
     for (size_t cell = 0; surface->problem->weight && cell < surface->framed; cell++)
@@ -21,7 +22,7 @@ static double slope_change(const PlanSurface *surface) {
     return heaviest * (2.0 * surface->upward + (surface->ceiling ? surface->problem->ceiling_cost : 0.0));
 }
 
-/* Shares that droplets so many rows and columns apart have in common, at most [m]. */
+/* Upper bound of the shares that two droplets so many rows and columns apart have in common [m]. */
 static double common_shares(const Droplet *droplet, size_t rows, size_t columns) {
     const double side = droplet->spread[SIDE], corner = droplet->spread[CORNER], smaller = fmin(side, corner);
     switch (rows + columns) {
@@ -36,8 +37,7 @@ static double common_shares(const Droplet *droplet, size_t rows, size_t columns)
     }
 }
 
-/* Whether there are bounds: of one step and kind, where the cost alone counts, and floats hold what they are made of.
- */
+/* Whether bounds exist: for one step and one kind, where the cost alone counts and floats can represent the values. */
 static bool is_useful(const PlanSurface *surface, double slope) {
     return surface->steps == 1 && surface->weighting.alpha == 1.0 && surface->problem->kinds == 1 &&
            surface->chance <= 1.0 && surface->droplet[1].volume >= VOLUME_MIN && slope >= SLOPE_MIN &&
@@ -78,10 +78,10 @@ void flip_bounds_clear(FlipBounds *bounds, const PlanSurface *surface) {
         memset(bounds->least, UINT8_MAX, surface->framed * sizeof(float)); /* NaN */
 }
 
-enum { CHUNK = 8 };      /* cells of a row that are read together, or not at all */
-enum { ROWS_AHEAD = 3 }; /* rows that the memory is asked for before they are read (by trial) */
+enum { CHUNK = 8 };      /* cells of a row that are read together, or none of them */
+enum { ROWS_AHEAD = 3 }; /* rows by which prefetching leads reading (by trial) */
 
-/* What bounds are read for: moves of cells that are awake for them, unless their bounds are above the limit. */
+/* A request to read bounds: for moves of cells that are awake, unless their bounds exceed the limit. */
 typedef struct {
     const uint8_t *awake;
     uint8_t move;
@@ -92,7 +92,7 @@ static void read_cells(const FlipBounds *bounds, const PlanSurface *surface, siz
     flip_costs_read(&bounds->prices, surface, cell, count, bounds->least + cell);
 }
 
-/* Which cells of a row the move may help on. */
+/* Marks the cells of a row on which the move may help. */
 static INLINED void open_cells(const FlipBounds *bounds, size_t cell, size_t count, const Renewal *renewal,
                                uint8_t *restrict open) {
     const float *least = bounds->least + cell, limit = renewal->limit;
@@ -103,14 +103,14 @@ static INLINED void open_cells(const FlipBounds *bounds, size_t cell, size_t cou
     }
 }
 
-/* Whether a move may help on two or more of the cells: then it takes less time to read all (by trial). */
+/* Whether a move may help on two or more of the cells: then it is faster to read all (by trial). */
 static INLINED bool are_several_open(const uint8_t *open, size_t count) {
     uint64_t cells = 0;
     memcpy(&cells, open, count);
     return (cells & (cells - 1)) != 0; /* more than one bit */
 }
 
-/* A row of less than a chunk. */
+/* Reads a row of less than a chunk. */
 static void renew_narrow(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                          const Renewal *renewal) {
     uint8_t open[TILE];
@@ -129,7 +129,7 @@ static INLINED bool is_any_awake(const uint8_t *awake, size_t count, uint8_t mov
     return ((any | cells) & move * UINT64_C(0x0101010101010101)) != 0;
 }
 
-/* A row of at least a chunk; what is behind the last whole chunk is read with the cells before it. */
+/* Reads a row of at least a chunk; the rest behind the last whole chunk is read with the cells before it. */
 static INLINED void renew_row(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                               const Renewal *renewal) {
     const size_t chunks = count / CHUNK;
@@ -151,7 +151,7 @@ static INLINED void renew_row(const FlipBounds *bounds, const PlanSurface *surfa
         read_cells(bounds, surface, cell + count - CHUNK, CHUNK);
 }
 
-/* What the reading and the trials of the row's cells in a tile want, if any of them are awake. */
+/* Prefetches the data for reading and trying the row's cells in a tile, if any of them are awake. */
 static INLINED void prefetch_row(const FlipBounds *bounds, const PlanSurface *surface, size_t i, const Tile *tile,
                                  const Renewal *renewal) {
     const size_t cell = surface_cell(surface, i, tile->left), count = tile->right - tile->left;
@@ -202,8 +202,8 @@ void flip_bounds_renew(FlipBounds *bounds, const PlanSurface *surface, const Til
     (HAS_AVX2 ? renew_avx2 : renew_plain)(bounds, surface, tile, &renewal);
 }
 
-/* Of a row of cells, with one more at either end: what it costs at least to jet one droplet more; infinite where there
- * is one. */
+/* Lower bounds of the cost of one droplet more on the cells of a row, with one more at either end; infinite where there
+ * is a droplet. */
 static INLINED void cost_to_jet(const FlipBounds *bounds, const uint8_t *plan, size_t cell, size_t count,
                                 float *restrict least) {
     for (size_t k = 0; k < count + 2; k++) {
@@ -212,7 +212,7 @@ static INLINED void cost_to_jet(const FlipBounds *bounds, const uint8_t *plan, s
     }
 }
 
-/* Leaves those open whose droplet may be worth swapping with a neighbour that has none. */
+/* Keeps open the cells whose droplet may be worth swapping with a neighbour that has none. */
 static INLINED void close_swaps(const FlipBounds *bounds, const PlanSurface *surface, size_t cell, size_t count,
                                 uint8_t *restrict open) {
     const uint8_t *plan = surface_layer(surface, 0);
@@ -269,8 +269,8 @@ static INLINED uint32_t four_bytes(const uint8_t *bytes) {
     return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
 }
 
-/* Takes the loss of a change from the bounds of LOSS_LANES cells of a row, where the plan has got its value as well:
- * in numbers of one size, so that gcc takes them at once. */
+/* Subtracts the loss of a change from the bounds of LOSS_LANES cells of a row where the plan now has the same value;
+ * all numbers have one size, so that gcc vectorises the loop. */
 static INLINED void lower_lanes(float *restrict least, const uint8_t *plan, unsigned value, const float *loss) {
     static const uint32_t SHIFT[LOSS_LANES] = {0, 8, 16, 24, 0, 8, 16, 24};
     const uint32_t half[2] = {four_bytes(plan), four_bytes(plan + 4)};
@@ -283,7 +283,7 @@ static INLINED void lower_lanes(float *restrict least, const uint8_t *plan, unsi
     }
 }
 
-/* The same of some cells at an edge of the grid. */
+/* The same for some cells at an edge of the grid. */
 static INLINED void lower_cells(float *least, const uint8_t *plan, size_t count, unsigned value, const float *loss) {
     for (size_t k = 0; k < count; k++)
         least[k] -= plan[k] == value ? loss[k] : 0.0f;

@@ -21,12 +21,12 @@ FlipPrices flip_prices(const PlanSurface *surface, float most) {
                         .most = most};
 }
 
-/* What counts in a cost, besides the error: constants wherever a function is inlined. */
+/* Terms of a cost besides the error: constants wherever a function is inlined. */
 typedef struct {
     bool chance, ceiling;
 } Counted;
 
-/* What an error after the step costs on a cell of weight 1 [m]: see surface_cost. */
+/* Cost of an error after the step on a cell of weight 1 [m]: see surface_cost. */
 static INLINED float cost_of(const FlipPrices *prices, float error, float above, float chance, const Counted counted) {
     const float high = prices->overshoot * error, low = -error, size = fabsf(error);
     const float safe = counted.chance && chance > 0.0f ? chance : 1.0f;
@@ -38,22 +38,23 @@ static INLINED float cost_of(const FlipPrices *prices, float error, float above,
 
 enum { ROW = FLIPS_MAX + 2, VECTOR = 8 };
 
-/* The present errors of cells of a row, one more at either end, and what they cost. */
+/* The present errors of cells of a row, one more at either end, and their costs. */
 typedef struct {
     float error[ROW], above[ROW], chance[ROW], weight[ROW], cost[ROW];
 } ErrorRow;
 
-/* Flips of cells of a row: what is left of each droplet, +1 where it comes or -1 where it goes, and what that costs. */
+/* Flips of cells of a row: height that each droplet leaves on its own cell, sign (+1 to jet, -1 to remove), and
+ * cost. */
 typedef struct {
     float kept[FLIPS_MAX], sign[FLIPS_MAX], cost[FLIPS_MAX];
 } FlipRow;
 
-/* Further away a cost is linear, whatever a droplet adds. */
+/* The error, clipped: beyond the limits the cost is linear. */
 static INLINED float clipped(const FlipPrices *prices, double error) {
     return between_floats(-prices->reach, (float)error, prices->reach);
 }
 
-/* Cells of the map from `cell` on; `from`: the first of them in the row. */
+/* Loads the errors of cells of the map from `cell` on; `from`: the first of them in the row. */
 static INLINED void load_errors(const FlipPrices *prices, const PlanSurface *surface, size_t cell, size_t count,
                                 const Counted counted, size_t from, ErrorRow *row) {
     const double *height = surface_height(surface, 1) + cell, *target = surface->target + cell;
@@ -76,7 +77,7 @@ static INLINED void load_errors(const FlipPrices *prices, const PlanSurface *sur
     }
 }
 
-/* What a neighbour costs that gets or loses this share. */
+/* Cost of a neighbour after a change of its height. */
 static INLINED float neighbour_cost(const FlipPrices *prices, const ErrorRow *row, size_t k, float change,
                                     const Counted counted) {
     const float above = counted.ceiling ? row->above[k] + change : 0.0f;
@@ -84,12 +85,12 @@ static INLINED float neighbour_cost(const FlipPrices *prices, const ErrorRow *ro
            cost_of(prices, row->error[k] + change, above, counted.chance ? row->chance[k] : 0.0f, counted);
 }
 
-/* What a neighbour takes [m]. */
+/* Share that a neighbour takes [m]. */
 static INLINED float share(const FlipPrices *prices, size_t place, double rise) {
     return between_floats(0.0f, prices->spread[place] + prices->slope[place] * (float)rise, prices->spread[place]);
 }
 
-/* Adds what the flips from the cells `here` on do to their neighbours `there` in the row above or below. */
+/* Adds the effects of the flips of the cells `here` on their neighbours `there` in the row above or below. */
 static INLINED void add_row(const FlipPrices *prices, const double *here, const double *there, size_t count,
                             const ErrorRow *row, const Counted counted, FlipRow *flips) {
     float *restrict kept = flips->kept, *restrict cost = flips->cost;
@@ -105,7 +106,7 @@ static INLINED void add_row(const FlipPrices *prices, const double *here, const 
     }
 }
 
-/* The same in their own row, on the cells themselves as well. */
+/* Adds the effects in their own row, on the cells themselves as well. */
 static INLINED void add_own_row(const FlipPrices *prices, const double *here, size_t count, const ErrorRow *row,
                                 const Counted counted, FlipRow *flips) {
     float *restrict cost = flips->cost;
@@ -122,10 +123,10 @@ static INLINED void add_own_row(const FlipPrices *prices, const double *here, si
     }
 }
 
-/* Errors of a row from one cell before `cell` to one behind the last. */
+/* Loads the errors of a row from one cell before `cell` to one behind the last. */
 static INLINED void load_row(const FlipPrices *prices, const PlanSurface *surface, size_t cell, size_t count,
                              const Counted counted, ErrorRow *row) {
-    if (count % VECTOR == 0) { /* some twice: whole vectors alone */
+    if (count % VECTOR == 0) { /* some cells twice: whole vectors only */
         load_errors(prices, surface, cell - 1, count, counted, 0, row);
         load_errors(prices, surface, cell + count + 1 - VECTOR, VECTOR, counted, count + 2 - VECTOR, row);
     } else {
@@ -172,7 +173,7 @@ static INLINED void read_any(const FlipPrices *prices, const PlanSurface *surfac
         read_cells(prices, surface, cell, count, NOTHING, least);
 }
 
-/* Of mostly whole vectors: gcc sees that none of their cells are left over. */
+/* Reads all rows, whose length is mostly a multiple of the vector length, which gcc can see. */
 static INLINED void read_all(const FlipPrices *prices, const PlanSurface *surface, size_t cell, size_t count,
                              float *least) {
     if (count % VECTOR == 0)

@@ -4,15 +4,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double ABYSS = -1.0; /* of cells that are not on the grid, as deep as the frame [m] */
+static const double ABYSS = -1.0; /* height of cells outside the grid, as deep as the frame [m] */
 
-static const double SAME_SLOPE = 1e-7; /* slopes that differ by less, as a share, count as one (assumed) */
+static const double SAME_SLOPE = 1e-7; /* relative difference below which slopes count as equal (assumed) */
 
-/* Cells of the maps around those of a tile: near ones, one more that pairs begin with, and lanes behind. */
+/* Cells of the maps around those of a tile: near ones, one more where pairs begin, and lanes behind. */
 enum { ROWS_AROUND = 2 * NEAR_REACH + 2, COLUMNS_AROUND = NEAR_REACH + NEAR_LANES + 1 };
 enum { LINE = TILE + COLUMNS_AROUND + 2, HEAD = 16 };
 
-/* A row of cells, with one more on each side: cell k of the maps is at 1 + k. */
+/* A row of cells, with one more on each side: cell k of the maps at 1 + k. */
 typedef struct {
     double height[LINE];
     float width[2][LINE], slope[2][LINE];
@@ -34,7 +34,7 @@ bool near_rules(const PlanSurface *surface, NearRules *rules) {
     }
     for (int place = SIDE; place <= CORNER; place++)
         rules->slope[place] = (float)steepest[place];
-    rules->most = (float)(4.0 * largest); /* two droplets come and two go */
+    rules->most = (float)(4.0 * largest); /* two droplets are added and two removed */
     for (size_t row = 0; row < NEAR_ROWS; row++)
         for (size_t lane = 0; lane < NEAR_ROWS; lane++) {
             const bool ends_row = row == 0 || row + 1 == NEAR_ROWS, ends_lane = lane == 0 || lane + 1 == NEAR_ROWS;
@@ -49,7 +49,7 @@ static size_t least_of(size_t a, size_t b) {
     return a < b ? a : b;
 }
 
-/* Takes the next maps of `cells` cells, `count` of them. */
+/* Assigns memory of `cells` cells to each of `count` maps. */
 static void take(float **next, size_t cells, float **map, size_t count) {
     for (size_t k = 0; k < count; k++, *next += cells)
         map[k] = *next;
@@ -100,7 +100,7 @@ static INLINED void load_values(const float *of, size_t kinds, const uint8_t *re
     }
 }
 
-/* The values that are jetted in the step on cells of a row of the surface's maps. */
+/* Values jetted in the step on cells of a row of the surface's maps. */
 static INLINED void copy_values(const PlanSurface *surface, size_t number, size_t row, size_t column, size_t count,
                                 uint8_t *restrict cells) {
     const size_t passes = (size_t)surface->problem->passes, layer = number / passes;
@@ -108,7 +108,7 @@ static INLINED void copy_values(const PlanSurface *surface, size_t number, size_
     if (passes == 1)
         return;
     const int32_t colour = surface->problem->colours[layer][number % passes];
-    for (size_t k = 0; k < count; k++) /* the frame's values are 0: whatever its colour */
+    for (size_t k = 0; k < count; k++) /* the frame has values 0, whatever its colour */
         cells[k] = colour == cell_colour(row + 1, column + k + 1) ? cells[k] : 0;
 }
 
@@ -135,7 +135,8 @@ static INLINED void load_line(const PlanSurface *surface, const NearRules *rules
     }
 }
 
-/* The pairs of a direction between the cells of a line and those of the next, or of the same, `ahead` lanes further. */
+/* Reads the pairs of one direction between the cells of a line and those of the next, or of the same, `ahead` lanes
+ * further. */
 static INLINED void read_pairs(const NearRules *rules, const Line *here, const Line *there, size_t pair, size_t lanes,
                                size_t first, size_t count, size_t cell, const NearStep *step) {
     const float most = rules->most;
@@ -170,7 +171,7 @@ static INLINED void read_losses(const NearRules *rules, const NearMaps *maps, co
     }
 }
 
-/* In the order of the pairs: SIDE ones first. */
+/* Reads a step in the order of the pairs: SIDE ones first. */
 static INLINED void read_step(const PlanSurface *surface, const NearRules *rules, const NearMaps *maps, size_t number,
                               const Box *box, ptrdiff_t pairs_top) {
     static const size_t LANES_AHEAD[NEAR_PAIRS] = {2, 1, 2, 0};

@@ -1,4 +1,4 @@
-/* Changes of a plan that is printed in one step: all at once, without a window.
+/* Trial and execution of changes of a plan that is printed in one step: all at once, without a window.
  *
  * The surface under the droplets stays, so a change moves heights within one cell of it and nowhere else. */
 #ifndef INKLOOP_ONE_STEP_H

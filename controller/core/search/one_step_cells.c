@@ -2,14 +2,15 @@
 
 #include "instruction_sets.h"
 
-/* Functions of their own for each set of instructions: gcc 12 keeps only so small ones in whole vectors. */
+/* Separate functions for each set of instructions: gcc 12 keeps only functions this small in whole vectors. */
 
 /* 1 for the cell in the middle. */
 static const double MIDDLE_LANES[THREE] = {[MIDDLE] = 1.0};
 
 /* LANES cells of each of three rows of a map. */
 static INLINED void load_cells(const double *map, size_t stride, double *restrict cells) {
-    for (size_t row = 0; row < 3; row++) /* by name: a copy of bytes is done in pieces that do not fit a vector */
+    /* element by element: a copy of bytes is done in pieces that do not fit a vector */
+    for (size_t row = 0; row < 3; row++)
         for (size_t k = 0; k < LANES; k++)
             cells[row * LANES + k] = map[row * stride + k];
 }
@@ -22,7 +23,7 @@ static INLINED double sum_of(const double *cells) {
     return sums[0] + sums[1] + sums[2];
 }
 
-/* What a droplet on the middle of the cells from `first` on gives to each of them [m]. */
+/* Height that a droplet on the middle of the cells from `first` on adds to each of them [m]. */
 static INLINED void shares_of(const PlanSurface *surface, size_t first, unsigned value, double *restrict shares) {
     const Droplet *droplet = &surface->droplet[value];
     const double *before = surface_height(surface, 0) + first;
@@ -34,20 +35,21 @@ static INLINED void shares_of(const PlanSurface *surface, size_t first, unsigned
     for (size_t k = 0; k < THREE; k++)
         taken[k] = flow(spread[k], slope[k], here - its[k]);
     const double kept = droplet->volume - sum_of(taken);
-    for (size_t k = 0; k < THREE; k++) /* whole vectors: a number written into one would hold up its next reader */
+    for (size_t k = 0; k < THREE; k++) /* whole vectors: an element written into one would stall its next reader */
         shares[k] = taken[k] + MIDDLE_LANES[k] * kept;
 }
 
 /* A change by its cells: `first` is the first one in the maps. */
 typedef struct {
     size_t first;
-    double raised[THREE]; /* what it raises its cells by [m] */
-    double chance;        /* of its own cell, from now on [m] */
+    double raised[THREE]; /* height change of its cells [m] */
+    double chance;        /* uncertainty of its own cell after the change [m] */
 } RaisedCells;
 
 static INLINED void raise_cells(const PlanSurface *surface, const CellChange *change, RaisedCells *restrict cells) {
     const unsigned from = change->from, to = change->to;
-    const double sign = to ? 1.0 : -1.0; /* one of them is mostly 0, and no processor could predict which */
+    /* without a branch: one of the two is mostly 0, and branch prediction would fail */
+    const double sign = to ? 1.0 : -1.0;
     double shares[THREE], gone[THREE];
     cells->first = change->i * surface->stride + change->j; /* one row up and one column to the left */
     shares_of(surface, cells->first, to ? to : from, shares);
@@ -61,7 +63,7 @@ static INLINED void raise_cells(const PlanSurface *surface, const CellChange *ch
         cells->raised[k] -= gone[k];
 }
 
-/* What counts: constants wherever a function is inlined, so that most of the trials have a short one. */
+/* Terms that count: constants wherever a function is inlined, so that most trials take a short version. */
 typedef struct {
     bool cost_alone; /* the other sums stay 0 */
     bool chance, ceiling;
@@ -77,7 +79,7 @@ static inline bool is_cost_alone(const Asked *asked) {
     return asked->cost_alone && !asked->chance && !asked->ceiling;
 }
 
-/* What the heights `is` cost, left to `chance`: see surface_cost. */
+/* Costs of the heights `is` with the uncertainties `chance`: see surface_cost. */
 static INLINED void costs_of(const PlanSurface *surface, size_t first, const double *is, const double *chance,
                              double *restrict cost, const Asked asked) {
     const double upward = surface->upward, skew = surface->skew, steep = surface->problem->ceiling_cost;
@@ -120,7 +122,7 @@ static INLINED void add_heights(const PlanSurface *surface, const RaisedCells *c
     sums->squared_height = sums->squared_height + sum_of(square) + by_chance;
 }
 
-/* Looks at a change; dearer: what its cells cost more. */
+/* Evaluates a change alone; dearer: increase of the cost of its cells. */
 static INLINED void change_alone(const PlanSurface *surface, const RaisedCells *change, const Asked asked,
                                  ChangedCells *restrict cells, double *restrict dearer) {
     double was[THREE], chance[THREE], cost_was[THREE];
@@ -259,13 +261,13 @@ Sums look_at_second(const PlanSurface *surface, const FirstChange *first, size_t
     return (HAS_AVX2 ? second_avx2 : second_plain)(surface, first, near, change, cost_alone);
 }
 
-/* On the cells of the grid alone, and on those that the droplet reaches: another thread may be at the others. */
+/* Writes the cells of the grid that the droplet reaches and no others, which another thread may use. */
 void put_cells(PlanSurface *surface, const CellChange *change, const ChangedCells *cells) {
     const size_t top = change->i > 0 ? 0 : 1, bottom = change->i + 1 < surface->nx ? 2 : 1;
     const size_t left = change->j > 0 ? 0 : 1, right = change->j + 1 < surface->ny ? 2 : 1;
     const size_t first = change->i * surface->stride + change->j;
     double *last = surface_height(surface, 1) + first, *cost = surface->cost + first;
-    if (surface->chance > 0.0) /* else the map stays 0, and its memory untouched */
+    if (surface->chance > 0.0) /* else the map stays 0, and its memory unused */
         surface->left_to_chance[first + surface->stride + 1] = cells->chance;
     for (size_t row = top; row <= bottom; row++)
         for (size_t column = left; column <= right; column++) {

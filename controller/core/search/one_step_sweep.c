@@ -18,32 +18,32 @@ typedef struct {
     int64_t *work;
     Tally *tally;
     double deadline;   /* by the stopwatch [s] */
-    int64_t next_look; /* at the clock, by `work` */
+    int64_t next_look; /* value of `work` at the next look at the clock */
     bool cost_alone;
     FirstChange first;
 } TileWork;
 
-/* The sums before a move, as far as they count. */
+/* The sums that count, before a move. */
 static inline Sums sums_of(const TileWork *work) {
     return work->cost_alone ? (Sums){0.0, 0.0, 0.0} : sums_after(work->before, &work->tally->change);
 }
 
-/* What a change does to the objective; infinity where the cost alone counts and falls by nothing. */
+/* Change of the objective by a move; infinity where the cost alone counts and does not fall. */
 static inline double cost_of(const TileWork *work, const Sums *sums, const Sums *added) {
     const Weighting *weighting = &work->surface->weighting;
     if (work->cost_alone && added->cost >= 0.0)
-        return INFINITY; /* most are in vain: no division for them */
+        return INFINITY; /* most moves do not help: no division for them */
     return work->cost_alone ? added->cost / weighting->count : objective_change(sums, added, weighting);
 }
 
-/* The plan has got another value; flip: what it costs to take that back, NaN: unknown. */
+/* Sets a value of the plan; flip: cost of undoing it, NaN: unknown. */
 static void set_value(TileWork *work, size_t i, size_t j, unsigned value, double flip) {
     surface_layer(work->surface, 0)[surface_cell(work->surface, i, j)] = (uint8_t)value;
     wake_near(work->surface, work->awake, i, j);
     flip_bounds_change(work->flips, work->surface, i, j, value, flip);
 }
 
-/* Another droplet, or none, on the cell. */
+/* Tries another droplet, or none, on the cell. */
 static void flip(TileWork *work, size_t i, size_t j) {
     PlanSurface *surface = work->surface;
     const size_t cell = surface_cell(surface, i, j);
@@ -54,7 +54,7 @@ static void flip(TileWork *work, size_t i, size_t j) {
     CellChange change = {i, j, own, own};
     ChangedCells cells;
     for (unsigned other = 0; other < surface->problem->kinds; other++) {
-        const unsigned value = other + (other >= own); /* no branch on the plan: no processor could predict it */
+        const unsigned value = other + (other >= own); /* no branch on the plan: branch prediction would fail */
         if (!surface_allows(surface, 0, i, j, value))
             continue;
         change.to = value;
@@ -62,7 +62,7 @@ static void flip(TileWork *work, size_t i, size_t j) {
         const double cost = cost_of(work, &sums, &cells.sums);
         *work->work += FOOTPRINT;
         work->tally->evaluations++;
-        flip_bounds_put(work->flips, cell, cells.sums.cost); /* there is no other one if there are bounds */
+        flip_bounds_put(work->flips, cell, cells.sums.cost); /* with bounds there is one other value only */
         if (cost < least) {
             least = cost;
             best = value;
@@ -108,8 +108,8 @@ static INLINED size_t partners_among(const TileWork *work, size_t i, size_t j, u
     return count;
 }
 
-/* The neighbours that the cell's droplet may be swapped with, as k of FOOTPRINT, without those that certainly are in
- * vain; returns how many. Without a branch on the plan, which no processor could predict. */
+/* The neighbours that the cell's droplet may be swapped with, as k of FOOTPRINT, without those excluded by bounds;
+ * returns their number. No branch on the plan, where branch prediction would fail. */
 static size_t partners(const TileWork *work, size_t i, size_t j, unsigned own, size_t *partner) {
     const size_t nx = work->surface->nx, ny = work->surface->ny;
     if (i > 0 && i + 1 < nx && j > 0 && j + 1 < ny)
@@ -121,8 +121,8 @@ static size_t partners(const TileWork *work, size_t i, size_t j, unsigned own, s
 /* A swap with a neighbour. */
 typedef struct {
     size_t i, j;
-    unsigned other; /* what the neighbour has */
-    double cost;    /* what it does to the objective [m] */
+    unsigned other; /* the neighbour's value */
+    double cost;    /* change of the objective [m] */
     Sums worth;
 } Swap;
 
@@ -134,15 +134,15 @@ static void make_change(TileWork *work, size_t i, size_t j, unsigned from, unsig
     set_value(work, i, j, to, NAN);
 }
 
-/* Puts another droplet, or none, on the cell before its own goes to a neighbour. */
+/* First half of a swap: puts the other value on the cell; its own goes to a neighbour later. */
 static void begin_swap(TileWork *work, size_t i, size_t j, unsigned own, unsigned other) {
     const CellChange change = {i, j, own, other};
     look_at_first(work->surface, &change, work->cost_alone, &work->first);
     flip_bounds_put(work->flips, surface_cell(work->surface, i, j),
-                    work->first.sums.cost); /* the other is 0 if there are bounds */
+                    work->first.sums.cost); /* with bounds the other value is 0 */
 }
 
-/* The cell's droplet against what one of its neighbours has. */
+/* Tries to swap the cell's droplet with the value of a neighbour. */
 static void swap(TileWork *work, size_t i, size_t j) {
     const PlanSurface *surface = work->surface;
     const uint8_t *plan = surface_layer(surface, 0);
@@ -153,13 +153,13 @@ static void swap(TileWork *work, size_t i, size_t j) {
         return;
     const Sums sums = sums_of(work);
     Swap best = {.other = own, .cost = -surface->least_gain};
-    unsigned given = own; /* what the cell gets by the first change */
+    unsigned given = own; /* value of the cell after the first change */
     for (size_t k = 0; k < count; k++) {
         const size_t row = partner[k] / 3, column = partner[k] % 3, its_i = i + row - 1, its_j = j + column - 1;
         const unsigned other = plan[surface_cell(surface, its_i, its_j)];
         if (other != given)
             begin_swap(work, i, j, own, other);
-        given = other; /* and while the cell's flip has become known: */
+        given = other; /* the first change has also given the cost of the cell's flip: */
         if (is_swap_in_vain(work->flips, surface_cell(surface, i, j), surface_cell(surface, its_i, its_j), row != 1,
                             column != 1))
             continue;
@@ -179,10 +179,10 @@ static void swap(TileWork *work, size_t i, size_t j) {
     work->tally->swaps++;
 }
 
-enum { WORD = 8 };        /* cells that are looked at together */
-enum { FELT_BEHIND = 4 }; /* cells behind one whose move was made: it may help on them from now on */
+enum { WORD = 8 };        /* cells tested together */
+enum { FELT_BEHIND = 4 }; /* cells behind one whose move was made that it may affect */
 
-/* The first cell of the row from k on that has any of the bits, or `count`. */
+/* The first cell of the row from k on with any of the bits, or `count`. */
 static size_t next_with(const uint8_t *cells, uint8_t bits, size_t k, size_t count) {
     const uint64_t wanted = bits * UINT64_C(0x0101010101010101);
     for (; k + WORD <= count; k += WORD) {
@@ -213,7 +213,7 @@ static inline int64_t moves_made(const TileWork *work) {
     return work->tally->flips + work->tally->swaps;
 }
 
-/* The cells of a row that are awake for the move; false if the time has ended. */
+/* Tries the move on the cells of a row that are awake for it; false if the time has ended. */
 static bool sweep_row(TileWork *work, size_t i, const Tile *tile, uint8_t move) {
     const size_t cell = surface_cell(work->surface, i, tile->left), count = tile->right - tile->left;
     uint8_t *awake = work->awake + cell, open[TILE];

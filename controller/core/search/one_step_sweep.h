@@ -1,5 +1,5 @@
-/* Flips and swaps in one tile of a plan that is printed in one step, until none helps: what tile_moves.h does for any
- * plan, in a fifth of the time and without leaving the tile while it is in the cache. */
+/* Flips and swaps in one tile of a plan that is printed in one step, until none helps: the work of tile_moves.h in a
+ * fifth of the time, and on the tile while it is in the cache. */
 #ifndef INKLOOP_ONE_STEP_SWEEP_H
 #define INKLOOP_ONE_STEP_SWEEP_H
 

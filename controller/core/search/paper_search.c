@@ -16,7 +16,7 @@ static void shuffle(size_t *order, size_t count, Draw *draw) {
     }
 }
 
-/* Takes the droplet from a cell, or puts one of the first kind that may fall there. */
+/* Flip of a cell: removes its droplet, or adds one of the first kind allowed there. */
 static Change flip_of(const PlanSurface *surface, size_t cell) {
     Change flip = {0, cell / surface->ny, cell % surface->ny, 0};
     if (surface_layer(surface, 0)[surface_cell(surface, flip.i, flip.j)])

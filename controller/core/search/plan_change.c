@@ -6,17 +6,18 @@
 #include "instruction_sets.h"
 #include "one_step.h"
 
-enum { LANES = 4 }; /* cells that are calculated at once: rows are rounded up to them, and what is there goes nowhere */
+/* cells computed at once: rows are rounded up to them; the values behind their ends are not used */
+enum { LANES = 4 };
 
 typedef struct {
     const PlanSurface *surface;
     const Change *change;
     size_t count;
     Window *window;
-    ptrdiff_t top, left; /* cell of the map that is the window's first */
+    ptrdiff_t top, left; /* cell of the map at the window's first cell */
 } Trial;
 
-/* Whether what flows between two cells falls off alike whatever droplets are on them. */
+/* Whether the flow between two cells has the same slope for all droplets. */
 static bool has_even_slopes(const PlanSurface *surface) {
     const Droplet *first = &surface->droplet[1];
     bool found = true;
@@ -27,8 +28,8 @@ static bool has_even_slopes(const PlanSurface *surface) {
 }
 
 bool window_open(Window *window, const PlanSurface *surface) {
-    const size_t side = 2 * surface->steps + 6 + LANES; /* a 4x4 box, one more cell each way for every step and for
-                                                           reading, and what rows are rounded up by */
+    /* a 4x4 box, one more cell each way for every step and for reading, and the rounding of rows */
+    const size_t side = 2 * surface->steps + 6 + LANES;
     const size_t cells = side * side;
     *window = (Window){
         .side = side, .is_even = has_even_slopes(surface), .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
@@ -66,7 +67,7 @@ static bool is_in_step(const Trial *trial, const Change *change, size_t step) {
     return surface_step(trial->surface, change->layer, change->i, change->j) == step;
 }
 
-/* The box with the 3x3 cells around every change of the step. */
+/* The box enlarged by the 3x3 cells around every change of the step. */
 static Box with_changes(const Trial *trial, Box box, size_t step) {
     for (size_t k = 0; k < trial->count; k++) {
         const Change *change = &trial->change[k];
@@ -85,7 +86,7 @@ static void copy_rows(const Trial *trial, const double *map, double *local, cons
         memcpy(local + in_window(trial, row, box->left), map + in_map(trial, row, box->left), columns * sizeof(double));
 }
 
-/* The first step that differs: droplets are added to and taken from the surface as it is. */
+/* Computes the first step that differs: adds and removes droplets on the present surface. */
 static void begin(const Trial *trial, const Box *box, size_t step) {
     const PlanSurface *surface = trial->surface;
     const double *before = surface_height(surface, step);
@@ -129,7 +130,7 @@ static void load_values(const Trial *trial, const Box *box, size_t step) {
                 (uint8_t)trial->change[k].value;
 }
 
-/* What the droplets in the window give away. */
+/* Loads the largest shares, and for mixed kinds the slopes, of the droplets in the window. */
 static INLINED void load_shares(const Trial *trial, const Box *box) {
     const PlanSurface *surface = trial->surface;
     const Window *window = trial->window;
@@ -155,13 +156,13 @@ static INLINED void load_shares(const Trial *trial, const Box *box) {
     }
 }
 
-/* What a cell loses to a neighbour less what it gets from it, `rise` above it. */
+/* Share that a cell gives to a neighbour less the share it gets from it; the neighbour lies `rise` lower. */
 static INLINED double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
     return flow(spread, slope, rise) - flow(its_spread, its_slope, -rise);
 }
 
-/* Takes from a row of cells what they lose to the neighbours `one` and `other` cells before and behind. The arrays do
- * not overlap: a compiler may do several cells at once. */
+/* Subtracts from a row of cells their losses to the neighbours `one` and `other` cells before and behind. The arrays do
+ * not overlap, so that the loop can be vectorised. */
 static INLINED void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
                                 const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
@@ -171,7 +172,7 @@ static INLINED void take_losses(double *restrict after, const double *restrict b
                     loss(spread[k], slope[k], spread[k + other], slope[k + other], before[k] - before[k + other]);
 }
 
-/* The same between cells whose droplets all have one slope: there one of the two shares is whole, or each is. */
+/* The same between cells whose droplets all have one slope: then one of the two shares is whole, or both are. */
 static INLINED double even_loss(double spread, double its_spread, double slope, double rise) {
     return (spread - its_spread) + between(-spread, on_lattice(slope * rise), its_spread);
 }
@@ -209,7 +210,7 @@ static INLINED void print_window(const Trial *trial, const Box *box) {
     }
 }
 
-/* Takes from a row of droplets what the neighbours `one` and `other` cells before and behind take of them. */
+/* Subtracts from a row of droplets the shares of the neighbours `one` and `other` cells before and behind. */
 static INLINED void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
                                 const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
@@ -229,7 +230,7 @@ static INLINED void take_even_shares(double *restrict kept, const double *restri
                    flow(spread[k], slope, before[k] - before[k + other]);
 }
 
-/* What the droplets of the step leave on their own cells, and so to chance. */
+/* Computes the height that the droplets of the step leave on their own cells, and from it their uncertainty. */
 static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
     const Droplet *droplet = trial->surface->droplet;
@@ -254,7 +255,7 @@ static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     }
 }
 
-/* read: the box and the cells around it. */
+/* Prints the step in the box; read: the box and the cells around it. */
 static INLINED void print_box(const Trial *trial, const Box *box, const Box *read, size_t step) {
     load_shares(trial, read);
     print_window(trial, box);
@@ -270,7 +271,7 @@ static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, const B
     print_box(trial, box, read, step);
 }
 
-/* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
+/* Continues with the next step: the surface in `after`, which differs in `box`, becomes the one before it. */
 static void carry(const Trial *trial, const Box *box, const Box *next, size_t step) {
     Window *window = trial->window;
     const Box read = {next->top - 1, next->bottom + 1, next->left - 1, next->right + 1};
@@ -284,7 +285,7 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
     (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, &read, step);
 }
 
-/* The part of the box that holds all cells whose height after the step differs. */
+/* The smallest box that holds all cells whose height after the step differs. */
 static Box differing(const Trial *trial, const Box *box, size_t step) {
     const double *map = surface_height(trial->surface, step + 1), *after = trial->window->after;
     Box found = {box->bottom + 1, box->top - 1, box->right + 1, box->left - 1};
@@ -338,8 +339,8 @@ static void take_costs(PlanSurface *surface, const Box *box) {
 
 static const Box NOWHERE = {1, 0, 1, 0};
 
-/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs, and
- * in `touched` where any does. */
+/* Propagates the changes through all steps, and stores them in the maps of `made` if that is not NULL; returns the box
+ * where the last surface differs, and in `touched` the box where any does. */
 static Box carry_through(const Trial *trial, PlanSurface *made, Box *touched) {
     const PlanSurface *surface = trial->surface;
     Box box = NOWHERE;

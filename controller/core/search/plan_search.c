@@ -6,7 +6,7 @@
 #include "counter_random.h"
 #include "tiled_sweep.h"
 
-/* Temperatures as shares of what one droplet's own height is worth in the objective: hot enough to move between the
+/* Temperatures as shares of the worth of one droplet's own height in the objective: hot enough to move between the
  * optima of random surfaces, cold enough to freeze (found by trial on grids whose optimum is proven). */
 static const double HOT = 0.2, COLD = 0.01;
 
@@ -29,7 +29,7 @@ static void keep_best(Search *search) {
     memcpy(search->best, surface->plan, surface->problem->layers * surface->framed);
 }
 
-/* One sweep; CORE_DONE, or why the search ends here; *changes: how many were made. */
+/* One sweep; CORE_DONE, or the reason why the search ends here; *changes: number of changes made. */
 static int32_t sweep(Search *search, const Sweep *wanted, int64_t *changes) {
     bool out_of_time;
     *changes = tiled_sweep(&search->tiling, wanted, search->report, &out_of_time);
@@ -73,9 +73,9 @@ static int32_t repeat(Search *search, int32_t moves, int64_t *sweeps, bool *chan
     return CORE_DONE;
 }
 
-/* Rounds of flips, swaps and shifts, each until none helps (the order by trial on nearly flat printed surfaces); what
- * is printed in one step has no shifts, and the others together, tile by tile. When a round has changed nothing, one
- * more over all cells makes sure, unless no change is felt further than it wakes. */
+/* Rounds of flips, swaps and shifts, each until none helps (order by trial on nearly flat printed surfaces). A plan
+ * printed in one step has no shifts; its flips and swaps run together, tile by tile. After a round without a change a
+ * sweep over all cells checks the result, unless no change reaches further than it wakes. */
 static int32_t descend(Search *search) {
     static const int32_t ORDER[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_SHIFTS}, TOGETHER[] = {MOVE_FLIPS | MOVE_SWAPS};
     const PlanSurface *surface = search->surface;
@@ -122,7 +122,7 @@ int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double d
         memcpy(surface->plan, search.best, values);
         report->incremental = search.best_value;
     }
-    if (is_worse || surface->weighting.alpha < 1.0) /* a colour out of time may have left its surfaces behind */
+    if (is_worse || surface->weighting.alpha < 1.0) /* a colour that ran out of time may leave surfaces not updated */
         surface_evaluate(surface);
     else
         surface_add_up(surface);

@@ -4,8 +4,8 @@
 
 #include "plan_surface.h"
 
-/* Improves the plan of the surface. It never ends worse than it began: the best plan at the end of a sweep is kept,
- * and evaluated. Counts what it did in `report`; ends at the `deadline` by the stopwatch. Returns CORE_DONE (none of
+/* Improves the plan of the surface. The result is never worse than the start: the best plan at the end of a sweep is
+ * kept, and evaluated. Counts its work in `report`; ends at the `deadline` by the stopwatch. Returns CORE_DONE (none of
  * the requested moves helps), CORE_BUDGET, CORE_TIME, CORE_STOPPED or CORE_NO_MEMORY. */
 int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double deadline, SearchReport *report);
 

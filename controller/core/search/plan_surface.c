@@ -49,7 +49,7 @@ static void set_frame(const PlanSurface *surface, double *height) {
         height[j] = height[surface->framed - 1 - j] = ABYSS;
 }
 
-/* Copies the problem's data of each cell into the maps. Returns the number of cells of the part. */
+/* Copies the problem's data into the maps. Returns the number of cells of the part. */
 static double copy_maps(PlanSurface *surface) {
     const HorizonProblem *problem = surface->problem;
     double count = 0.0;
@@ -163,15 +163,15 @@ enum {
     BAND = 128,
     FRAMED_BAND = BAND + 2,
     BAND_ROWS = BAND_CELLS / BAND
-}; /* columns that are printed together; cell k of a band is at 1 + k */
+}; /* columns printed together; cell k of a band is at 1 + k */
 
 /* Droplets of a row of a band, jetted in one step. */
 typedef struct {
-    bool is_jetted; /* there are any; if not, all is 0 */
+    bool is_jetted; /* some cell has a droplet; if none has, all values are 0 */
     double volume[FRAMED_BAND], spread[2][FRAMED_BAND], slope[2][FRAMED_BAND];
 } DropletRow;
 
-/* Row `row` of the map, columns from `left` - 1 to `left` + count, without the droplets of other steps. */
+/* Loads row `row` of the map, columns from `left` - 1 to `left` + count, without the droplets of other steps. */
 static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row, size_t left, size_t count,
                              DropletRow *droplets) {
     const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
@@ -196,8 +196,8 @@ static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row
     }
 }
 
-/* Takes from the cells of a row what flows to the neighbours `ahead` columns further in another row, and adds what
- * comes from there. */
+/* Subtracts from the cells of a row the flow to the neighbours `ahead` columns further in another row, and adds the
+ * flow from there. */
 static INLINED void exchange(const DropletRow *here, const DropletRow *there, int place, size_t ahead, size_t count,
                              const double *restrict before, const double *restrict its, double *restrict left,
                              double *restrict after) {
@@ -210,7 +210,7 @@ static INLINED void exchange(const DropletRow *here, const DropletRow *there, in
     }
 }
 
-/* Rows `top` to `bottom` excluded of a step, of all rows from 1 to nx, for one thread. */
+/* Rows `top` to `bottom` excluded of a step, for one thread; all rows are 1 to nx. */
 typedef struct {
     PlanSurface *surface;
     size_t step, top, bottom;
@@ -236,7 +236,8 @@ static bool run_rows(void *(*work)(void *share), PlanSurface *surface, size_t st
     return is_done;
 }
 
-/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. False if the time has ended. */
+/* Prints a step on some columns; `kept`: height that each droplet leaves on its own cell. False if the time has
+ * ended. */
 static INLINED bool print_band(const RowShare *share, size_t left, size_t count) {
     const PlanSurface *surface = share->surface;
     const size_t step = share->step;
@@ -246,7 +247,7 @@ static INLINED bool print_band(const RowShare *share, size_t left, size_t count)
     const bool is_uncertain = step + 1 == surface->steps && surface->chance > 0.0; /* else the map stays 0 */
     DropletRow rows[3];
     for (size_t k = 0; k < 3; k++)
-        rows[k].is_jetted = true; /* nothing is known */
+        rows[k].is_jetted = true; /* no row has been loaded yet */
     load_row(surface, step, share->top - 1, left, count, &rows[(share->top - 1) % 3]);
     load_row(surface, step, share->top, left, count, &rows[share->top % 3]);
     for (size_t row = share->top; row < share->bottom; row++) {
@@ -301,7 +302,7 @@ static void *print_share(void *handed) {
     return NULL;
 }
 
-/* What the heights after the last step cost, cell by cell; nothing on the frame. */
+/* Computes the costs of the heights after the last step, cell by cell; 0 on the frame. */
 static void *take_costs(void *handed) {
     RowShare *share = handed;
     const PlanSurface *surface = share->surface;
@@ -312,7 +313,7 @@ static void *take_costs(void *handed) {
     return NULL;
 }
 
-/* The reference of the heights is the mean that they have after the last step. */
+/* The reference of the heights is their mean after the last step. */
 void surface_add_up(PlanSurface *surface) {
     const double *last = surface_height(surface, surface->steps);
     double mean = 0.0;

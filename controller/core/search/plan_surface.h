@@ -1,13 +1,14 @@
-/* The surfaces that a plan gives, one before every step of printing and one after the last, and their objective.
+/* The surfaces of a plan, one before every step of printing and one after the last, and their objective.
  *
  * A plan is printed in steps: one for each layer, or one for each of its four passes. Every map has a frame of one
- * cell, so that no edge need be checked: nothing falls there, and it lies so deep that it takes every share.
+ * cell, so that no edge need be checked: it has no droplets, and lies so deep that it takes every share.
  *
- * Nothing corrects the last droplet of a cell. Its volume is uniform between bounds, so the height of the cell is too,
- * and errors and squares count as their means: an error e under +-w as |e| or, within w, as (e^2 / w + w) / 2, and the
- * square as w^2 / 3 more. w is what the droplet leaves on its own cell times the bound of its volume: a droplet that
- * fills a pit keeps what its neighbours do not take, and is the least sure. For a cell without a droplet in the last
- * step w is that of a droplet on level ground: it had one before. */
+ * Uncertainty, "left to chance": no later droplet corrects the last one of a cell. Its volume is uniform between
+ * bounds, so the height of the cell is too, and errors and squares count with their expected values: an error e under
+ * +-w as |e| or, within w, as (e^2 / w + w) / 2, and the square as w^2 / 3 more. w is the height that the droplet
+ * leaves on its own cell times the bound of its volume: a droplet that fills a pit keeps all that its neighbours do not
+ * take, and has the largest w. For a cell without a droplet in the last step w is that of a droplet on level ground: it
+ * had one before. */
 #ifndef INKLOOP_PLAN_SURFACE_H
 #define INKLOOP_PLAN_SURFACE_H
 
@@ -24,22 +25,24 @@ typedef struct {
     const HorizonProblem *problem;
     size_t nx, ny, stride, framed; /* stride: from row to row; framed: cells of a map */
     size_t steps, threads;
-    Droplet droplet[1 + KINDS_MAX]; /* of each value of a plan */
+    Droplet droplet[1 + KINDS_MAX]; /* droplet of each value of a plan */
     double *height;                 /* steps + 1 maps [m] */
-    double *target, *weight;        /* maps: of the last surface [m]; of the cells' errors */
+    double *target, *weight;        /* maps: target of the last surface [m]; weights of the errors */
     double *inside;                 /* a map: 1 in the part, 0 outside; without a fringe the same as `weight` */
     double *ceiling;                /* a map [m]; NULL: none */
-    double *left_to_chance, *cost;  /* maps: w of each cell [m], and what its height after the last step costs [m] */
-    uint8_t *plan;                  /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */
-    double upward, skew;            /* cost of an error e: weight * (upward |e| + skew e) */
-    double chance;                  /* bound of what a droplet's volume differs by, as a share of it; 0: not counted */
-    double least_chance;            /* w of the smallest droplet on level ground [m] */
-    double reference;               /* what heights count from in the sums [m] */
-    bool is_evaluated;              /* the surfaces are those of the plan */
+    /* maps: uncertainty w of each cell [m], and cost of its height after the last step [m] */
+    double *left_to_chance, *cost;
+    uint8_t *plan;       /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */
+    double upward, skew; /* cost of an error e: weight * (upward |e| + skew e) */
+    /* bound of the deviation of a droplet's volume, as a share of it; 0: not counted */
+    double chance;
+    double least_chance; /* w of the smallest droplet on level ground [m] */
+    double reference;    /* reference of the heights in the sums [m] */
+    bool is_evaluated;   /* the surfaces are those of the plan */
     Weighting weighting;
     Sums sums;
-    double droplet_worth; /* what one cell nearer by the height of a droplet is worth in the objective [m] */
-    double least_gain;    /* a change of the objective counts as a gain below minus this [m] */
+    double droplet_worth; /* worth of one droplet's own height on one cell in the objective [m] */
+    double least_gain;    /* a change of the objective below minus this counts as a gain [m] */
     void *memory;
 } PlanSurface;
 
@@ -47,38 +50,38 @@ enum { CHANGES_MAX = 2 };
 
 typedef struct {
     size_t layer, i, j;
-    unsigned value; /* of the plan there from now on */
+    unsigned value; /* new value of the plan there */
 } Change;
 
 /* Takes memory and evaluates the plan (layers * nx * ny). False if there is no memory. */
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan);
 
-/* The same, but for the evaluation where that does not end before `ends_at` by the stopwatch; *is_evaluated reports
- * which. This and all later evaluations take `threads`; the bits do not depend on them. */
+/* The same, but the evaluation stops at `ends_at` by the stopwatch; *is_evaluated reports whether it was completed.
+ * This and all later evaluations use `threads`; the bits do not depend on them. */
 bool surface_open_until(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan, double ends_at,
                         int32_t threads, bool *is_evaluated);
 void surface_close(PlanSurface *surface);
 
-/* All surfaces and sums of the present plan from scratch. */
+/* Evaluates all surfaces and sums of the present plan from scratch. */
 void surface_evaluate(PlanSurface *surface);
 
-/* The same; false if `ends_at` came before the end: the surfaces are of no use then. */
+/* The same; false, and the surfaces are invalid, if `ends_at` came first. */
 bool surface_evaluate_until(PlanSurface *surface, double ends_at);
 
-/* The sums alone, where the surfaces are those of the plan. */
+/* Computes the sums alone, where the surfaces are those of the plan. */
 void surface_add_up(PlanSurface *surface);
 
 /* Objective of the present plan, in its parts, from scratch. */
 Objective surface_objective(const PlanSurface *surface);
 
-/* Whether the surfaces are evaluated, and those of this plan. */
+/* Whether the surfaces are evaluated, and belong to this plan. */
 bool surface_holds(const PlanSurface *surface, const int32_t *plan);
 
-/* Sets every value of the plan, or writes them out: layers * nx * ny. The surfaces want an evaluation afterwards. */
+/* Sets every value of the plan, or writes them out: layers * nx * ny. The surfaces must be evaluated afterwards. */
 void surface_set_plan(PlanSurface *surface, const int32_t *plan);
 void surface_plan(const PlanSurface *surface, int32_t *plan);
 
-/* Cell (i, j) of the grid in a map with its frame. */
+/* Index of cell (i, j) of the grid in a map with its frame. */
 static inline size_t surface_cell(const PlanSurface *surface, size_t i, size_t j) {
     return (i + 1) * surface->stride + j + 1;
 }
@@ -91,7 +94,7 @@ static inline uint8_t *surface_layer(const PlanSurface *surface, size_t layer) {
     return surface->plan + layer * surface->framed;
 }
 
-/* Whether a droplet on cell (i, j) may be of this value of a plan; 0 always may. */
+/* Whether this value of a plan is allowed on cell (i, j); 0 always is. */
 static inline bool surface_allows(const PlanSurface *surface, size_t layer, size_t i, size_t j, unsigned value) {
     const uint16_t *choices = surface->problem->choices + (layer * surface->nx + i) * surface->ny + j;
     return ((2u * *choices + 1u) >> value) & 1u;
@@ -108,13 +111,13 @@ static inline size_t surface_step(const PlanSurface *surface, size_t layer, size
     return 4 * layer + pass;
 }
 
-/* What a cell's last droplet leaves to chance, +-w [m]. */
+/* Uncertainty w of a cell whose last droplet keeps `kept` [m]. */
 static inline double surface_chance(const PlanSurface *surface, double kept) {
     const double own = surface->chance * kept;
     return own > surface->least_chance ? own : surface->least_chance;
 }
 
-/* What the height of a cell after the last step costs [m], left to `chance`. */
+/* Cost of the height of a cell after the last step with uncertainty `chance` [m]. */
 static inline double surface_cost(const PlanSurface *surface, size_t cell, double height, double chance) {
     const double error = height - surface->target[cell], size = fabs(error);
     const double expected = size < chance ? 0.5 * (error * error / chance + chance) : size;
@@ -125,7 +128,7 @@ static inline double surface_cost(const PlanSurface *surface, size_t cell, doubl
 }
 
 /* Adds `sign` times the shares of a droplet at `cell` on the surface `before` to `after`, where `cell` is `there` and
- * rows are `stride` apart. Returns what it leaves on its own cell [m]. */
+ * rows are `stride` apart. Returns the height that it leaves on its own cell [m]. */
 double surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
                            double *after, size_t there, size_t stride);
 

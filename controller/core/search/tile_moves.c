@@ -8,11 +8,11 @@
 /* Cells printed between two looks at the clock: about a tenth of a millisecond (by trial). */
 static const int64_t WORK_BETWEEN_LOOKS = 20000;
 
-/* A change wakes the moves of cells so near. Over one step nothing further away feels it: a swap reads the cells within
- * 2 and a change alters those within 1. Over more steps a last sweep over all cells sees to the others (by trial). */
+/* Distance within which a change wakes moves. Over one step it has no further effect: a swap reads the cells within 2
+ * and a change alters those within 1. Over more steps a last sweep over all cells covers the rest (by trial). */
 enum { WAKE_REACH = 3 };
 
-static const double EXP_ROUNDED = 1.0 + 1e-12; /* more than any C library rounds an exponential by */
+static const double EXP_ROUNDED = 1.0 + 1e-12; /* bound of the relative rounding of an exponential in any C library */
 
 typedef struct {
     PlanSurface *surface;
@@ -25,15 +25,15 @@ typedef struct {
     int64_t next_look;
 } Work;
 
-/* The best set of changes tried so far. */
+/* The best move tried so far. */
 typedef struct {
     Change change[CHANGES_MAX];
     size_t count;
     Sums worth;  /* see plan_trial_worth */
-    double cost; /* what it does to the objective [m] */
+    double cost; /* change of the objective [m] */
 } Best;
 
-/* Whether the changes certainly do not lower the objective by more than `cost` does. */
+/* Whether the changes certainly do not lower the objective by more than `cost`. */
 static bool is_in_vain(Work *work, const Change *change, size_t count, const Sums *sums, double cost) {
     work->window->work += NEAR_ROWS;
     return change_bound(work->bound, work->surface, change->i, change->j, change, count, sums) >= cost;
@@ -70,7 +70,7 @@ void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j) {
     const size_t right = j + WAKE_REACH < surface->ny ? j + WAKE_REACH : surface->ny - 1;
     for (size_t row = top; row <= bottom; row++) {
         uint8_t *near = awake + surface_cell(surface, row, left);
-        if (right - left == 2 * WAKE_REACH) /* a constant length takes two instructions */
+        if (right - left == 2 * WAKE_REACH) /* a constant length compiles to two instructions */
             memset(near, MOVES_ALL, 2 * WAKE_REACH + 1);
         else
             memset(near, MOVES_ALL, right - left + 1);
@@ -95,7 +95,7 @@ static Best no_better(const Work *work) {
     return (Best){.cost = -work->surface->least_gain};
 }
 
-/* Another droplet, or none, on the cell in this layer. */
+/* Tries another droplet, or none, on the cell in this layer. */
 static void flip(Work *work, size_t layer, size_t i, size_t j) {
     const unsigned own = value_at(work, layer, i, j);
     Best best = no_better(work);
@@ -110,13 +110,13 @@ static void flip(Work *work, size_t layer, size_t i, size_t j) {
     }
 }
 
-/* The cell's droplet against what one of its neighbours has in the same layer. */
+/* Tries to swap the cell's droplet with the value of a neighbour in the same layer. */
 static void swap(Work *work, size_t layer, size_t i, size_t j) {
     const PlanSurface *surface = work->surface;
     const unsigned own = value_at(work, layer, i, j);
     Best best = no_better(work);
     for (size_t k = 0; own && k < FOOTPRINT; k++) {
-        const size_t row = i + k / 3, column = j + k % 3; /* one more than the neighbour's own: no wrap at 0 */
+        const size_t row = i + k / 3, column = j + k % 3; /* neighbour's row and column plus one: no wrap at 0 */
         if (row < 1 || row > surface->nx || column < 1 || column > surface->ny)
             continue;
         const unsigned other = value_at(work, layer, row - 1, column - 1);
@@ -131,7 +131,7 @@ static void swap(Work *work, size_t layer, size_t i, size_t j) {
     }
 }
 
-/* The cell's droplet against what the cell has in another layer. */
+/* Tries to exchange the cell's droplet with its value in another layer. */
 static void shift(Work *work, size_t layer, size_t i, size_t j) {
     const PlanSurface *surface = work->surface;
     const unsigned own = value_at(work, layer, i, j);
@@ -149,7 +149,7 @@ static void shift(Work *work, size_t layer, size_t i, size_t j) {
     }
 }
 
-/* Proposes another droplet on the cell in this layer, drawn from all that may fall there; false: there is none. */
+/* Proposes another droplet on the cell in this layer, drawn from all allowed there; false: there is none. */
 static bool draw_flip(const Work *work, size_t layer, size_t i, size_t j, uint64_t draw, Change *change) {
     const unsigned own = value_at(work, layer, i, j);
     unsigned other[KINDS_MAX];
@@ -162,7 +162,8 @@ static bool draw_flip(const Work *work, size_t layer, size_t i, size_t j, uint64
     return others > 0;
 }
 
-/* Proposes to exchange what the cell has in this layer and in another one, which is drawn; false: it is the same. */
+/* Proposes to exchange the values of the cell in this layer and in another one, which is drawn; false: they are
+ * equal. */
 static bool draw_shift(const Work *work, size_t layer, size_t i, size_t j, uint64_t draw, Change change[2]) {
     const size_t layers = work->surface->problem->layers;
     const size_t other = (layer + 1 + (size_t)random_below(work->sweep->key, draw, layers - 1)) % layers;
@@ -172,7 +173,7 @@ static bool draw_shift(const Work *work, size_t layer, size_t i, size_t j, uint6
            surface_allows(work->surface, other, i, j, change[1].value);
 }
 
-/* Whether annealing declines the changes with the number `drawn`, as is certain from the least that they cost. */
+/* Whether annealing certainly rejects the changes for the number `drawn`, by the lower bound of their cost. */
 static bool is_declined(Work *work, const Change *change, size_t count, double drawn) {
     const Sums sums = sums_after(work->before, &work->tally->change);
     const double least = change_bound(work->bound, work->surface, change->i, change->j, change, count, &sums);
@@ -183,7 +184,7 @@ static bool is_declined(Work *work, const Change *change, size_t count, double d
 }
 
 /* A random change of the cell in this layer, made if it helps and sometimes if it does not (Metropolis). With more
- * layers every second one is a shift: what layer a droplet falls in costs less than whether it falls. */
+ * layers every second one is a shift: the layer of a droplet matters less than the droplet itself. */
 static void anneal(Work *work, size_t layer, size_t i, size_t j) {
     const uint64_t key = work->sweep->key, draw = 3 * ((layer * work->surface->nx + i) * work->surface->ny + j);
     const bool shifts = work->surface->problem->layers > 1 && random_unit(key, draw) < 0.5;
@@ -210,7 +211,7 @@ static bool is_out_of_time(Work *work) {
     return work->tally->out_of_time;
 }
 
-/* Whether the move may help on the cell, which is not awake for it any longer. */
+/* Whether the move may help on the cell; puts the cell to sleep for it. */
 static bool is_open(const Work *work, uint8_t *own) {
     const int32_t move = work->sweep->move;
     const bool changed = work->tally->flips + work->tally->swaps + work->tally->shifts > 0;
@@ -230,8 +231,9 @@ void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sw
                 continue;
             if (is_out_of_time(&work))
                 return;
-            *own |= (uint8_t)(sweep->move << TRIED); /* unless it helps: then all moves of the cell are awake */
-            for (size_t layer = surface->problem->layers; layer-- > 0;) { /* the last costs least to try */
+            /* reset if the move helps: then all moves of the cell are awake */
+            *own |= (uint8_t)(sweep->move << TRIED);
+            for (size_t layer = surface->problem->layers; layer-- > 0;) { /* the last layer is cheapest to try */
                 switch (sweep->move) {
                 case MOVE_FLIPS:
                     flip(&work, layer, i, j);

@@ -5,9 +5,9 @@
 #include "change_bound.h"
 #include "plan_change.h"
 
-/* What a sweep did in a tile. */
+/* Results of a sweep in a tile. */
 typedef struct {
-    Sums change; /* of the sums of the surface */
+    Sums change; /* change of the sums of the surface */
     int64_t evaluations, flips, swaps, shifts;
     bool out_of_time;
 } Tally;
@@ -17,28 +17,27 @@ enum { MOVE_ANNEAL = 8 };
 
 typedef struct {
     int32_t move;       /* MOVE_...; one_step_sweep takes several */
-    double temperature; /* of annealing [m] */
-    uint64_t key;       /* of its random numbers, one for each sweep */
+    double temperature; /* temperature of annealing [m] */
+    uint64_t key;       /* key of its random numbers, one for each sweep */
     double deadline;    /* by the stopwatch [s] */
 } Sweep;
 
-/* Cells where a move was tried in vain have its bit MOVE_... so many bits further up, until the plan changes anywhere.
- */
+/* Shift of the bits MOVE_... that mark a move tried without gain, until the plan changes anywhere. */
 enum { TRIED = 3 };
 
-/* `awake`: a map with the surface's frame; bit MOVE_... is set on cells where that move may have begun to help. The
- * tile begins with the sums `before` and leaves the surface's own alone: other tiles may be at work. The bound may know
- * the surface as it is, from a sweep before. */
+/* `awake`: a map with the surface's frame; bit MOVE_... is set on cells where that move may help since the last try.
+ * The tile begins with the sums `before` and does not write the surface's own, which other tiles use. The bound may
+ * hold data of the present surface from an earlier sweep. */
 void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
                 Window *window, ChangeBound *bound, Tally *tally);
 
-/* Sets all moves awake everywhere. What was tried in vain since the last change remains known. */
+/* Wakes all moves everywhere. The marks of moves tried without gain remain. */
 void wake_all(const PlanSurface *surface, uint8_t *awake);
 
-/* Somewhere the plan has changed: what was tried in vain may help. */
+/* Clears these marks after a change of the plan: such moves may help again. */
 void forget_tries(const PlanSurface *surface, uint8_t *awake);
 
-/* Sets all moves awake on the cells that may feel a change at (i, j). */
+/* Wakes all moves on the cells that a change at (i, j) may affect. */
 void wake_near(const PlanSurface *surface, uint8_t *awake, size_t i, size_t j);
 
 #endif

@@ -8,7 +8,7 @@
 
 _Static_assert(TILE > 2 * (STEPS_MAX + 2), "a swap of one tile reaches STEPS_MAX + 1 cells, and one more is read");
 
-/* The tiles of one colour that one thread sweeps: every `stride`th from `first` on. */
+/* Tiles of one colour that one thread sweeps: every `stride`th from `first` on. */
 typedef struct {
     Tiling *tiling;
     const Sweep *sweep;
@@ -64,7 +64,7 @@ static size_t tiles_of_colour(const Tiling *tiling, size_t colour) {
     return ((tiling->rows + 1 - colour / 2) / 2) * ((tiling->columns + 1 - colour % 2) / 2);
 }
 
-/* Index of the colour's tile number `k`. */
+/* Index of tile number `k` of a colour. */
 static size_t tile_index(const Tiling *tiling, size_t colour, size_t k) {
     const size_t columns = (tiling->columns + 1 - colour % 2) / 2;
     return (2 * (k / columns) + colour / 2) * tiling->columns + 2 * (k % columns) + colour % 2;
@@ -76,8 +76,8 @@ static Tile tile_at(const Tiling *tiling, size_t index) {
     return (Tile){top, top + TILE < nx ? top + TILE : nx, left, left + TILE < ny ? left + TILE : ny};
 }
 
-/* A change wakes cells of the tile and of those around it. */
-static void stir(Tiling *tiling, size_t index) {
+/* Marks the tile and those around it: a change may wake their cells. */
+static void mark_stirred(Tiling *tiling, size_t index) {
     const size_t row = index / tiling->columns, column = index % tiling->columns;
     for (size_t i = row > 0 ? row - 1 : 0; i <= row + 1 && i < tiling->rows; i++)
         for (size_t j = column > 0 ? column - 1 : 0; j <= column + 1 && j < tiling->columns; j++)
@@ -91,7 +91,7 @@ static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Su
     *tally = (Tally){0};
     if (sweep->move != MOVE_ANNEAL && !(tiling->stirred[index] & sweep->move))
         return;
-    tiling->stirred[index] &= (uint8_t)~sweep->move; /* until the changes of its colour are known */
+    tiling->stirred[index] &= (uint8_t)~sweep->move; /* set again by the changes of its colour */
     if (tiling->rows * tiling->columns > 1)          /* the surface has changed elsewhere */
         bound_renew(&tiling->bound[thread]);
     if (tiling->surface->steps > 1 || sweep->move == MOVE_ANNEAL)
@@ -119,7 +119,7 @@ static void sweep_together(Tiling *tiling, const Sweep *sweep, size_t colour) {
     run_parallel(sweep_share, share, sizeof *share, threads);
 }
 
-/* Sums with what the tiles of a colour did to them, in the order of the tiles. */
+/* Sums after the tiles of a colour, added in the order of the tiles. */
 static Sums joined_sums(const Tiling *tiling, size_t colour) {
     Sums sums = tiling->surface->sums;
     for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++)
@@ -158,7 +158,7 @@ static void sweep_colour(Tiling *tiling, const Sweep *sweep, size_t colour) {
         return;
     }
     memcpy(surface->plan, tiling->kept, values);
-    if (is_out_of_time(tiling, colour)) /* the search ends, and evaluates its plan */
+    if (is_out_of_time(tiling, colour)) /* the search ends here, and evaluates its plan */
         return;
     surface_evaluate(surface);
     forget_tries(surface, tiling->awake);
@@ -180,11 +180,11 @@ int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bo
             report->swaps += tally->swaps;
             report->shifts += tally->shifts;
             if (tally->flips + tally->swaps + tally->shifts > 0)
-                stir(tiling, index);
+                mark_stirred(tiling, index);
             changes += tally->flips + tally->swaps + tally->shifts;
             *out_of_time = *out_of_time || tally->out_of_time;
         }
-        if (changes > before && tiling->surface->steps > 1) /* sweeps of a single step do not look at them */
+        if (changes > before && tiling->surface->steps > 1) /* sweeps of a single step do not use the marks */
             forget_tries(tiling->surface, tiling->awake);
     }
     return changes;

@@ -1,7 +1,7 @@
 /* A sweep over the whole grid, tile by tile, on one thread or several with the same bits.
  *
- * Tiles are coloured 2x2. Tiles of one colour lie further apart than any of their windows reach, so they work on the
- * shared surface at once; each uses the sums from when its colour began, plus its own changes. */
+ * Tiles are coloured 2x2. Tiles of one colour are further apart than their windows reach, so they change the shared
+ * surface in parallel; each uses the sums from when its colour began, plus its own changes. */
 #ifndef INKLOOP_TILED_SWEEP_H
 #define INKLOOP_TILED_SWEEP_H
 
@@ -10,9 +10,9 @@
 typedef struct {
     PlanSurface *surface;
     uint8_t *awake;       /* a map: see tile_sweep */
-    uint8_t *stirred;     /* of each tile: the moves that some of its cells may be awake for */
-    uint8_t *kept;        /* the plan when a colour began: as many values as the surface's */
-    size_t rows, columns; /* of tiles */
+    uint8_t *stirred;     /* for each tile the moves that some of its cells may be awake for */
+    uint8_t *kept;        /* the plan when a colour began: all values of the surface's plan */
+    size_t rows, columns; /* number of tiles */
     Tally *tally;         /* one for each tile */
     size_t threads;
     Window *window;     /* one for each thread */
@@ -24,11 +24,11 @@ typedef struct {
 bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads);
 void tiling_close(Tiling *tiling);
 
-/* Every move of every cell may help. */
+/* Wakes every move of every cell. */
 void tiling_wake(Tiling *tiling);
 
-/* Makes one sweep and adds what it did to `report`; returns how many changes were made. `out_of_time` reports whether
- * the deadline passed; the plan and the sums are valid in either case. A sweep without annealing never raises the
+/* Makes one sweep and adds its counts to `report`; returns the number of changes. `out_of_time` reports whether the
+ * deadline passed; the plan and the sums are valid in either case. A sweep without annealing never raises the
  * objective: where that depends on more than the sums of each tile, the tiles of a colour go one after another. */
 int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bool *out_of_time);
 

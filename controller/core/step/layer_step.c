@@ -13,8 +13,8 @@ static bool is_looked_at(const LayerStep *step, const void *state) {
     return *step->values->looked_at && is_stopped(step, state);
 }
 
-/* Whether the last scan is of the layer commanded last, and has not been answered. After the last layer there is none.
- */
+/* Whether the last scan is of the layer commanded last, and has not been answered. After the last layer there is no new
+ * scan. */
 static bool is_new(const LayerStep *step, const StateHead *head, bool looked_at) {
     const int64_t scanned = *step->values->layers_scanned;
     return scanned == *step->values->layers_printed && scanned == head->layer_command &&

@@ -14,23 +14,22 @@
 
 #include "step_state.h"
 
-/* STEP_ANSWERED: the state after is whole; STEP_PLAN: it lacks a plan; STEP_NO_SCAN: the first scan has hardly a
- * reading. */
+/* STEP_ANSWERED: the state after is complete; STEP_PLAN: it lacks a plan; STEP_NO_SCAN: the first scan has too few
+ * readings. */
 enum { STEP_ANSWERED, STEP_PLAN, STEP_NO_MEMORY = CORE_NO_MEMORY, STEP_NO_SCAN = CORE_NO_SCAN };
 
-/* Whether the inputs ask for anything: a new scan of the layer commanded last, or a person has looked at a print that
- * was stopped. */
+/* Whether a step is due: a new scan of the layer commanded last, or a person has looked at a print that was stopped. */
 bool step_is_due(const LayerStep *step, const void *state);
 
-/* The handshake and the estimate of a step that is due: STEP_.... The blocks `before` and `after` have the same size.
- */
+/* Handshake and estimate of a step that is due; returns STEP_.... The blocks `before` and `after` have the same
+ * size. */
 int32_t step_begin(const LayerStep *step, const void *before, void *after);
 
-/* The plan of the core for a state that lacks one, beginning from the last one in `before`; taken. began: when the scan
- * came, by stopwatch_seconds. CORE_DONE, or CORE_NO_MEMORY and `after` is of no use. */
+/* Plans by the core for a state that lacks a plan, beginning from the last one in `before`, and stores the plan. began:
+ * arrival of the scan, by stopwatch_seconds. CORE_DONE, or CORE_NO_MEMORY and `after` is invalid. */
 int32_t step_plan(const LayerStep *step, const void *before, void *after, double began);
 
-/* Takes a plan (layers * nx * ny) for a state that lacks one. `after`: the same block, or another one for as many
+/* Stores a plan (layers * nx * ny) in a state that lacks one. `after`: the same block, or another one for as many
  * layers. */
 void step_take(const LayerStep *step, const void *before, const int32_t *plan, size_t layers,
                const PlanFigures *figures, void *after);

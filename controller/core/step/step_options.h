@@ -1,4 +1,4 @@
-/* What a controller works on, and what the parts of the core take of its options. */
+/* Inputs of a controller, and the options that parts of the core take from them. */
 #ifndef INKLOOP_STEP_OPTIONS_H
 #define INKLOOP_STEP_OPTIONS_H
 
@@ -14,23 +14,23 @@ typedef struct {
     const LayerControllerVariables *values;
     const int64_t *region_offsets;
     const double *region_bottoms, *region_tops;
-    int32_t threads;      /* 1 or more; no bit depends on it */
-    int32_t take_as_read; /* nothing is estimated: heights are what was read */
+    int32_t threads;      /* 1 or more; the bits do not depend on it */
+    int32_t take_as_read; /* no estimation: heights are the readings */
 } LayerStep;
 
 size_t cells_of(const LayerStep *step);
 
-/* Layers that are planned ahead; is_foreign: where the plant is not the model's (surface_estimate.h). */
+/* Number of layers planned ahead; is_foreign: the model does not describe the plant (surface_estimate.h). */
 size_t horizon_of(const LayerStep *step, bool is_foreign);
 
-/* The colour of each pass of layer number `layer`, in the order jetted; of no meaning for one pass. */
+/* The colour of each pass of layer number `layer`, in the order jetted; unused for one pass. */
 void layer_colours(const LayerStep *step, int32_t layer, int32_t colours[4]);
 
 InkPrior nominal_inks(const LayerStep *step);
 InkRegions ink_regions(const LayerStep *step);
 EstimatorOptions estimator_options(const LayerStep *step);
 
-/* The work that the plan after layer number `layer` may take, without anything to begin from. */
+/* Limits of the work on the plan after layer number `layer`, without start plans. */
 PlanWork plan_work(const LayerStep *step, int32_t layer);
 
 #endif

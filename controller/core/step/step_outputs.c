@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 }; /* of `status` in the layer contract */
+enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 }; /* values of `status` in the layer contract */
 
 /* plan: that of the layer commanded; NULL: nothing is jetted. height: of the estimate, NULL: 0 everywhere. */
 static void publish_maps(const LayerStep *step, const int32_t *plan, const double *height) {

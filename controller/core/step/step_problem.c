@@ -4,12 +4,13 @@
 
 #include "near_cells.h"
 
-static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 below the target (assumed) */
-static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
-static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
-static const double NO_LIMIT = 1.0;       /* [m], of the overshoot: the largest value means none */
+/* cost of a metre above the ceiling, relative to one below the target (assumed) */
+static const double CEILING_COST = 100.0;
+static const double CAUTION = 1.2;    /* increase of overshoot above 1 per droplet_std (by trial) */
+static const double NO_CEILING = 0.4; /* above any print from droplets [m] */
+static const double NO_LIMIT = 1.0;   /* largest overshoot_limit [m]: no limit */
 
-/* The droplets that may fall on the cells in the layer that comes `ahead` layers later than the next one. */
+/* The droplets allowed on the cells in the layer `ahead` layers after the next one. */
 static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, size_t ahead, bool dead_are_tried,
                            uint16_t *choices) {
     const LayerControllerVariables *v = step->values;
@@ -35,8 +36,8 @@ static void weigh_cells(const LayerStep *step, double *weight) {
     }
 }
 
-/* What the surface is not to exceed, over the part only: spill outside would forbid every droplet at the edge. After
- * one more layer, full and on a flat surface, the next scan comes. */
+/* Upper limit of the surface, over the part only: spill outside would forbid every droplet at the edge. It holds for
+ * one more layer, full and on a flat surface, until the next scan. */
 static void limit_cells(const LayerStep *step, const SurfaceToPlan *surface, double *ceiling) {
     const LayerControllerVariables *v = step->values;
     double squares = 0.0;

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { STOP_ON_DOUBT = 1 }; /* of OnDoubt in variables.toml */
+enum { STOP_ON_DOUBT = 1 }; /* value of OnDoubt in variables.toml */
 
 static size_t grid_of(const StateHead *head) {
     return (size_t)(head->nx * head->ny);

@@ -110,7 +110,7 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> i
 
 
 def _show(found: Iterable[Any], console: Terminal) -> None:
-    """Show each line as it comes; as JSON also the fields of what is more than a line."""
+    """Show each line as it comes; as JSON also the fields of records."""
     shown = []
     for each in found:
         console.sentence(str(each))

@@ -21,12 +21,12 @@ _SEEDS = {"LayerDeposition": "printer_seed", "ProfileSensor": "sensor_seed"}
 """Models that the emulator stands for, and its names of their seeds. Its other parameters have the same names: those
 that variables.toml calls emulated."""
 _SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_duration", "scan_duration", "height_start"}
-"""Given to the nodes by the master, by files, or by the times of the nodes."""
+"""Parameters set for the nodes by the master, by files, or by the times of the nodes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Emulation:
-    """Options of the emulator in SI, the surface to print on (nx, ny) [m], flat if None, and what goes wrong."""
+    """Options of the emulator in SI, the surface to print on (nx, ny) [m], flat if None, and its faults."""
 
     parameters: dict[str, float] = field(default_factory=dict)
     surface: FloatMap | None = None

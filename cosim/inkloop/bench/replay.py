@@ -1,7 +1,7 @@
-"""`inkloop replay`: a run on devices once more, from its traffic log and without a bus.
+"""`inkloop replay`: repeat a run on devices from its traffic log, without a bus.
 
-Controller, devices, links and services are those of a print; only the nodes' answers come from the log. What the
-master sends is compared with the log byte for byte, patterns and maps against the result of the run.
+Controller, devices, links and services are those of a print; only the nodes' answers come from the log. Frames of the
+master are compared with the log byte for byte, patterns and maps with the result of the run.
 """
 
 from __future__ import annotations
@@ -103,7 +103,9 @@ def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None
 
 
 def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
-    """Print into a folder; the differences if it ends otherwise than a run that came to its end (or not: is_whole)."""
+    """Print into a folder; the differences if it ends otherwise than the recorded run, which came to its end or not
+    (is_whole).
+    """
     place.mkdir(parents=True, exist_ok=True)
     errors = importlib.import_module("inkloop_hardware.errors")
     try:

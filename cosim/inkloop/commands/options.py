@@ -96,7 +96,7 @@ def add_platforms(parser: argparse.ArgumentParser) -> None:
 
 
 def add_part_options(parser: argparse.ArgumentParser) -> None:
-    """What the file of a part may leave open, and the pitch of a grid for it."""
+    """Options for values that the file of a part may omit, and the pitch of a grid for it."""
     parser.add_argument("--pitch-um", type=float, metavar="P", help="size of a cell (default: by the size of the part)")
     parser.add_argument(
         "--unit", metavar="U", help="unit of the file: um, mm ... (default: its own; of a mesh else mm)"
@@ -115,7 +115,7 @@ def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
 
 
 def no_part_options(options: argparse.Namespace) -> None:
-    """Raises InkloopError where the command line describes a part that a scenario or a run describes itself."""
+    """Raises InkloopError if options describe a part although the scenario or the run has its own."""
     names = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
     if names:
         given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
@@ -133,7 +133,7 @@ def scenario_of_part(options: argparse.Namespace, path: Path, overrides: Mapping
 
 
 def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
-    """Whether to print in a subprocess: as chosen, else where a component runs an FMU of others."""
+    """Whether to print in a subprocess: as chosen, else if a component runs an FMU of others."""
     return bool(scenario.foreign_fmus) if options.isolate is None else bool(options.isolate)
 
 
@@ -217,7 +217,7 @@ def screen(options: argparse.Namespace) -> Terminal:
 def show_error(error: InkloopError, options: argparse.Namespace, raised: Exception | None = None) -> None:
     """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes.
 
-    With --json the errors are printed as JSON too. raised: what the error stands for, if it was not raised itself.
+    With --json the errors are printed as JSON too. raised: the original error that this one replaces.
     """
     if options.json:
         screen(options).result(errors=list(error.errors) if isinstance(error, ScenarioError) else [str(error)])

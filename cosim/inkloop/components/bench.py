@@ -38,7 +38,7 @@ class Bench:
 
     @cached_property
     def journal(self) -> Any:
-        """What the master remembers of its requests to the nodes; in the folder, if there is one."""
+        """Journal of the master's requests to the nodes; in the folder, if there is one."""
         return load("inkloop_hardware.devices.master_journal", "MasterJournal")(self._folder)
 
 

@@ -1,4 +1,4 @@
-"""Components on a CAN bus: which kinds there are, and the model that stands for each in simulation.
+"""Components on a CAN bus: their kinds, and the model that replaces each in simulation.
 
 The options of a device are those of the model in its place, so that a scenario goes from one to the other by its kinds
 alone. A real device does not read them; they say how it is emulated. The package of the devices is loaded when one is

@@ -100,7 +100,9 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
 
 
 def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
-    """The ports of an FMU for its sizes, in the order of its own file: each form of our FMUs has another."""
+    """The ports of an FMU for its sizes, in the order of its own file: the order differs between the forms of our
+    FMUs.
+    """
 
     def ordered(causality: str) -> tuple[Port, ...]:
         ports = {port.name: port for port in parsed.description.ports(causality, parsed.sizes)}

@@ -25,7 +25,8 @@ from inkloop.tables.quantities import scaled
 from inkloop.units import missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
-"""Whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU that have these names."""
+"""Option: whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU with these
+names."""
 _FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
@@ -35,7 +36,7 @@ CONTROLLER = "LayerController"
 
 @dataclass(frozen=True, eq=False)
 class Parsed:
-    """What the options and the job come to, and the errors of the options, one sentence each.
+    """Parameters resolved from options and job, and the errors of the options, one sentence each.
 
     parameters: in the units of the FMU as written, enumerations by name or number; structural: sizes that are given;
     sizes: all of them; values: parameters as arrays. With errors, values and sizes may lack some.
@@ -72,7 +73,7 @@ def parse_file(description: FmuDescription, job: Job, options: Mapping[str, obje
 
 
 def values_of_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:
-    """What valid options and the job come to for any FMU file; sizes only where they are not its own."""
+    """Resolved parameters of valid options and the job for any FMU file; sizes only where they differ from its own."""
     parsed = parse_file(description, job, options)
     changed = {name: size for name, size in parsed.sizes.items() if size != description.default_sizes[name]}
     sizes = {name: description.parameters[name].convert(size, parsed.sizes) for name, size in changed.items()}
@@ -90,7 +91,7 @@ def parse(
 ) -> Parsed:
     """The options of an FMU by its own description. other_keys: options that are no parameters, to suggest.
 
-    defaults: parameters that stand where neither the job nor an option gives them.
+    defaults: values of parameters that neither the job nor an option gives.
     """
     known = description.parameters
     from_job = parameters_from_job(job) if use_job_parameters else {}

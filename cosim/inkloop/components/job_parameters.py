@@ -13,7 +13,7 @@ from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX
 from inkloop.geometry import Columns, cell_centers
 from inkloop.units import conversion
 
-EDGE_M = 1.0  # stands for no end; a bottom above its top for nowhere
+EDGE_M = 1.0  # replaces an infinite end; a bottom above its top marks an empty interval
 _LENGTHS = frozenset({"pitch", "target_height", "height_start"})
 
 
@@ -36,7 +36,7 @@ def ink_parameters(job: Job) -> dict[str, Any]:
 
 
 def factor_from_job(name: str, variable: Variable) -> float | None:
-    """From the job's number to the FMU's; None where the FMU means something else by the name."""
+    """factor: number of the job to number of the FMU; None where the name has another meaning in the FMU."""
     is_length = name in _LENGTHS or name.startswith(("h1_", "h2_", "h3_", "region_bottom", "region_top"))
     is_other_type = name == "pass_order" and not variable.items
     return None if is_other_type else conversion("m" if is_length else "1", variable.unit)

@@ -1,4 +1,6 @@
-"""A plant without the handshake of the layer contract: a pattern goes in, a surface comes out, each step is a layer."""
+"""A plant without the handshake of the layer contract: its input is a pattern, its output a surface, each step a
+layer.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,10 @@ _COUNTER_BYTES = 8
 class PlainPlant:
     """Steps its plant once for each layer commanded, and keeps the handshake for it.
 
-    pattern_input: what to jet, any number type; height_output: the surface, in a unit of length. Both hold nx * ny
+    pattern_input: the pattern, any number type; height_output: the surface, in a unit of length. Both hold nx * ny
     values, as a map or flat with the last index fastest. The plant's own clock advances in its own steps only, each as
-    long as the communication step of its layer. Its other ports are handed through. Raises ValueError with what does
-    not fit, later ComponentError.
+    long as the communication step of its layer. Its other ports are handed through. Raises ValueError for a plant that
+    does not fit, later ComponentError.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A policy in the place of the controller: what it observes, how it acts, and the handshake around both."""
+"""A policy as controller: its observations, its actions, and the handshake around both."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Observation: TypeAlias = Mapping[str, NDArray[Any]]
 """`measured_height`, `target` [m] as float64, `valid`, `mask` as int8, 0 or 1; each (nx, ny)."""
 
 PREFIX = "env:"
-"""Begin of a kind "env:module:Class" that must be a policy."""
+"""Prefix of a kind "env:module:Class" that must be a policy."""
 DROP_LEVELS_MAX = 255
 """Whole drops of a droplet, at most (`drop_level` of the deposition models)."""
 
@@ -42,12 +42,12 @@ class Policy(Protocol):
     """
 
     def act(self, observation: Observation) -> ArrayLike:
-        """The action (nx, ny) that answers a scan; `ActionCode` tells what it means. No droplet ends the print."""
+        """The action (nx, ny) that answers a scan, coded as `ActionCode`. No droplet ends the print."""
 
 
 @dataclass(frozen=True)
 class ActionCode:
-    """What the value of a cell in an action means.
+    """Meaning of a cell's value in an action.
 
     0: no droplet; 1 + ink + inks * (level - 1): a droplet of ink 0 (A) or 1 (B) that consists of `level` drops.
     """
@@ -89,7 +89,7 @@ class ActionCode:
 
 
 def observation_of(job: Job, inputs: Values) -> dict[str, NDArray[Any]]:
-    """What a policy observes of a scan; new arrays."""
+    """The observation of a policy from a scan; new arrays."""
     return {
         MEASURED_HEIGHT: np.array(inputs[MEASURED_HEIGHT], np.float64),
         VALID: np.array(inputs[VALID], np.int8),
@@ -101,7 +101,7 @@ def observation_of(job: Job, inputs: Values) -> dict[str, NDArray[Any]]:
 class PolicyController:
     """Answers each scan of the layer commanded last with the action that `act` chooses, until that is no droplet.
 
-    It goes by sequence numbers only. What a policy remembers is not saved: a resumed run begins with a new one.
+    It acts on sequence numbers only. The memory of a policy is not saved: a resumed run begins with a new one.
     """
 
     def __init__(self, job: Job, act: Callable[[Observation], ArrayLike], drop_levels: int = 1) -> None:
@@ -162,14 +162,14 @@ class PolicyController:
 
 
 def policy_controller(kind: str, job: Job, policy: Any) -> PolicyController:
-    """The controller that goes by a policy. Raises ValueError if it has no method act."""
+    """The controller that acts by a policy. Raises ValueError if the policy has no method act."""
     if not callable(getattr(policy, "act", None)):
         raise ValueError(f"kind is {kind!r}, whose class has no method act(observation)")
     return PolicyController(job, policy.act, int(getattr(policy, "drop_levels", 1)))
 
 
 def free_seat(job: Job, *, drop_levels: int = 1) -> PolicyController:
-    """A controller whose actions come from outside, set as `act`; `inkloop.LayerEnv` sits there."""
+    """A controller whose actions are set from outside, as `act`; `inkloop.LayerEnv` uses it."""
 
     def no_action(observation: Observation) -> ArrayLike:
         raise ComponentError("the controller's place is free; step an inkloop.LayerEnv, which acts there")

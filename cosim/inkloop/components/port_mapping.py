@@ -27,7 +27,7 @@ class MappedPort:
     offset: float = 0.0
 
     def to_fmu(self, value: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """The variables that a value of the port comes to."""
+        """Values of the FMU's variables for a value of the port."""
         own = self._own_numbers(np.asarray(value)).reshape(-1)
         if len(self.variables) == 1:
             return {self.variables[0].name: own.reshape(self.variables[0].shape)}
@@ -81,7 +81,7 @@ class MappedPorts:
         self._fmu.terminate()
 
     def save(self) -> bytes:
-        """The state of the FMU, which is all there is. Raises ComponentError where it cannot give it."""
+        """The state of the FMU, which is the whole state. Raises ComponentError if the FMU cannot give it."""
         return self._fmu.save()
 
     def restore(self, state: bytes) -> None:

@@ -125,7 +125,7 @@ def _mapped(
 
 
 def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
-    """A signal of the layer contract as defined there; of another, what the variables are, in SI."""
+    """The port of a signal: of the layer contract as defined there; of any other by its variables, in SI."""
     first, grid = variables[0], (job.nx, job.ny)
     if name in SIGNALS:
         return SIGNALS[name].port(grid)
@@ -134,7 +134,7 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
 
 
 def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
-    """The error in the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
+    """The error in the unit of a port in `unit`; with a gain any unit of the FMU is accepted."""
     if table.gain == 0.0:
         return [".gain is 0; needs another number, or nothing gets through"]
     if unit == "1":

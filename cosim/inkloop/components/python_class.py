@@ -41,7 +41,7 @@ class PythonClass:
     path_option: str | None = None
 
     def options_table(self) -> type[BaseModel]:
-        """The options as a table. Raises ImportError and AttributeError from loading."""
+        """The options as a table. Raises ImportError and AttributeError if the class cannot be loaded."""
         return options_table(self._load())
 
     def check(self, job: Job, options: Mapping[str, object]) -> Checked:
@@ -73,7 +73,7 @@ class PythonClass:
             return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {message_of(error)}"])
 
     def _constructed(self, job: Job, options: Mapping[str, object]) -> Checked:
-        """Valid options with the component that they make. Raises what loading and the constructor raise."""
+        """Valid options with the component that they make. Raises the errors of loading and of the constructor."""
         factory = self._load()
         table = options_table(factory).model_validate_json(json.dumps(dict(options)))
         chosen = {name: getattr(table, name) for name in table.model_fields_set}
@@ -123,7 +123,7 @@ class _Constructed:
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
     """A table of the keyword-only options of a factory, with the types that it declares.
 
-    Read from JSON, TOML's arrays become what it asks for (a tuple, a set).
+    Read from JSON, arrays of TOML become the declared type (a tuple, a set).
     """
     function = factory.__init__ if inspect.isclass(factory) else factory
     hints = typing.get_type_hints(function, include_extras=True)
@@ -157,7 +157,7 @@ def without_invalid_keys(
 
 
 def _advice(error: ImportError | AttributeError) -> str:
-    """Where a missing module was looked for, or the classes of the module that lacks one."""
+    """Folders searched for a missing module, or the classes of a module that lacks the named one."""
     if isinstance(error, ModuleNotFoundError):
         return f"; looked for modules in {Path.cwd()}, next to the scenario, and in the installed packages"
     if isinstance(error, AttributeError) and isinstance(error.obj, types.ModuleType):

@@ -14,7 +14,7 @@ from inkloop.limits import unpacked_error
 
 SUFFIX = ".ssp"
 UNREADABLE = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
-"""What reading a damaged or enciphered archive raises; NotImplementedError is a RuntimeError."""
+"""Errors of reading a damaged or encrypted archive; NotImplementedError is a RuntimeError."""
 
 
 @contextmanager

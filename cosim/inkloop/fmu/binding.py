@@ -1,7 +1,7 @@
 """The functions of an FMU's binary, with one interface for FMI 2 and FMI 3.
 
 Built on FMPy's low-level classes, which load the binary and declare its functions. Every status worse than a warning
-becomes a ComponentError that repeats what the FMU logged.
+becomes a ComponentError with the messages that the FMU logged.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Binding:
         self._call(None, self._fmu.exitInitializationMode)
 
     def set(self, ports: Sequence[Port], values: Values) -> None:
-        """Hand over a value for each port, of the port's shape; one call for all of one type."""
+        """Set a value for each port, of the port's shape; one call for all of one type."""
         groups = self._groups(ports)
         if groups is not self._set_last:
             self._forget()  # other ports, of which some may be the same
@@ -175,7 +175,7 @@ class Binding:
             free(self._fmu.component)
 
     def unload(self) -> None:
-        """Let go of the binary."""
+        """Unload the binary."""
         _listeners.pop(self._environment, None)
         self._fmu.freeLibrary()
 
@@ -254,7 +254,7 @@ class Binding:
 
 
 def _new_bytes(size: int) -> bytes:
-    """Bytes that C code is still to write: a large state is neither cleared before nor copied."""
+    """Uninitialised bytes for C code to write: a large state is neither cleared before nor copied."""
     content: bytes = _from_string_and_size(None, size)
     return content
 

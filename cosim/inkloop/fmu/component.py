@@ -141,7 +141,7 @@ class FmuComponent:
         self._serializable().restore(state)
 
     def _changed_sizes(self) -> dict[str, NDArray[Any]]:
-        """Sizes that differ from those that the FMU begins with."""
+        """Sizes that differ from the start values of the FMU."""
         variables = self.description.variables
         changed = {n: size for n, size in self._sizes.items() if size != self.description.default_sizes[n]}
         return {name: variables[name].convert(size, {}) for name, size in changed.items()}

@@ -41,7 +41,7 @@ class FmuDescription:
         return {v.name: int(v.start[0]) for v in self.variables.values() if v.is_size and v.start}
 
     def sizes(self, structural: Mapping[str, int]) -> dict[str, int]:
-        """The sizes of arrays with `structural` put in. Raises FmuError where the FMU cannot take them."""
+        """The sizes of arrays with the values of `structural`. Raises FmuError if the FMU does not accept them."""
         sizes = self.default_sizes
         for name, size in structural.items():
             if name in sizes:

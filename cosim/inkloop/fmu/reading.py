@@ -92,7 +92,7 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescri
 
 
 def _unit(found: Any) -> str:
-    """A unit of the FMU's own UnitDefinitions, which decide what a name means."""
+    """A unit by the FMU's own UnitDefinitions, which decide the meaning of its name."""
     if found.baseUnit is None:
         return str(found.name)
     base = found.baseUnit

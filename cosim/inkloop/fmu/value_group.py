@@ -1,7 +1,7 @@
-"""Variables of one FMI type that are handed over in one call, by functions of the binary without a wrapper.
+"""Variables of one FMI type that are set or read in one call, by functions of the binary without a wrapper.
 
-Small values go through one record that stays where it is. What has not changed since the last call is not handed over
-again, and is given as the arrays of the last call. A large map goes by its own pointer, without a copy.
+Small values go through one record that stays where it is. Unchanged values are not set again, and are returned as the
+arrays of the last call. A large map is passed by its own pointer, without a copy.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 
 LARGE_BYTES = 1 << 20
-"""A map from here on is a group of its own."""
+"""Size in bytes from which a map forms a group of its own."""
 
 
 class Accessor(NamedTuple):
@@ -37,7 +37,7 @@ class Accessor(NamedTuple):
 class ValueGroup:
     """Ports of one FMI type and their values, end to end in the order of the ports.
 
-    dtype: what the FMU takes and gives; references: value references of all ports.
+    dtype: type of the FMU's values; references: value references of all ports.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class ValueGroup:
         self._length = (count,) if getter.name.startswith("fmi3") else ()
 
     def set(self, component: int, values: Values) -> int:
-        """Hand over a value for each port; returns the status. What the FMU has already is not handed over again.
+        """Set a value for each port; returns the status. Values that the FMU already has are not set again.
 
         Raises ComponentError for a value of another shape.
         """
@@ -71,7 +71,7 @@ class ValueGroup:
         content = self._record.tobytes()
         if content == self._sent:
             return 0
-        self._sent = None  # what is refused is handed over again
+        self._sent = None  # refused values are set again
         status: int = self.setter.function(component, *self._arguments, *self._length)
         if status == 0:
             self._sent = content
@@ -95,7 +95,7 @@ class ValueGroup:
         return status, self._values
 
     def forget(self) -> None:
-        """The FMU may hold other values than were handed over, as after its state was restored."""
+        """Forget the values of the FMU, which may differ after its state was restored."""
         self._sent = None
 
     def _called_large(self, accessor: Accessor, component: int, values: NDArray[Any]) -> int:
@@ -127,7 +127,7 @@ def _fitting(port: Port, values: Values) -> NDArray[Any]:
 
 
 def is_large(port: Port) -> bool:
-    """Whether a port is a group of its own."""
+    """Whether a port forms a group of its own."""
     return int(np.prod(port.shape)) * np.dtype(port.dtype).itemsize >= LARGE_BYTES
 
 

@@ -1,4 +1,4 @@
-"""One variable of an FMU: its type, shape and limits, and how a value of the outside becomes a value of it."""
+"""One variable of an FMU: its type, shape and limits, and the conversion of outside values to it."""
 
 from __future__ import annotations
 
@@ -50,12 +50,14 @@ class Variable:
 
     @property
     def is_settable(self) -> bool:
-        """True for what may be set before the first step and is not an input."""
+        """True for variables that may be set before the first step and are no inputs."""
         return self.causality in ("parameter", "structuralParameter") and self.variability in ("fixed", "tunable")
 
     @property
     def is_structural(self) -> bool:
-        """True for what is set in Configuration Mode: the sizes of arrays, and switches between forms of the model."""
+        """True for parameters set in Configuration Mode: the sizes of arrays, and switches between forms of the
+        model.
+        """
         return self.causality == "structuralParameter"
 
     @property
@@ -73,7 +75,7 @@ class Variable:
         return Port(self.name, self.unit, shape, self.dtype, self._start(shape))
 
     def in_unit(self, unit: str, factor: float) -> Variable:
-        """The same variable with its limits in another unit; factor: from there to its own."""
+        """The same variable with its limits in another unit; factor: other unit to own unit."""
         if factor == 1.0:
             return self
         low, high = (

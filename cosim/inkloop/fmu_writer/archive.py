@@ -25,7 +25,7 @@ from inkloop.fmu_writer.targets import ALL, platforms_in, targets_of, universal
 from inkloop.limits import unpacked_error
 
 DEFINITION = "sources/variables.toml"
-"""Where an FMU keeps the definition that its description is written from."""
+"""Path in an FMU of the definition that its description is written from."""
 
 COMPRESSION = zipfile.ZIP_DEFLATED
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same content gives the same bytes, whenever it was packed
@@ -67,7 +67,7 @@ def described(
 ) -> dict[str, bytes]:
     """The members with a modelDescription.xml for `sizes` (structural parameters), from the definition among them.
 
-    Raises FmuError where their binary would refuse it: the members were built by another inkloop than this code.
+    Raises FmuError if their binary would refuse it because another version of inkloop built it.
     """
     model = definition_in(members)
     if model.fingerprint.encode() not in members.get("modelDescription.xml", model.fingerprint.encode()):
@@ -106,7 +106,7 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
 
 
 def _binaries(name: str, options: argparse.Namespace) -> dict[str, bytes]:
-    """The binary of --platform, or several, each of which says in its header what it is for."""
+    """The binary of --platform, or several, each with its platform in its header."""
     if len(options.binary) == 1:
         (path,) = options.binary
         return {f"binaries/{options.platform}/{name}{path.suffix}": path.read_bytes()}

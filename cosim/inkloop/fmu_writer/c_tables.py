@@ -20,7 +20,7 @@ def files(model: ModelDefinition) -> dict[str, str]:
 
 
 def values_header(model: ModelDefinition) -> str:
-    """The struct of pointers to the values of all variables, which needs nothing of the interface of FMUs."""
+    """The struct of pointers to the values of all variables, independent of FMI headers."""
     name = _snake(model.name)
     guard = f"INKLOOP_{name.upper()}_VALUES_H"
     fields = (f"    {_pointer(v)}{v.name};" for v in model.variables)
@@ -78,7 +78,7 @@ def header(model: ModelDefinition) -> str:
 
 
 def source(model: ModelDefinition) -> str:
-    """The table itself."""
+    """The table of a model."""
     table = f"{_snake(model.name).upper()}_VARIABLES"
     return "\n".join(
         [
@@ -99,7 +99,7 @@ def source(model: ModelDefinition) -> str:
 
 
 def fmu_model(model: ModelDefinition) -> str:
-    """fmu_model.c: which model an FMU offers."""
+    """fmu_model.c: the model of an FMU."""
     return "\n".join(
         [
             _ORIGIN,
@@ -113,7 +113,8 @@ def fmu_model(model: ModelDefinition) -> str:
 
 
 def emulated_parameters(models: Sequence[ModelDefinition]) -> str:
-    """emulated_parameters.h: rows of the emulator's table of options, and start values, of what it has in common.
+    """emulated_parameters.h: rows of the emulator's table of options, and start values, of the parameters that FMU and
+    emulator share.
 
     A row is name, type, member of WorldOptions, smallest and largest value.
     """

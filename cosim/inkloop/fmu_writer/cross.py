@@ -20,7 +20,7 @@ COMPILER = "ziglang"
 
 FLAGS = (
     *("-std=c11", "-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wpedantic"),
-    *("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"),  # as in all of inkloop: the same bits
+    *("-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"),  # as in all of inkloop, so that the bits agree
     *("-fvisibility=hidden", "-shared", "-s"),
 )
 
@@ -30,8 +30,8 @@ _log = logging.getLogger(__name__)
 def with_platforms(members: Mapping[str, bytes], fmi: str, names: Iterable[str]) -> dict[str, bytes]:
     """The members of an FMU of FMI `fmi` ("2", "3") with binaries for exactly the named platforms, or "all".
 
-    Binaries that it has already are kept; the others are compiled. Raises FmuError where a name is unknown, where the
-    compiler or the FMI headers are not installed, or where the compiler refuses the sources.
+    Binaries that it has already are kept; the others are compiled. Raises FmuError if a name is unknown, if the
+    compiler or the FMI headers are not installed, or if the compiler refuses the sources.
     """
     description = ET.fromstring(members["modelDescription.xml"])
     identifier = next(description.iter("CoSimulation")).get("modelIdentifier", "")
@@ -58,7 +58,7 @@ def _compiled(members: Mapping[str, bytes], sources: list[str], identifier: str,
                 file.write_bytes(content)
         out = Path(folder, f"{identifier}{target.suffix}")
         mathematics = () if target.system == "Windows" else ("-lm",)
-        # else the path of this temporary folder is the name of the library
+        # else the library would be named by the path of this temporary folder
         identity = ("-install_name", f"@rpath/{out.name}") if target.system == "Darwin" else ()
         options = ("-target", target.triple, *FLAGS, "-isystem", headers, "-o", str(out))
         command = [*compiler, "cc", *options, *sources, *mathematics, *identity]
@@ -71,7 +71,7 @@ def _compiled(members: Mapping[str, bytes], sources: list[str], identifier: str,
 
 
 def compiler_command() -> list[str]:
-    """How zig is called. Raises FmuError where it is not installed."""
+    """The command that runs zig. Raises FmuError if it is not installed."""
     if importlib.util.find_spec(COMPILER) is None:
         raise FmuError(
             "a binary for another platform needs the compiler of the Python package ziglang, which is not installed: "
@@ -81,7 +81,7 @@ def compiler_command() -> list[str]:
 
 
 def _headers() -> str:
-    """The folder of the FMI headers, which the package fmpy brings; it is not imported for that."""
+    """The folder of the FMI headers in the package fmpy, which is not imported for that."""
     package = importlib.util.find_spec("fmpy")
     for place in (package.submodule_search_locations or []) if package else []:
         if (headers := Path(place) / "c-code").is_dir():

@@ -1,4 +1,4 @@
-"""Variables of a model: variables.toml as objects, and the resulting value references."""
+"""Variables of a model: variables.toml as objects, and their value references."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ TYPES = ("real", "integer", "boolean", "enumeration", "count")
 class VariableDefinition:
     """One variable: a scalar, a map over the grid, or several maps.
 
-    `along` is the structural parameter that says how many maps; None: one.
-    `initial_from` names what the value at the start is computed from; `declared` the enumeration; a parameter that
-    `is_tunable` may be set between steps. `emulated`: the member of the emulator's WorldOptions (world.h) that holds
-    this parameter; None: the emulator does not have it. `absent`, `unlimited`, `needs`, `scenario`: of the option in
-    Python (inkloop_controller.problem.variables), without meaning for an FMU.
+    `along`: structural parameter that is the number of maps; None: one map. `initial_from`: variables that the start
+    value is computed from; `declared`: the enumeration; `is_tunable`: the parameter may be set between steps.
+    `emulated`: the member of the emulator's WorldOptions (world.h) that holds this parameter; None: the emulator has
+    none. `absent`, `unlimited`, `needs`, `scenario`: of the option in Python (inkloop_controller.problem.variables),
+    without meaning for an FMU.
     """
 
     name: str
@@ -56,7 +56,7 @@ class VariableDefinition:
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The structural parameters that size it; none for a scalar."""
+        """The structural parameters that size the variable; none for a scalar."""
         if not self.is_grid:
             return ()
         return ("nx", "ny") if self.along is None else (self.along, "nx", "ny")
@@ -85,7 +85,7 @@ class EnumerationDefinition:
 
 @dataclass(frozen=True)
 class ModelDefinition:
-    """A model: its variables in the order of the C table, and what else a description contains."""
+    """A model: its variables in the order of the C table, and the other content of a description."""
 
     name: str
     description: str
@@ -102,12 +102,12 @@ class ModelDefinition:
 
     @property
     def emulated(self) -> tuple[VariableDefinition, ...]:
-        """The parameters that the emulator has too, under the same names."""
+        """The parameters that the emulator has under the same names."""
         return tuple(v for v in self.variables if v.emulated is not None)
 
     @property
     def fingerprint(self) -> str:
-        """16 hexadecimal digits that change with anything the binary must know."""
+        """16 hexadecimal digits that change with every property that the binary must know."""
         known = [(v.name, c_causality(v), v.type, v.dimensions, v.start, *self.limits(v)) for v in self.variables]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 

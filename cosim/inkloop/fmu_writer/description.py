@@ -41,9 +41,9 @@ class Release:
 
 @dataclass(frozen=True)
 class Baked:
-    """What an FMU's resources change in its description: start values by name, and its description as a whole.
+    """Changes of an FMU's description by its resources: start values by name, and the text of its description.
 
-    mark: see `ModelDefinition.token`; what is None stays as the model has it.
+    mark: see `ModelDefinition.token`; None: as in the model.
     """
 
     starts: Mapping[str, float] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Baked:
 
 
 PLAIN = Baked()
-"""Of an FMU without resources."""
+"""Description of an FMU without resources."""
 
 
 def write(

@@ -59,7 +59,7 @@ def terminals_xml(model: ModelDefinition) -> bytes:
 
 
 def build_description_xml(model: ModelDefinition, sources: Sequence[str]) -> bytes:
-    """sources/buildDescription.xml (FMI 3): which C files make the binary."""
+    """sources/buildDescription.xml (FMI 3): the C files of the binary."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = add(root, "BuildConfiguration", modelIdentifier=model.name)
     files = add(configuration, "SourceFileSet", language="C11")
@@ -69,7 +69,7 @@ def build_description_xml(model: ModelDefinition, sources: Sequence[str]) -> byt
 
 
 def _paragraphs(markdown: str) -> Iterator[str]:
-    """The little Markdown that the readme files use: headings, paragraphs, lists, indented code, `code`."""
+    """The subset of Markdown in the readme files: headings, paragraphs, lists, indented code, `code`."""
     for block in re.split(r"\n\s*\n", markdown.strip("\n")):
         if heading := re.fullmatch(r"(#+) (.*)", block):
             level = len(heading[1])

@@ -1,4 +1,4 @@
-"""Our FMUs: where the built set is, and one for any grid size, without a compiler: a binary serves every grid."""
+"""Our FMUs: the installed set, and export for any grid size without a compiler: a binary serves every grid."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
 for 400 x 400), of FMI 3 for the maps that a model keeps and gives (assumed)."""
 
 INTERVALS = "region_intervals"
-"""The structural parameter that says how many intervals of height the region of ink A may have on a cell."""
+"""Structural parameter: number of height intervals of the region of ink A on a cell."""
 
 INTERVALS_MAX = 64
 """Its largest value, as variables.toml has it."""
 
 _MAPS = 12
-"""Maps of LayerController with two intervals, by which more of them are reckoned."""
+"""Maps of LayerController with two intervals, the basis for estimating more of them."""
 
 LAYER_JOB = "LayerJob"
-"""The model that prints what is in its resources, so that there is none without a scenario."""
+"""The model that prints the job in its resources: it is exported with a scenario only."""
 
 JOB_TEMPLATE = f"{LAYER_JOB}.template"
-"""All of its archive but the job; not named as an FMU, because no importer can instantiate it."""
+"""Its archive without the job; not named as an FMU, because no importer can instantiate it."""
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +64,9 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
 
 
 def job_template(form: str) -> Path:
-    """The archive that `inkloop export-job` puts a job into, `form` being "fmi3-fixed" or "fmi2". Raises FmuError."""
+    """The archive into which `inkloop export-job` writes a job, `form` being "fmi3-fixed" or "fmi2". Raises
+    FmuError.
+    """
     path = _folder() / form / JOB_TEMPLATE
     if not path.is_file():
         raise FmuError(f"there is no {path}; run `make`, or install inkloop again")
@@ -85,11 +87,10 @@ def export_fmu(
 ) -> Path:
     """Write one of our FMUs for a grid of nx * ny cells to the file `out`; returns its path. Raises FmuError.
 
-    intervals: of height that the region of ink A may have on a cell, for LayerController; None: 2.
-    FMI 3 without `fixed` keeps structural parameters, of which these numbers become the start values.
-    platforms: exactly these (`inkloop.fmu_writer.targets.TARGETS`) or "all"; None: those of the installed FMU. Binaries
-    that it lacks are compiled by the package ziglang. force: also as FMI 2 for a grid whose description many tools
-    cannot read.
+    intervals: of height that the region of ink A may have on a cell, for LayerController; None: 2. FMI 3 without
+    `fixed` keeps structural parameters, with these numbers as start values. platforms: exactly these
+    (`inkloop.fmu_writer.targets.TARGETS`) or "all"; None: those of the installed FMU. Missing binaries are compiled by
+    the package ziglang. force: also as FMI 2 for a grid whose description many tools cannot read.
     """
     from inkloop import __version__
     from inkloop.fmu_writer.archive import definition_in, described, pack, unpack

@@ -1,4 +1,4 @@
-"""The platforms that FMUs and wheels are made for: names, folders in an FMU, compiler targets."""
+"""The platforms of FMUs and wheels: names, folders in an FMU, compiler targets."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ ALL = "all"
 
 
 def targets_of(names: Iterable[str], fmi: str) -> dict[str, list[Target]]:
-    """Folder below binaries/ -> the targets whose code it holds, for the named platforms or "all".
+    """Folder below binaries/ -> its targets, for the named platforms or "all".
 
-    Raises FmuError for names that are unknown or that FMI 2 has no folder for.
+    Raises FmuError for unknown names, and for platforms without a folder in FMI 2.
     """
     asked = list(names)
     errors = [
@@ -99,7 +99,7 @@ MAGIC: Mapping[bytes, tuple[str, Mapping[int, str]]] = {
 
 
 def platforms_in(binary: bytes) -> list[str]:
-    """Names of the platforms that a binary is for, by its header; none for anything else."""
+    """Names of the platforms of a binary, by its header; none for any other file."""
     if binary.startswith(b"\xca\xfe\xba\xbe"):
         (count,) = struct.unpack_from(">I", binary, 4)
         parts = [struct.unpack_from(">iiIII", binary, 8 + 20 * k) for k in range(count)]

@@ -1,4 +1,4 @@
-"""Parts in space: analytic shapes, and columns of height intervals that meshes, images and combinations become.
+"""Parts in space: analytic shapes, and columns of height intervals, made from meshes, images and combinations.
 
 The libraries that read meshes are imported when `load` meets their format.
 """

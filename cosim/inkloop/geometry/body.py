@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles, as a file describes them."""
+"""Closed surfaces of triangles, read from a file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Body:
 def transformed(body: Body, matrix: FloatMap, shift: FloatMap) -> Body:
     """Every corner times a matrix (3, 3), plus a shift (3,); a mirrored body keeps its outside.
 
-    Equal corners of two triangles stay equal to the last bit, which a library's product of matrices does not promise.
+    Equal corners of two triangles stay equal to the last bit, which a matrix product of a library does not guarantee.
     """
     if (matrix == np.eye(3)).all() and not shift.any():
         return body
@@ -55,7 +55,7 @@ def bounds(bodies: Sequence[Body]) -> tuple[FloatMap, FloatMap]:
 
 
 def walls_on_centers(bodies: Sequence[Body], pitch: float, tolerance: float = 1e-6) -> tuple[float, ...]:
-    """Where upright walls along x or y stand on a row of cell centres [m], ascending.
+    """Positions of upright walls along x or y that lie on a row of cell centres [m], ascending.
 
     Rounding of the coordinates decides there which side of the row is inside: within their resolution, or `tolerance`
     of a pitch where that is more.

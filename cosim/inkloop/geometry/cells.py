@@ -1,4 +1,4 @@
-"""Cells of the grid: where their centres are, and which cell a point belongs to."""
+"""Cells of the grid: their centres, and the cell of a point."""
 
 from __future__ import annotations
 

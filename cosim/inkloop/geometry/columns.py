@@ -59,7 +59,7 @@ class Columns:
 
     @classmethod
     def of_shape(cls, shape: Geometry, nx: int, ny: int, pitch: float) -> Columns:
-        """What a shape fills over the centres of the cells; points of its closed skin stay part of it."""
+        """Columns of a shape over the centres of the cells; points of its closed surface stay part of it."""
         if isinstance(shape, Columns) and (shape.nx, shape.ny, shape.pitch) == (nx, ny, pitch):
             return shape
         columns = None
@@ -152,7 +152,7 @@ class Columns:
         return cell_index(x, y, self.nx, self.ny, self.pitch)
 
     def _span(self, cell: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First interval of each cell and their number; none outside the grid."""
+        """First interval of each cell and the number of its intervals; none outside the grid."""
         first = self.offsets[cell]
         return first, np.where(cell >= 0, self.offsets[cell + 1] - first, 0)
 

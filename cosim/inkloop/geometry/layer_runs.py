@@ -1,4 +1,4 @@
-"""From slices to columns: what lies in the same cell of slices that follow each other is one interval."""
+"""From slices to columns: equal labels of a cell in consecutive slices become one interval."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Labels = NDArray[np.int8]
 def columns_of_layers(
     layers: Iterable[Labels], nx: int, ny: int, pitch: float, thickness: float, *, labels: int
 ) -> list[Columns]:
-    """Columns of all that is labelled, then of each label from 1 to `labels`.
+    """Columns of all labels together, then of each label from 1 to `labels`.
 
-    layers: (nx, ny) each, from the substrate up, 0 where nothing is; pitch: of the cells; thickness: of a layer [m].
+    layers: (nx, ny) each, from the substrate up, 0 for empty cells; pitch: of the cells; thickness: of a layer [m].
     """
     before, since = np.zeros(nx * ny, np.int8), np.zeros(nx * ny, np.int64)
     runs: list[tuple[NDArray[np.intp], Labels, NDArray[np.int64], int]] = []

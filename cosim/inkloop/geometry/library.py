@@ -84,7 +84,7 @@ def intervals_by(function: str, cells: int, *arguments: Any) -> tuple[NDArray[np
 
 
 def _owned(address: int | None, count: int) -> FloatMap:
-    """Numbers in memory of the library, which is released with the last array that shows it."""
+    """NumPy array of memory of the library, which is released with the last array on it."""
     if address is None or count == 0:
         library().columns_release(address)
         return np.empty(0)

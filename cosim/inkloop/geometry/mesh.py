@@ -31,9 +31,9 @@ OpenColumns = Literal["refuse", "neighbours"]
 
 @dataclass(frozen=True, eq=False)
 class MeshColumns:
-    """Columns of a mesh, and what its surface leaves undecided.
+    """Columns of a mesh, and columns that its surface leaves undecided.
 
-    occupied: number of columns that the mesh meets. open_cells: i ny + j of those whose winding number is not 0 above
+    occupied: number of columns that meet the mesh. open_cells: i ny + j of those whose winding number is not 0 above
     the mesh, ascending, without intervals. inside_out: number of those with a winding number below 0 and none above 0;
     inside_out_cell: the first of them, -1 without any.
     """
@@ -46,7 +46,7 @@ class MeshColumns:
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
-    """All bodies as one: they may overlap. What lies outside the grid is cut off. Coordinates in metres, finite."""
+    """All bodies as one: they may overlap. Parts outside the grid are cut off. Coordinates in metres, finite."""
     check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
     triangles /= (pitch, pitch, 1.0)
@@ -123,7 +123,7 @@ def bodies_by_ink(source: str, bodies: Sequence[Body], inks: Mapping[str, str]) 
 
 
 def painted(body: Body) -> str:
-    """What a body is whose triangles have several materials, for a person."""
+    """Description of a body whose triangles have several materials, for a person."""
     names = ", ".join(repr(name) if name else "none" for name in body.paint)
     return f"object {body.name!r} has triangles of several materials ({names}), but an object is of one ink"
 

@@ -79,7 +79,7 @@ def _contents(path: Path) -> Contents:
 
 
 def _size_error(path: Path) -> str | None:
-    """The reason why a file is not read: what it takes in memory, or what it unpacks to."""
+    """The reason why a file is too large: its memory, or its size unpacked."""
     size = path.stat().st_size
     if path.suffix.lower() == ".3mf":
         with zipfile.ZipFile(path) as archive:

@@ -1,4 +1,4 @@
-"""Columns that holes of a surface leave open take the intervals of a neighbour."""
+"""Fill columns that holes of a surface leave open by the intervals of a neighbour."""
 
 from __future__ import annotations
 

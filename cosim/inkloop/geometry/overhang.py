@@ -1,4 +1,4 @@
-"""What of a part hangs in the air: a droplet falls on what is below it, and nothing holds it elsewhere."""
+"""Overhangs: intervals of a part without support, where droplets would fall on the material or substrate below."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from inkloop.geometry.columns import Columns
 
 GAP_M = 1e-7
-"""A gap that counts as none: far below any droplet, far above the rounding of a mesh in single precision (assumed)."""
+"""Largest negligible gap: far below any droplet, far above the rounding of a mesh in single precision (assumed)."""
 _SUBSTRATE = 0.0  # [m]
 
 
 @dataclass(frozen=True)
 class Overhangs:
-    """Cells where a part has an interval with nothing below it: neither the substrate nor the part itself.
+    """Cells where a part has an interval that rests neither on the substrate nor on the part itself.
 
-    cells: their number; share: of the part's cells; first: (i, j) of the first one; bottom: where its lowest hanging
-    interval begins [m]; tallest: the largest gap below any of them [m].
+    cells: their number; share: of the part's cells; first: (i, j) of the first one; bottom: height of its lowest
+    overhang [m]; tallest: the largest gap below any of them [m].
     """
 
     cells: int
@@ -49,7 +49,7 @@ def overhangs(part: Columns) -> Overhangs | None:
 
 
 def resting(part: Columns) -> Columns:
-    """What can be printed without support: on each cell the interval that rests on the substrate, if there is one."""
+    """Intervals that can be printed without support: on each cell the one that rests on the substrate, if any."""
     part = _solid(part)
     kept = part.bottoms == _SUBSTRATE
     if kept.all():
@@ -59,13 +59,13 @@ def resting(part: Columns) -> Columns:
 
 
 def support_below(part: Columns) -> Columns:
-    """What holds the overhangs: from the substrate, or from the part below, up to each of them."""
+    """Support of the overhangs: from the substrate, or from the part below, up to each of them."""
     part = _solid(part)
     return Columns.of_intervals(part.nx, part.ny, part.pitch, _cells(part), _below(part), part.bottoms)
 
 
 def _solid(part: Columns) -> Columns:
-    """The part over the substrate, without gaps that count as none."""
+    """The part over the substrate, with negligible gaps closed."""
     above = part.tops > _SUBSTRATE
     if above.all() and (part.bottoms == _SUBSTRATE).all():
         return part
@@ -77,7 +77,7 @@ def _solid(part: Columns) -> Columns:
 
 
 def _below(part: Columns) -> NDArray[np.float64]:
-    """Where the part ends below each interval, or the substrate [m]."""
+    """End of the part below each interval, or the substrate [m]."""
     below = np.full(part.bottoms.size, _SUBSTRATE)
     is_above = _cells(part)[1:] == _cells(part)[:-1]
     below[1:][is_above] = part.tops[:-1][is_above]

@@ -1,4 +1,4 @@
-"""Where a part from a file stands: mirrored, scaled and turned, then on the middle of the grid or as in the file."""
+"""Placement of a part from a file: mirrored, scaled and turned, then on the middle of the grid or as in the file."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from inkloop.geometry.body import Body, bounds, transformed
 
 @dataclass(frozen=True)
 class Placement:
-    """How a part comes from the coordinates of its file to those of the grid: mirror, scale, rotate, place.
+    """Transform from the coordinates of a file to those of the grid: mirror, scale, rotate, place.
 
-    place: "on-substrate": middle of the bounding box at `position`, lowest point at z = 0; "as-is": coordinates of
-    the file, with the origin at the centre of cell (0, 0). mirror: the coordinates whose sign changes, of "xyz".
-    scale: factor above 0. rotate_deg: about x, then y, then z, counterclockwise seen against the axis. position: (x, y)
-    [m], default the middle of the grid. Raises ValueError with everything that is wrong.
+    place: "on-substrate": middle of the bounding box at `position`, lowest point at z = 0; "as-is": coordinates of the
+    file, with the origin at the centre of cell (0, 0). mirror: the coordinates whose sign changes, of "xyz". scale:
+    factor above 0. rotate_deg: about x, then y, then z, counterclockwise seen against the axis. position: (x, y) [m],
+    default the middle of the grid. Raises ValueError with all errors.
     """
 
     place: Literal["on-substrate", "as-is"] = "on-substrate"

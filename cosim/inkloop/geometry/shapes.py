@@ -1,9 +1,9 @@
-"""Parts as analytic shapes: which heights they fill over each point of the substrate.
+"""Parts as analytic shapes: their intervals of height over each point of the substrate.
 
-Coordinates are metres with the origin at the centre of cell (0, 0); x runs along the first index of a height map.
-A point on the surface belongs to the part: cells are often cut exactly there (a radius of 15 cells), so
-distances are compared with a tolerance far below any droplet. `contains` is `intervals` asked for one height, so that
-both agree to the last bit. Walls and ends are closed here; those of `Columns`, of a mesh for example, are half open.
+Coordinates are metres with the origin at the centre of cell (0, 0); x runs along the first index of a height map. A
+point on the surface belongs to the part: cells are often cut exactly there (a radius of 15 cells), so distances are
+compared with a tolerance far below any droplet. `contains` tests one height against `intervals`, so that both agree to
+the last bit. Walls and ends are closed here; those of `Columns`, of a mesh for example, are half open.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class PipeJunction:
         return np.full_like(x, self.height)
 
     def _half_height(self, x: FloatMap, y: FloatMap, half_across: float, half_upright: float) -> FloatMap:
-        """What two elliptic cylinders reach above and below the middle [m], -inf where both pass by."""
+        """Half height of two elliptic cylinders, above and below the middle [m], -inf beside both."""
         across = np.minimum(np.abs(x - self.center_x), np.abs(y - self.center_y))
         left = 1.0 + 1e-9 - (across / half_across) ** 2
         return np.where(left >= 0.0, half_upright * np.sqrt(np.maximum(left, 0.0)), -np.inf)

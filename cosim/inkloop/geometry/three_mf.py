@@ -33,7 +33,7 @@ _COPIES_MAX = 1_000_000
 _FOREIGN_ATTRIBUTE = 0x80A7
 """Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
 _PAINT = re.compile(rb'\b(?:mmu_segmentation|paint_color)="[^"]')
-"""What PrusaSlicer, Bambu Studio and their relatives write for painted triangles."""
+"""Attributes of painted triangles in files of PrusaSlicer, Bambu Studio and their relatives."""
 _OBJECT_OR_PAINT = re.compile(rb'<(?:\w+:)?object\b[^>]*?\bid="(\d+)"|' + _PAINT.pattern)
 _MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
 _XML = (".model", ".rels", ".xml")
@@ -59,7 +59,7 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
 
 
 def _package_errors(path: Path) -> Iterator[str]:
-    """What keeps a package from being read: XML entities, extensions that would be left out, copies without end."""
+    """Reasons to reject a package: XML entities, extensions that would be ignored, endless copies."""
     assemblies = []
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
@@ -179,7 +179,7 @@ class _Model:
         return self._own[key]
 
     def _materials(self, mesh: Any) -> list[str]:
-        """Names of the materials of its triangles; what is no base material is numbered."""
+        """Names of the materials of its triangles; materials other than base materials are numbered."""
         rows = np.frombuffer(b"".join(mesh.GetAllTriangleProperties()), dtype=np.uint32).reshape(-1, 4)
         pairs = np.unique(np.stack([rows[:, [0, 0, 0]], rows[:, 1:]], axis=-1).reshape(-1, 2), axis=0).tolist()
         groups = {one.GetUniqueResourceID(): one for one in _iterated(self._model.GetBaseMaterialGroups())}

@@ -1,4 +1,4 @@
-"""STL, OBJ and PLY: one body, read by trimesh; what its readers skip without a word is refused here."""
+"""STL, OBJ and PLY: one body, read by trimesh; content that its readers silently skip is an error here."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def read_ply(path: Path) -> tuple[list[Body], None]:
 
 
 def _check_ascii(path: Path, data: bytes, count: int) -> None:
-    """Raises GeometryError for what is neither text nor binary of the right length."""
+    """Raises GeometryError for a file that is neither text nor binary of the right length."""
     begins_as_text = data.lstrip()[:5].lower() == b"solid"
     if begins_as_text and b"\0" not in data:
         return
@@ -75,7 +75,7 @@ def _check_ascii(path: Path, data: bytes, count: int) -> None:
 
 
 def _body(path: Path, count: int, reader: Any, data: bytes, **options: Any) -> Body:
-    """The triangles of all meshes in a file of `count` faces. Raises GeometryError where the reader left any out."""
+    """The triangles of all meshes in a file of `count` faces. Raises GeometryError if the reader skipped any."""
     with warnings.catch_warnings():  # NumPy only warns where a word is no number, or an index is none that fits
         warnings.filterwarnings("error", "string or file could not be read to its end", DeprecationWarning)
         warnings.simplefilter("error", RuntimeWarning)

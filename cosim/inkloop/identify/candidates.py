@@ -28,12 +28,12 @@ Records: TypeAlias = Sequence[PrintRecord]
 Cells: TypeAlias = Sequence[Marks]
 Fit: TypeAlias = Callable[[Records, Cells], Model]
 ANGLES = (np.radians(15.0), np.radians(80.0))
-EVALUATIONS = 40  # of the prints by a fit; more change the errors by less than their noise (by trial)
+EVALUATIONS = 40  # evaluations of the prints in a fit; more change the errors by less than their noise (by trial)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model and how it is fitted to the cells (nx, ny) of prints; `fit` raises IdentificationError or ValueError."""
+    """A model and its fit to the cells (nx, ny) of prints; `fit` raises IdentificationError or ValueError."""
 
     name: str
     fit: Fit
@@ -78,7 +78,7 @@ def candidates(
 
 
 def conserving(reach: int) -> str:
-    """What the candidate of that reach is called whose heights add up to the measured volume of a droplet."""
+    """Name of the candidate of that reach whose heights add up to the measured volume of a droplet."""
     return f"Lu, reach {reach}, volume kept"
 
 
@@ -182,7 +182,7 @@ def _fit_young_laplace(records: Records, cells: Cells) -> Model:
 
 
 def _least_angle(model: Callable[[float], YoungLaplaceDeposition]) -> float:
-    """The flattest droplet that the model takes on this pitch. Raises ValueError if there is none."""
+    """The flattest droplet that the model accepts on this pitch. Raises ValueError if there is none."""
     for angle in np.linspace(ANGLES[0], ANGLES[1], 14)[:-1]:
         try:
             model(float(angle))

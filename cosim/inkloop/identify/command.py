@@ -81,7 +81,7 @@ def _check(options: argparse.Namespace) -> None:
 def _records(
     options: argparse.Namespace, overrides: Mapping[str, Any], show: _Show
 ) -> tuple[list[PrintRecord], Sequence[Ink]]:
-    """The prints, and the ink that their scenario takes for granted."""
+    """The prints, and the nominal ink of their scenario."""
     folders = [Path(source) for source in options.sources if Path(source).is_dir()]
     if len(folders) == len(options.sources):
         return [_read(folder) for folder in folders], _nominal(folders[0])
@@ -167,7 +167,7 @@ def _volume_area(found: Identification) -> Table:
 
 
 def _share(value: float) -> str:
-    """In percent; "-" for a share of nothing."""
+    """A share in percent; "-" for a share of nothing."""
     return f"{value:.1%}" if math.isfinite(value) else "-"
 
 
@@ -191,7 +191,7 @@ def _comparison(found: Identification) -> Table:
 
 
 class _Show:
-    """Shows what is being done, steps done and all steps of it."""
+    """Shows the present work, steps done and the number of steps."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress

@@ -1,4 +1,4 @@
-"""How well each model predicts cells that it was not fitted to: stripes along x, one left out at a time."""
+"""Cross validation of models: prediction errors on stripes along x, one left out of the fit at a time."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ CELLS_MIN = 3  # cells along x of a stripe, so that it holds more than borders
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One model. model: fitted to everything; score: of cells that its fit had not seen; errors: by print (layers, nx,
-    ny) scan less prediction of those [m]. Where it could not be fitted, `refusal` is the reason, the others are None.
+    """One model. model: fitted to everything; score: of cells left out of its fit; errors: by print (layers, nx, ny)
+    scan less prediction of those [m]. Where it could not be fitted, `refusal` is the reason, the others are None.
     """
 
     name: str

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 Pattern = NDArray[np.int32]
 
-MARGIN = 3  # empty cells around layers: one where droplets spill, others that show the noise of the scans
-TILE = 5  # cells along each side, so that no droplet of a layer has another one within two cells of its motif
+MARGIN = 3  # empty cells around layers: one for spill, others for the noise of the scans
+TILE = 5  # cells along each side, so that the motifs of two droplets never overlap
 DROPLET_MOTIFS: Mapping[str, tuple[str, ...]] = {
     "single": ("...", ".#.", "..."),
     "side": (".#.", "###", ".#."),
@@ -45,7 +45,7 @@ def droplets_side(samples: int) -> int:
 
 def droplets(nx: int, ny: int, seed: int = 0) -> list[Pattern]:
     """Two layers of tiles with every motif as often, at places drawn from the seed; the second layer is the centres of
-    those with prior droplets. What is left of the grid is a margin.
+    those with prior droplets. The rest of the grid is a margin.
     """
     tiles = [(i, j) for i in range(TILE, nx - 2 * TILE + 1, TILE) for j in range(TILE, ny - 2 * TILE + 1, TILE)]
     kinds = [motif(rows) for rows in (*DROPLET_MOTIFS.values(), *PRIOR_MOTIFS.values())]

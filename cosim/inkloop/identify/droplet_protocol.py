@@ -22,7 +22,7 @@ CORNERS = np.array([[1, 0, 1], [0, 0, 0], [1, 0, 1]])
 RING = np.pad(np.zeros((3, 3), int), 1, constant_values=1)
 NEIGHBOURS = {"single": (0, 0), "side": (4, 0), "corner": (0, 1)}
 """Motif -> droplets on the sides and on the corners of its centre; beyond them there are none within two cells."""
-LEAST = 3  # of a motif, so that its mean has an error
+LEAST = 3  # samples of a motif, so that its mean has an error
 
 
 @dataclass(frozen=True)

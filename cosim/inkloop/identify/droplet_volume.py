@@ -1,4 +1,4 @@
-"""The volume of a droplet from whole prints, heights that are bound to add up to it, and their least squares."""
+"""The volume of a droplet from whole prints, heights constrained to add up to it, and their least-squares fit."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from inkloop.errors import IdentificationError
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS
 
-SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
+SINGULAR = 1e-6  # ratio of smallest to largest information below which the patterns do not determine it (assumed)
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """Which heights of an ink are chosen freely. chosen: (free,) their places among all heights in order; all heights
-    are offset (heights,) + basis (heights, free) @ those chosen.
+    """Free heights of an ink.
+
+    chosen: (free,) their indices among all heights in order; all heights are offset (heights,) + basis (heights, free)
+    @ the free ones.
     """
 
     chosen: NDArray[np.int64]
@@ -41,12 +43,12 @@ class Freedom:
         return cls(places[~first], np.where(first, volumes[of_material], 0.0), taken[:, ~first])
 
     def heights(self, free: NDArray[np.float64]) -> NDArray[np.float64]:
-        """All heights in order, of those chosen."""
+        """All heights in order, from the free ones."""
         return np.asarray(self.offset + self.basis @ free)
 
 
 def droplet_volumes(records: Sequence[PrintRecord], materials: int, reach: int) -> NDArray[np.float64]:
-    """(materials,) volume of a droplet over the area of a cell [m], by what whole scans show to have been added.
+    """(materials,) volume of a droplet over the area of a cell [m], from the volume that whole scans show to be added.
 
     Least squares of the growth since the first scan, of cells within reach of a droplet, over the droplets since.
     Raises IdentificationError where ink may have left the grid, or no scan shows the whole of it.
@@ -102,7 +104,7 @@ def improved_heights(
             "checkerboards, or random patterns too"
         )
     chosen = heights.ravel()[freedom.chosen]
-    away = heights.ravel() - freedom.heights(chosen)  # of the first guess, which need not conserve
+    away = heights.ravel() - freedom.heights(chosen)  # distance from the first guess, which need not conserve
     free = chosen + np.linalg.solve(reduced, basis.T @ (information @ away + (sensitivity * weight) @ error / total))
     root = np.linalg.cholesky(reduced).T
     return freedom.heights(nnls(root, root @ free)[0]).reshape(heights.shape)

@@ -1,9 +1,9 @@
-"""What the droplets of a layer are expected to add on a surface that is known with an error.
+"""Expected increments by the droplets of a layer on a surface that is known with an error.
 
-A neighbour's share clip(1 + rise / width, 0, 1) bends, so that the share at the measured rise is not the mean of the
-shares at the rises that may have been: on a flat surface with noise it is too small. Its mean over a normal rise is
-known in closed form, and regressed on that mean the growth is unbiased (regression calibration; Carroll et al. 2006,
-"Measurement error in nonlinear models", chapter 4).
+A neighbour's share clip(1 + rise / width, 0, 1) is nonlinear, so the share at the measured rise is not the mean share
+over the possible rises: on a flat surface with noise it is too small. Its mean over a normal rise is known in closed
+form, and regressed on that mean the growth is unbiased (regression calibration; Carroll et al. 2006, "Measurement error
+in nonlinear models", chapter 4).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def expected_rates(
     heights: NDArray[np.float64],
     colours: Sequence[int] = (),
 ) -> tuple[NDArray[np.float64], FloatMap]:
-    """Growth per metre of each height of each material, and the sum of the squares of what the droplets add.
+    """Growth per metre of each height of each material, and the sum of the squared increments of the droplets.
 
     height, variance: (nx, ny) of the surface before the layer [m], [m^2]; heights: (materials, 3, 6 or 10) as in
     `inkloop.models.LayerDeposition`, which give the widths; colours: of the passes. Returns (materials, heights, nx,
@@ -100,7 +100,7 @@ def _rates_of_pass(
             share = expected_share(here - flat_height[there], here_variance + flat_variance[there], widths[kind])
             share[is_outside[there]] = 1.0
             kept[kind] += 1.0 - share
-            squares[there] += (share * own[kind]) ** 2  # a neighbour has one droplet at this place of its own
+            squares[there] += (share * own[kind]) ** 2  # a neighbour has one droplet at this place relative to it
             flat_rates[first + kind * padded.size + there] += share
     for kind in range(count):
         flat_rates[first + kind * padded.size + middle] += kept[kind]

@@ -153,7 +153,7 @@ def _printer(plant: str) -> dict[str, Any]:
 
 
 def _controllers(scenario: Scenario) -> list[str]:
-    """Names of the components that command layers. Raises ScenarioError if there are none."""
+    """Names of the components that command layers. Raises ScenarioError if there is none."""
     found = [name for name, part in scenario.ports.items() if has_port(part.outputs, LAYER_COMMAND)]
     if not found:
         raise ScenarioError(scenario.source, ["no component commands layers; experiments take the controller's place"])

@@ -1,4 +1,4 @@
-"""Everything that the prints of one ink show: its heights by each method, and a comparison of all models."""
+"""Identification of one ink from its prints: its heights by each method, and a comparison of all models."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identi
 from inkloop.models import LayerDeposition
 from inkloop.units import UM_PER_M
 
-DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
+DENSE = 0.15  # share of touched cells hit by a layer on average; below it is a print of motifs (assumed)
 
-GROWTHS_COMPARED = 12_000  # of cells: more separate models no better, but take longer (assumed)
+GROWTHS_COMPARED = 12_000  # growths of cells: more separate models no better, but take longer (assumed)
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """records: in register; noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: where
-    the prints hold the drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`;
-    reach: of the plant asked for, 1 for none; geometries: of the scans of each record as it was logged.
+    """records: in register; noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: None,
+    with the reason in `notes`, if the prints lack the drops for it; comparisons: of all models over `compared`; reach:
+    of the plant asked for, 1 for none; geometries: of the scans of each record as it was logged.
     """
 
     records: tuple[PrintRecord, ...]
@@ -72,10 +72,10 @@ def identify(
 ) -> Identification:
     """The ink of prints on one grid spacing; on_fit: called with the current fit, fits done and all fits.
 
-    reach: 2 or 3 also fits a plant whose droplets reach that many cells far. noise_std: of a reading [m], left out:
-    what cells show that no droplet reached. Layers of many droplets give the ink that is written down, if there are
-    any: prints of motifs show what single droplets do, which is not the same on a real plant. Displaced scans are
-    corrected. Raises IdentificationError, also where scans do not show the patterns of their print.
+    reach: 2 or 3 also fits a plant whose droplets reach that many cells far. noise_std: of a reading [m], by default
+    from cells that no droplet reached. Layers of many droplets give the ink that is written, if there are any: single
+    droplets of motifs behave differently on a real plant. Displaced scans are corrected. Raises IdentificationError,
+    also where scans do not show the patterns of their print.
     """
     _check(records)
     noise = noise_of(list(records)) if noise_std is None else noise_std
@@ -115,7 +115,7 @@ def identify(
 def _registered(
     records: Sequence[PrintRecord], noise_std: float, on_fit: Callable[[str, int, int], None] | None
 ) -> list[Registered]:
-    """All prints in register. Raises IdentificationError for all whose scans do not show their patterns."""
+    """All prints in register. Raises IdentificationError with all prints whose scans do not show their patterns."""
     found: list[Registered] = []
     errors: list[str] = []
     for number, record in enumerate(records):
@@ -131,7 +131,7 @@ def _registered(
 
 
 def _check(records: Sequence[PrintRecord]) -> None:
-    """Raises IdentificationError where prints do not belong together."""
+    """Raises IdentificationError if prints do not belong together."""
     if not records:
         raise IdentificationError("no print was given")
     first = records[0]

@@ -1,13 +1,14 @@
-"""h1, h2, h3 of a layer-to-layer model from layers of any pattern, by regression that noise in the scans does not bias.
+"""h1, h2, h3 of a layer-to-layer model from layers of any pattern, by regression that is unbiased under noise of the
+scans.
 
 The growth of a cell regressed on the measured surface is biased: the noise of a scan is in the growth and in the rates,
 and it pulls the shares of the neighbours down, which saturate (errors in variables). Here each scan is predicted from
-an estimate of the surface before the layer on the model that is being identified (`surface_filter`). The noise of the
-next scan is not in it, so the errors of the true heights have no mean whatever the patterns (prediction error method;
-Ljung 1999, "System identification", chapter 7). What a droplet's volume varies by follows from the size of the errors.
-Where volume is to be conserved, h1 of each material is what the other heights leave of the volume that its droplets
-have added (`droplet_volumes`), and only the others are fitted. The geometry of displaced scans is fitted with the
-heights: each round improves the heights, then the geometry by what the heights leave.
+an estimate of the surface before the layer on the model that is being identified (`surface_filter`). It is independent
+of the noise of the next scan, so the errors of the true heights have mean 0 for any pattern (prediction error method;
+Ljung 1999, "System identification", chapter 7). The variation of a droplet's volume follows from the size of the
+errors. To conserve volume, h1 of each material is the volume that its droplets have added (`droplet_volumes`) less the
+other heights, and only these are fitted. The geometry of displaced scans is fitted with the heights: each round
+improves the heights, then the geometry by their residuals.
 """
 
 from __future__ import annotations
@@ -28,25 +29,25 @@ from inkloop.identify.surface_filter import PLACE_STD, Innovation, innovations
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 
 BLOCK = 4  # cells along each side of a block whose errors may depend on each other (assumed)
-ROUNDS, AGREE = 40, 1e-4  # until a round changes no height by more than that share of a layer
-GEOMETRY_ROUNDS, GEOMETRY_AGREES = 15, 1e-3  # of a fit of the geometry; [cells], and of heights ten times AGREE
-VARIANCE_AGREES = 0.1  # of droplet volumes, share of itself: it weighs, no more
-PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the predictions
-DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
-PLACE_STD_FIRST = 0.1  # [cells], to begin with: large, so that walls do not pass for droplets that vary (assumed)
+ROUNDS, AGREE = 40, 1e-4  # rounds, and change of the heights that ends them, as a share of a layer
+GEOMETRY_ROUNDS, GEOMETRY_AGREES = 15, 1e-3  # the same for the geometry [cells]; heights: ten times AGREE
+VARIANCE_AGREES = 0.1  # relative change of the droplet variance that ends its fit: it only weighs the errors
+PERTURBATION = 1e-3  # perturbation of a height as a share of a layer, for the slope of the predictions
+DROPLET_STD_FIRST = 0.3  # start value: large, so that early rounds rest on the scans (by trial)
+PLACE_STD_FIRST = 0.1  # start value [cells]: large, so that walls do not count as variation of droplets (assumed)
 MEDIAN_SQUARE = 0.455  # of a standard normal distribution
 ERROR_LEAST = (
-    3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
+    3e-3  # least weight of a growth as a share of a layer: else a few growths of exact scans outweigh all (by trial)
 )
 
 
 @dataclass(frozen=True, eq=False)
 class InkEstimate:
     """heights: (materials, 3, 6 or 10) [m]; covariance: of all of them in order [m^2], from errors that may depend on
-    each other within a block of cells; degrees: of freedom of it; noise_std: of a reading [m]; droplet_std: of what a
-    droplet adds, as a share, with all that the model does not explain [1]; used: growths that it rests on; place_std:
-    of the place of a displaced reading [cells]; unexplained: robust variance beyond the noise of what is left of cells
-    that droplets reach [m^2]; geometry: of the scans, and geometry_covariance: of its terms [cells^2], if fitted.
+    each other within a block of cells; degrees: of freedom of it; noise_std: of a reading [m]; droplet_std: of a
+    droplet's increment, as a share, model errors included [1]; used: number of growths; place_std: of the place of a
+    displaced reading [cells]; unexplained: robust variance of the residuals of cells that droplets reach, beyond the
+    noise [m^2]; geometry: of the scans, and geometry_covariance: of its terms [cells^2], if fitted.
     """
 
     heights: NDArray[np.float64]
@@ -62,15 +63,15 @@ class InkEstimate:
 
     @property
     def half_widths(self) -> NDArray[np.float64]:
-        """Of the 95 % confidence intervals, in the shape of the heights [m]."""
+        """Half widths of the 95 % confidence intervals, in the shape of the heights [m]."""
         factor = float(stdtrit(max(1, self.degrees), 0.975))
         return np.asarray(factor * np.sqrt(np.diag(self.covariance)).reshape(self.heights.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """error: (n,) scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add [m^2];
-    block: of cells and print; steepness: squares of the slopes of displaced readings [m^2 per cell^2];
+    """error: (n,) scan less prediction [m]; variance: its expected variance [m^2]; squares: squared increments of the
+    droplets [m^2]; block: of cells and print; steepness: squares of the slopes of displaced readings [m^2 per cell^2];
     sensitivity: (8, n) of the predictions to the geometry [m per cell].
     """
 
@@ -83,20 +84,22 @@ class _Errors:
 
     @classmethod
     def together(cls, parts: Sequence[_Errors]) -> _Errors:
-        """All layers of all prints."""
+        """Joins the errors of all layers of all prints."""
         names = ("error", "variance", "squares", "block", "steepness", "sensitivity")
         return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
 
 
 @dataclass(frozen=True)
 class _Variances:
-    """droplets: of what a droplet adds, as a share [1]; place: of the place of a displaced reading [cells^2]."""
+    """droplets: variance of a droplet's increment, as a share [1]; place: of the place of a displaced reading
+    [cells^2].
+    """
 
     droplets: float
     place: float
 
     def improved(self, errors: _Errors) -> _Variances:
-        """By what the errors show, droplets on even ground and places at walls."""
+        """The variances updated by the errors: droplets on even ground, and places at walls."""
         steep = self.place * errors.steepness > 0.5 * errors.variance
         droplets = self._of(errors, self.droplets, errors.squares, ~steep)
         return _Variances(droplets, max(self._of(errors, self.place, errors.steepness, steep), PLACE_STD**2))
@@ -107,7 +110,7 @@ class _Variances:
             return before
         surplus = float(np.sum((errors.error**2 - errors.variance)[counted]) / np.sum(squares[counted]))
         wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
-        return float(np.sqrt(wanted * before))  # half the way: the filter follows, and errors with it
+        return float(np.sqrt(wanted * before))  # damped: it changes the filter, and so the errors
 
 
 def identify_ink(
@@ -188,7 +191,7 @@ def identify_ink(
 def _sensitivity(
     errors_of: Callable[[NDArray[np.float64]], _Errors], heights: NDArray[np.float64], errors: _Errors, by: float
 ) -> NDArray[np.float64]:
-    """(heights, errors): by how much the predictions grow per metre of each height."""
+    """(heights, errors): derivative of the predictions with respect to each height."""
     found = []
     for index in np.ndindex(heights.shape):
         changed = heights.copy()
@@ -214,7 +217,9 @@ def _blocks(shape: tuple[int, int]) -> NDArray[np.int64]:
 def _covariance(
     sensitivity: NDArray[np.float64], weight: NDArray[np.float64], errors: _Errors, freedom: Freedom
 ) -> tuple[NDArray[np.float64], int]:
-    """Of the heights, by blocks of cells over all layers of a print (sandwich estimate), and its degrees of freedom."""
+    """Covariance of the heights, by blocks of cells over all layers of a print (sandwich estimate), and its degrees of
+    freedom.
+    """
     own = freedom.basis.T @ sensitivity
     inverse = freedom.basis @ np.linalg.inv((own * weight) @ own.T)
     scattered, count = _scattered(own * weight * errors.error, errors.block)
@@ -223,7 +228,7 @@ def _covariance(
 
 
 def _scattered(scores: NDArray[np.float64], block: NDArray[np.int64]) -> tuple[NDArray[np.float64], int]:
-    """Covariance of the sums of scores (terms, n) that may depend on each other within a block, and all blocks."""
+    """Covariance of the sums of scores (terms, n), correlated within blocks, and the number of blocks."""
     _, number = np.unique(block, return_inverse=True)
     count = int(number.max()) + 1
     sums = np.array([np.bincount(number, terms, count) for terms in scores])

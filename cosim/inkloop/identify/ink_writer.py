@@ -55,7 +55,7 @@ def write_ink(found: Identification, path: Path, today: date) -> None:
 
 
 def _models(found: Identification) -> dict[str, dict[str, Any]]:
-    """Options of the other deposition models, as a component of that kind has them."""
+    """Options of the other deposition models, as keys of a component of that kind."""
     tables: dict[str, dict[str, Any]] = {}
     if found.plant is not None:
         heights = {
@@ -90,7 +90,7 @@ def _models(found: Identification) -> dict[str, dict[str, Any]]:
 
 
 def _identified(found: Identification) -> dict[str, Any]:
-    """Where the numbers are from and how good they are."""
+    """Origin and accuracy of the numbers."""
     scores = {c.name: _rounded(c.score.rms * UM_PER_M) for c in found.comparisons if c.score}
     return {
         "method": "regression over layers, corrected for the noise of the scans",

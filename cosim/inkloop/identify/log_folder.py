@@ -168,7 +168,7 @@ def _pattern(path: Path, rows_along: str | None, errors: list[str]) -> NDArray[n
 
 
 def _delimiter(path: Path) -> str | None:
-    """What separates the numbers of a text file; None stands for white space."""
+    """The separator of the numbers in a text file; None: white space."""
     text = path.read_text(encoding="utf-8", errors="replace")
     return next((mark for mark in (";", "\t", ",") if mark in text), None)
 

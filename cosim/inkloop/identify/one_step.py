@@ -23,7 +23,7 @@ from inkloop.models.volume_area_deposition import InkSurface
 Model: TypeAlias = LayerDeposition | SuperpositionDeposition | VolumeAreaDeposition | YoungLaplaceDeposition
 Marks: TypeAlias = NDArray[np.bool_]
 
-GROWN = 0.1  # of a full layer: lower cells do not count in (21), which divides by the height (assumed)
+GROWN = 0.1  # share of a full layer: lower cells do not count in (21), which divides by the height (assumed)
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Score:
     """
 
     rms: float
-    relative: float  # NaN where no cell is as high
+    relative: float  # NaN if no cell is that high
 
 
 def predictions(model: Model, record: PrintRecord, noise_std: float = 0.0) -> NDArray[np.float64]:
@@ -58,8 +58,8 @@ def predictions(model: Model, record: PrintRecord, noise_std: float = 0.0) -> ND
 
 
 def _ink_surface(ground: FloatMap, height: FloatMap, area: FloatMap) -> InkSurface:
-    """A measured surface as volumes and areas: noise makes no negative ink, and no covered part of a cell higher than
-    the highest cell.
+    """A measured surface as volumes and areas: noise neither makes ink negative nor a covered part higher than the
+    highest cell.
     """
     ink = np.maximum(height - ground, 0.0)
     tallest = float(ink.max())

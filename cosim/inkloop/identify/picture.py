@@ -17,12 +17,12 @@ from inkloop.report import plot
 from inkloop.report.plot import WIDTH_IN
 from inkloop.units import UM_PER_M
 
-SHOWN = 4  # models, the best ones
+SHOWN = 4  # number of models shown, the best ones
 BINS = 60
 THIN = {"linewidth": 1.0}
 QUANTILES = 16
 RESIDUAL, RESIDUAL_SIGN = "scan minus prediction", "scan higher +, lower -"
-LEAST = 30  # growths in a bin
+LEAST = 30  # least number of growths in a bin
 
 
 def save(found: Identification, path: Path, formats: Sequence[str]) -> list[Path]:
@@ -32,8 +32,8 @@ def save(found: Identification, path: Path, formats: Sequence[str]) -> list[Path
 
 
 def residuals(found: Identification) -> Figure:
-    """Residuals that were predicted without having been seen: of the best model by cell, of the best ones as densities,
-    and their means by how much the cell stood above its sides.
+    """Residuals of cells left out of the fit: of the best model by cell, of the best ones as densities, and their means
+    by the height of the cell above its sides.
     """
     shown = sorted((c for c in found.comparisons if c.score), key=_rms)[:SHOWN]
     figure = Figure(figsize=(WIDTH_IN, 2.7), layout="constrained")
@@ -69,7 +69,7 @@ def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> Non
 
 
 def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> None:
-    """By steps that were predicted, whose errors are not those of the scan that the next prediction began from."""
+    """Residuals by predicted steps, whose errors are independent of the scan that the prediction began from."""
     parts = zip(found.compared, shown[0].errors, strict=True)
     rise = np.concatenate([_rises(record.measured[1:] - error)[:-1].ravel() for record, error in parts]) * UM_PER_M
     if rise.size == 0:

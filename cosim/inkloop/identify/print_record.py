@@ -63,7 +63,7 @@ class PrintRecord:
             yield PrintedLayer(k + 1, pattern, self.measured[k], self.measured[k + 1], colours)
 
     def first(self, layers: int) -> PrintRecord:
-        """The print as it was after so many layers."""
+        """The print up to so many layers."""
         area = None if self.area is None else self.area[: layers + 1]
         return replace(self, pattern=self.pattern[:layers], measured=self.measured[: layers + 1], area=area)
 
@@ -78,8 +78,8 @@ class PrintRecord:
 
 
 def noise_of(records: list[PrintRecord], margin: int = 2) -> float | None:
-    """Standard deviation of a reading [m], from how cells that no droplet reached differ from scan to scan; None where
-    there are fewer than CELLS_MIN such differences.
+    """Standard deviation of a reading [m], from the differences between scans on cells that no droplet reached; None
+    where there are fewer than CELLS_MIN such differences.
     """
     differences = []
     for record in records:
@@ -91,7 +91,9 @@ def noise_of(records: list[PrintRecord], margin: int = 2) -> float | None:
 
 
 def first_guess(records: Sequence[PrintRecord]) -> float:
-    """Mean height that a droplet adds to the whole grid [m], for widths to begin with. Raises IdentificationError."""
+    """Mean height that a droplet adds to the whole grid [m], the start value of the widths. Raises
+    IdentificationError.
+    """
     growth = sum(float(np.nansum(np.diff(record.measured, axis=0))) for record in records)
     droplets = sum(int(np.count_nonzero(record.pattern)) for record in records)
     if droplets == 0:

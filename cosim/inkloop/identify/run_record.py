@@ -22,7 +22,7 @@ def read_run(folder: Path) -> PrintRecord:
 def record_of(result: Result, name: str) -> PrintRecord:
     """The print of a result: scans if there are any, else the reported surfaces. Raises IdentificationError.
 
-    Rows of layers that were never scanned hold NaN; what an event did to the pattern on its way is not in the record.
+    Rows of layers that were never scanned hold NaN; changes of a pattern by events are not in the record.
     """
     run = result.dataset
     surface = next((key for key in (MEASURED_HEIGHT, HEIGHT) if key in run), None)

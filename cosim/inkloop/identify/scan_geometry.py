@@ -1,4 +1,4 @@
-"""Geometry of the scans of a log: where each reading lies on the printer's grid, by shift, drift and a linear part.
+"""Geometry of the scans of a log: place of each reading on the printer's grid, by shift, drift and a linear part.
 
 Signs and terms are those of the observer (`controller/core/observer/scan_view.h`): the reading of cell (i, j) is the
 surface at (i + s_x + a u + b w, j + s_y + c u + d w), interpolated by straight lines, beyond the grid as at its border;
@@ -21,7 +21,7 @@ from inkloop.component import FloatMap
 
 TERMS = 8  # shift along x and y, linear part (4), drift along x and y
 HALF_STEP = 0.3  # of the difference quotients that slopes are [cells]; as in the observer
-LONGEST_MOVE = 0.5  # [cells], of a Gauss-Newton step (assumed)
+LONGEST_MOVE = 0.5  # longest Gauss-Newton step [cells] (assumed)
 PRIOR_STD = (0.7, 0.02, 0.5)  # of shift [cells], linear part [1] and drift [cells] before the scans (assumed)
 
 
@@ -29,8 +29,9 @@ PRIOR_STD = (0.7, 0.02, 0.5)  # of shift [cells], linear part [1] and drift [cel
 class ScanGeometry:
     """Geometry of all scans of a print of (nx, ny) cells and so many layers.
 
-    terms: (8,) [cells]: shift along x and y in the middle of the print; what the linear part adds at u = 1 and w = 1 to
-    x, then to y; what the shift along x and y gains until the last layer, and lacks at the first one.
+    terms: (8,) [cells]: shift along x and y in the middle of the print; linear part at u = 1 and w = 1 along x, then
+    along y; drift of the shift along x and y from the middle to the last layer, and with opposite sign at the first
+    one.
     """
 
     shape: tuple[int, int]
@@ -39,12 +40,12 @@ class ScanGeometry:
 
     @classmethod
     def in_register(cls, shape: tuple[int, int], layers: int) -> ScanGeometry:
-        """Of scans that lie where they should."""
+        """Geometry of scans in register."""
         return cls(shape, layers, np.zeros(TERMS))
 
     @property
     def is_none(self) -> bool:
-        """Whether the scans are taken to be in register."""
+        """Whether the scans count as in register."""
         return not self.terms.any()
 
     @property
@@ -62,7 +63,7 @@ class ScanGeometry:
 
     @property
     def linear(self) -> NDArray[np.float64]:
-        """(2, 2): what is added to a place (x, y) for each cell that it lies off the middle of the grid [1]."""
+        """(2, 2): displacement per cell of distance (x, y) from the middle of the grid [1]."""
         return self.terms[2:6].reshape(2, 2) / (0.5 * (np.array(self.shape) - 1.0))
 
     def moved(self, by: NDArray[np.float64]) -> ScanGeometry:
@@ -70,7 +71,7 @@ class ScanGeometry:
         return replace(self, terms=self.terms + by)
 
     def describe(self) -> str:
-        """How the scans lie, as the end of a sentence that begins with them."""
+        """Description of the geometry, as the end of a sentence that begins with "the scans"."""
         if self.is_none:
             return "lie in register"
         (a, b), (c, d) = self.linear
@@ -86,7 +87,7 @@ class ScanGeometry:
         return max(2.0 * (scan - 1) / (self.layers - 1) - 1.0, -1.0) if self.layers > 1 else 0.0
 
     def places(self, scan: int) -> NDArray[np.float64]:
-        """(2, cells): what the readings of a scan are of [cells]."""
+        """(2, cells): places of the readings of a scan [cells]."""
         u, w = _across(self.shape)
         shift = self.terms[:2] + self.share_of_time(scan) * self.terms[6:]
         moved = np.stack([np.ones(u.size), u, w])
@@ -94,7 +95,7 @@ class ScanGeometry:
         return np.asarray(np.indices(self.shape).reshape(2, -1) + to @ moved)
 
     def sampling(self, scan: int) -> csr_array:
-        """(cells, cells): reads the surface as a scan does."""
+        """(cells, cells): matrix from the surface to the readings of a scan."""
         cells = self.shape[0] * self.shape[1]
         if self.is_none:
             return _identity(cells)
@@ -112,7 +113,7 @@ class ScanGeometry:
         return csr_array(entries, shape=(cells, cells))
 
     def slopes(self, scan: int, surface: FloatMap) -> NDArray[np.float64]:
-        """(2, cells): slope of the surface along x and y where a scan reads it [m per cell]."""
+        """(2, cells): slope of the surface along x and y at the readings of a scan [m per cell]."""
         at = self.places(scan)
         found = []
         for step in HALF_STEP * np.eye(2)[:, :, None]:
@@ -121,7 +122,7 @@ class ScanGeometry:
         return np.array(found)
 
     def sensitivity(self, scan: int, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(8, cells): what the readings of a scan gain by each term [m per cell]."""
+        """(8, cells): derivatives of the readings of a scan with respect to the terms [m per cell]."""
         u, w = _across(self.shape)
         along_x, along_y = slopes
         time = self.share_of_time(scan)
@@ -141,13 +142,13 @@ class GeometryFit:
 
     @classmethod
     def of(cls, geometry: ScanGeometry, sensitivity: NDArray[np.float64], weight: NDArray[np.float64]) -> GeometryFit:
-        """Of (n,) errors with these weights."""
+        """Normal equations of (n,) errors with these weights."""
         weighted = sensitivity * weight
         information = weighted @ sensitivity.T + np.diag(geometry.prior_precision)
         return cls(geometry, weighted, np.asarray(np.linalg.inv(information), np.float64))
 
     def step(self, error: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(8,): change of the terms by (n,) errors, not too long a one [cells]."""
+        """(8,): change of the terms by (n,) errors, limited in length [cells]."""
         step = self.inverse @ (self.weighted @ error - self.geometry.prior_precision * self.geometry.terms)
         return np.asarray(step * min(1.0, LONGEST_MOVE / max(float(np.abs(step).max()), LONGEST_MOVE)))
 

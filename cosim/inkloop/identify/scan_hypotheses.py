@@ -1,9 +1,10 @@
-"""Whether the scans of a log show its patterns: as recorded, in another orientation of the grid, or a layer apart.
+"""Tests whether the scans of a log show its patterns: as recorded, in another orientation of the grid, or a layer
+apart.
 
-What a droplet adds lies around it. The growth from scan to scan is regressed on all droplets up to three cells away,
-the datum of each growth is free, and the share of the growth that is explained tells the hypotheses apart, whatever the
-ink, the plant, or a shift of the scans (`scan_geometry`), which is where the weights of the regression have their
-middle. The observer asks the same of each scan during a print (`controller/core/observer/scan_doubts.c`).
+A droplet adds height near it only. The growth from scan to scan is regressed on all droplets up to three cells away,
+with a free datum of each growth. The explained share of the growth distinguishes the hypotheses for any ink, plant, or
+shift of the scans (`scan_geometry`); the shift is the centre of the regression's weights. The observer tests each scan
+in the same way during a print (`controller/core/observer/scan_doubts.c`).
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from inkloop.identify.print_record import PrintRecord
 REACH = 3  # cells along each side of a droplet
 SIDE = 2 * REACH + 1
 DATUM = 6  # offset, tilt and bow of a scan
-LAYERS_MOST, CELLS_MOST = 40, 20_000  # that are looked at, at even distances
-CLEARLY = 0.1  # of the growth, explained by another hypothesis beyond what is explained as recorded (assumed)
-OF_DROPLETS = 0.4  # of the growth that droplets must show: least that is explained (assumed)
-STILL = 0.25  # of what the droplets of other layers add: less is no growth (assumed)
+LAYERS_MOST, CELLS_MOST = 40, 20_000  # largest numbers of layers and cells used, at even distances
+CLEARLY = 0.1  # share of the growth that another hypothesis must explain in addition (assumed)
+OF_DROPLETS = 0.4  # least share of the growth explained by droplets (assumed)
+STILL = 0.25  # share of the height added in other layers, below which nothing grew (assumed)
 CERTAIN = 3.0  # standard errors
-NAMED = 5  # layers in a message
+NAMED = 5  # layers named in a message
 NOMINAL = np.array([[0.2, 0.6, 0.2], [0.6, 4.4, 0.6], [0.2, 0.6, 0.2]]) / 7.6
-"""Shares of a droplet by cell, for what droplets must show: Lu et al. 2015, Table I."""
+"""Shares of a droplet by cell, to test that the scans show droplets: Lu et al. 2015, Table I."""
 
 TURNS: Mapping[str, tuple[Callable[[Any], Any], str]] = {
     "mirrored in x": (lambda m: m[::-1], 'set mirror = "x"'),
@@ -41,8 +42,8 @@ TURNS: Mapping[str, tuple[Callable[[Any], Any], str]] = {
     "turned by 270 degrees": (lambda m: np.rot90(m, 3), "add 270 to rotation_deg"),
     "transposed and turned by 180 degrees": (lambda m: m[::-1, ::-1].T, 'set mirror = "x", add 90 to rotation_deg'),
 }
-"""How scans may lie: what brings them to the printer, and what in print.toml does. Those from "transposed" on take a
-square grid."""
+"""Orientations of scans: the transform to the printer, and the keys of print.toml for it. Those from "transposed" on
+take a square grid."""
 LAGS: Mapping[str, tuple[int, str]] = {
     "one layer late": (1, "number the map after layer n by n, not by n + 1"),
     "one layer early": (-1, "number the map after layer n by n, not by n - 1, the start surface by 0"),
@@ -51,8 +52,8 @@ LAGS: Mapping[str, tuple[int, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """share: of the growth that the droplets of a hypothesis explain, adjusted for their weights; weights: (materials,
-    7, 7) what a droplet so many cells away along x and y adds [m].
+    """share: of the growth explained by the droplets of a hypothesis, adjusted for the number of weights; weights:
+    (materials, 7, 7) height added by a droplet so many cells away along x and y [m].
     """
 
     share: float
@@ -60,7 +61,7 @@ class Explained:
 
 
 def first_shift(record: PrintRecord) -> NDArray[np.float64]:
-    """(2,) shift of the scans along x and y that the growth shows, to a few tenths [cells]; 0 where it shows none.
+    """(2,) shift of the scans along x and y by the growth, to a few tenths [cells]; 0 if it shows none.
 
     Raises IdentificationError if the scans do not show the patterns of the log: they are turned, a layer apart, did not
     grow, or show something else.
@@ -157,7 +158,7 @@ def _less_mean(maps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _added(record: PrintRecord) -> NDArray[np.float64]:
-    """(layers, nx, ny): what droplets of the mean volume of the log add [m]."""
+    """(layers, nx, ny): height added by droplets of the mean volume of the log [m]."""
     growth = float(np.nansum(np.diff(record.measured, axis=0)))
     volume = max(growth, 0.0) / max(int(np.count_nonzero(record.pattern)), 1)
     return np.asarray(convolve(volume * (record.pattern > 0), NOMINAL[None], mode="constant"))
@@ -166,7 +167,9 @@ def _added(record: PrintRecord) -> NDArray[np.float64]:
 def _explained(
     record: PrintRecord, measured: NDArray[np.float64], lag: int = 0, is_varied: bool = False
 ) -> Explained | None:
-    """What the droplets of a print explain of scans (layers + 1, nx, ny); None: too few readings to say."""
+    """Explained share of the growth in scans (layers + 1, nx, ny) by the droplets of a print; None: too few
+    readings.
+    """
     count = record.materials * SIDE**2
     matrix, side, total, used = np.zeros((count, count)), np.zeros(count), 0.0, 0
     for _, own, grown in _growths(record, measured, lag, is_varied):
@@ -185,7 +188,8 @@ def _explained(
 def _growths(
     record: PrintRecord, measured: NDArray[np.float64], lag: int = 0, is_varied: bool = False
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-    """Number of a layer, (cells, weights) droplets around each cell, and (cells,) its growth [m], datum taken off both.
+    """Number of a layer, (cells, weights) droplets around each cell, and (cells,) its growth [m], both less their
+    datum.
 
     lag: layers by which the scans are late; is_varied: patterns less their mean over the layers.
     """

@@ -1,9 +1,9 @@
-"""Register the scans of a log: their geometry where the log shows one, and the surfaces that it stands for.
+"""Register the scans of a log: estimate their geometry, if the log shows one, and correct the surfaces by it.
 
-The geometry is fitted with the ink (`ink_regression`) and believed only if it explains. A true displacement leaves
-noise and what droplets vary by; droplets of another kind look displaced by some hundredths of a cell, too, but leave
-what they left before. So a geometry that explains less than half of it is taken for none, and the scans stay as they
-are.
+The geometry is fitted with the ink (`ink_regression`) and accepted only if it reduces the residuals. A true
+displacement leaves noise and the variation of droplets; droplets unlike the model's also look displaced by some
+hundredths of a cell, but their residuals remain. So a geometry that explains less than half of the unexplained variance
+is rejected, and the scans are not changed.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from inkloop.identify.scan_geometry import ScanGeometry
 from inkloop.identify.scan_hypotheses import first_shift
 from inkloop.identify.surface_filter import first_surface, innovations
 
-SIGNIFICANT = 40.0  # chi-square of the eight terms; by chance in 3 of a million logs
-EXPLAINED = 0.45  # most that is left of the unexplained variance; foreign droplets in register left 0.5 and more
-LITTLE = 0.025  # of a droplet's volume over a cell: what leaves less is explained without a geometry (assumed)
-NEAR = 0.04  # [cells]: less changes no height by more than 3 %
-DOUBTFUL = (1000.0, 0.2)  # significance and [cells] of a geometry that is reported though it is not believed (assumed)
-LINEAR_MOST = 0.06  # of the linear part; more is a wide spot, which mixes neighbours as a magnification does (assumed)
+SIGNIFICANT = 40.0  # chi-square of the eight terms: exceeded by chance in 3 of a million logs
+EXPLAINED = 0.45  # largest remaining share of the unexplained variance; droplets unlike the model's left 0.5 and more
+LITTLE = 0.025  # share of a droplet's volume over a cell: smaller residuals need no geometry (assumed)
+NEAR = 0.04  # [cells]: a smaller displacement changes no height by more than 3 %
+DOUBTFUL = (1000.0, 0.2)  # significance and [cells] above which a rejected geometry is reported (assumed)
+LINEAR_MOST = 0.06  # a larger linear part is a wide spot, which mixes neighbours as a magnification does (assumed)
 DOUBT = "stays unexplained, as with droplets of another kind or a wide spot: not corrected; check the profiler"
-FAR_START = 0.4  # [cells] of a first shift: the fit begins from none, too
+FAR_START = 0.4  # first shift [cells] above which the fit is also tried from 0
 
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """recorded: the print as it is logged; geometry: of its scans; record: the print with the surfaces that the scans
-    show in their place; note: why there may be a geometry that was not corrected.
+    """recorded: the print as logged; geometry: of its scans; record: the print with corrected surfaces; note: reason to
+    suspect a geometry that was not corrected.
     """
 
     recorded: PrintRecord
@@ -55,7 +55,7 @@ def register(record: PrintRecord, noise_std: float) -> Registered:
     try:
         plain = identify_ink([record], noise_std)
         fits = [identify_ink([record], noise_std, geometries=[start], fit_geometry=True) for start in starts]
-    except IdentificationError as error:  # together with other prints it may do
+    except IdentificationError as error:  # together with other prints the fit may succeed
         return replace(as_they_are, note=f"geometry of the scans of {record.name}: {error}")
     fit = min(fits, key=lambda one: one.unexplained)
     geometry = fit.geometry
@@ -73,7 +73,7 @@ def register(record: PrintRecord, noise_std: float) -> Registered:
 
 
 def _explains(fit: InkEstimate, plain: InkEstimate, layer: float) -> bool:
-    """Whether the geometry of a fit is believed; layer: what a droplet adds over a cell [m]."""
+    """Whether the geometry of a fit is accepted; layer: height that a droplet adds over a cell [m]."""
     geometry = fit.geometry
     if geometry is None or geometry.farthest < NEAR or np.abs(geometry.linear).max() > LINEAR_MOST:
         return False
@@ -83,7 +83,7 @@ def _explains(fit: InkEstimate, plain: InkEstimate, layer: float) -> bool:
 
 
 def _significance(fit: InkEstimate) -> float:
-    """How far the terms of its geometry are off zero, as chi-square of eight degrees of freedom."""
+    """Significance of its geometry, as chi-square of eight degrees of freedom."""
     if fit.geometry is None or fit.geometry_covariance is None:
         return 0.0
     return float(fit.geometry.terms @ np.linalg.pinv(fit.geometry_covariance) @ fit.geometry.terms)

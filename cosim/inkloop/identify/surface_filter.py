@@ -1,9 +1,9 @@
-"""The surface of a print followed through its scans on an ink, and what each scan leaves of its prediction.
+"""Kalman filter of the surface of a print over its scans, and the innovation of each scan, for a given ink.
 
-A Kalman filter over all scans so far, around a plane or a rough start surface: each layer is predicted from the
-estimate before it, with the mean of the rates over what that surface may have been (`expected_increments`), seen
-through the geometry of the scan, and corrected by its readings. Errors of the surface are taken to be independent from
-cell to cell; readings between the cells then correct the cells they lie between (conjugate gradients).
+The start surface is a plane or rough. Each layer is predicted from the estimate before it, with the mean of the rates
+over the distribution of that surface (`expected_increments`), read through the geometry of the scan, and corrected by
+its readings. Errors of the surface are assumed independent from cell to cell; readings between the cells correct the
+cells around them (conjugate gradients).
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from inkloop.identify.print_record import PrintRecord
 from inkloop.identify.scan_geometry import TERMS, ScanGeometry
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
 
-FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
-UNSEEN = 2e-6  # [m^2]: variance of a height that was never seen, more than of any surface (assumed)
-PLACE_STD = 0.004  # [cells]: least of a displaced reading by what the geometry leaves out, as in the observer
-EXACT = 1e-30  # [m^2]: noise of readings that have none, to divide by
-SOLVED, STEPS_MOST = 1e-3, 20  # of the corrections: share that conjugate gradients leave, and steps
+FLATNESS = 2.0  # standard deviations of its variance by which scan 0 of a plane may exceed the noise (assumed)
+UNSEEN = 2e-6  # [m^2]: variance of a height never measured, larger than that of any surface (assumed)
+PLACE_STD = 0.004  # [cells]: least standard deviation of a displaced reading's place, as in the observer
+EXACT = 1e-30  # [m^2]: variance of noiseless readings, to divide by
+SOLVED, STEPS_MOST = 1e-3, 20  # of the corrections: relative residual of conjugate gradients, and steps
 
 Vectors = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Innovation:
-    """What a scan leaves of its prediction. surface: (nx, ny) after the correction [m]; usable: (nx, ny); error: (n,)
-    of the usable cells, scan less prediction [m]; variance: expected of it [m^2]; squares: of what the droplets add
-    [m^2]; sensitivity: (8, n) what the prediction gains by each term of the geometry [m per cell], (0, n) if not asked
-    for; steepness: (n,) squares of the slopes of displaced readings, else 0 [m^2 per cell^2].
+    """Innovation of a scan: its difference from the prediction. surface: (nx, ny) after the correction [m]; usable:
+    (nx, ny); error: (n,) of the usable cells, scan less prediction [m]; variance: its expected variance [m^2]; squares:
+    squared increments of the droplets [m^2]; sensitivity: (8, n) derivatives of the prediction with respect to the
+    terms of the geometry [m per cell], (0, n) if not requested; steepness: (n,) squares of the slopes of displaced
+    readings, else 0 [m^2 per cell^2].
     """
 
     surface: FloatMap
@@ -105,8 +106,8 @@ def first_surface(scan: FloatMap, noise_std: float, geometry: ScanGeometry) -> t
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """How a scan reads the surface: sampling (cells, cells), its squares, noise of the readings (cells,) [m^2], squares
-    of the slopes of displaced ones [m^2 per cell^2], and (8, cells) sensitivity to the geometry [m per cell].
+    """Reading of the surface by a scan: sampling (cells, cells), its squares, noise of the readings (cells,) [m^2],
+    squares of the slopes of displaced ones [m^2 per cell^2], and (8, cells) sensitivity to the geometry [m per cell].
     """
 
     sampling: csr_array
@@ -119,7 +120,7 @@ class _View:
     def of(
         cls, geometry: ScanGeometry, scan: int, surface: FloatMap, noise: float, place_variance: float, terms: int
     ) -> _View:
-        """With the sensitivity to so many terms."""
+        """With the sensitivity to the first `terms` terms."""
         sampling, even = geometry.sampling(scan), np.full(surface.size, noise)
         if geometry.is_none and terms == 0:
             return cls(sampling, sampling, even, np.zeros(surface.size), np.zeros((0, surface.size)))
@@ -175,7 +176,7 @@ def _solved(times: Callable[[Vectors], Vectors], diagonal: Vectors, right: Vecto
 
 
 def start_surface(scan: FloatMap, noise_std: float) -> tuple[FloatMap, FloatMap]:
-    """What is known of the start surface: (mean, variance) [m], [m^2], the variance infinite where it was not seen.
+    """Prior of the start surface: (mean, variance) [m], [m^2], the variance infinite where it was not seen.
 
     A plane, if the scan is as even as its noise; else a rough plane whose roughness is normal (empirical Bayes).
     """
@@ -205,6 +206,6 @@ def _plane(scan: FloatMap, noise_std: float) -> tuple[FloatMap, float, FloatMap]
 
 
 def _evened(squares: FloatMap, rates: NDArray[np.float64]) -> FloatMap:
-    """Their mean wherever droplets reach: what a model does not explain is no smaller where droplets add little."""
+    """The mean of the values wherever droplets reach: model errors are no smaller where droplets add little."""
     reached = (rates > 0.0).any(axis=(0, 1))
     return np.where(reached, squares[reached].mean() if reached.any() else 0.0, 0.0)

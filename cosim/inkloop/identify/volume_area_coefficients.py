@@ -1,5 +1,5 @@
 """The coefficients of Wu and Chiu (2024) from drops that fall alone onto uneven ground: equations 14 to 16 in groups of
-three samples, (17) with weights, and how well they predict each pattern of prior drops (21).
+three samples, (17) with weights, and their prediction error for each pattern of prior drops (21).
 
 The paper takes means of ratios of gains to height differences. Where a difference is small, noise makes its ratio
 large, and the mean follows it. Here each ratio has its difference as weight: the sum of the gains over the sum of
@@ -25,10 +25,10 @@ from inkloop.models import VolumeAreaDeposition
 from inkloop.units import UM_PER_M
 
 NAMES = ("mv_plus", "mv_minus", "ma_plus", "ma_minus")
-GROUP = 3  # samples that are averaged (Wu, Chiu 2024, section IV)
+GROUP = 3  # samples averaged together (Wu, Chiu 2024, section IV)
 TWO_PRIOR = "2 on the sides"  # Fig. 3(b), from which the paper takes the coefficients
-LEVEL = 0.01  # of a drop's mean height: differences below it have no sign, as below 3 noise_std (assumed)
-COVERED = 0.1  # of it: from there on a cell without a measured area counts as covered (assumed)
+LEVEL = 0.01  # share of a drop's mean height: smaller differences have no sign, as below 3 noise_std (assumed)
+COVERED = 0.1  # the same: above it a cell without a measured area counts as covered (assumed)
 LEAST_GROUPS = 2
 _WINDOW = np.ones((5, 5), int)
 _OFF_CENTRE = np.array([[True, True, True], [True, False, True], [True, True, True]])
@@ -37,7 +37,7 @@ _OFF_CENTRE = np.array([[True, True, True], [True, False, True], [True, True, Tr
 @dataclass(frozen=True, eq=False)
 class DropSample:
     """The 3 x 3 cells around a drop that fell alone: mean heights over the substrate [m] and covered shares, before and
-    after; prior: text, what lay around it.
+    after; prior: text, the drops around it.
     """
 
     prior: str
@@ -180,7 +180,7 @@ def _sums(
 
 
 def _ratio(gains: NDArray[np.float64], differences: NDArray[np.float64]) -> tuple[float, float]:
-    """Sum over sum, and half the width of its 95 % confidence interval, from what the groups are off it."""
+    """Sum over sum, and half the width of its 95 % confidence interval, from the residuals of the groups."""
     ratio, count = float(gains.sum() / differences.sum()), gains.size
     off = float(np.sum((gains - ratio * differences) ** 2)) * count / (count - 1)
     return ratio, float(stdtrit(count - 1, 0.975)) * math.sqrt(off) / abs(float(differences.sum()))

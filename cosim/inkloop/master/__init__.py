@@ -1,1 +1,1 @@
-"""The co-simulation master: which component steps when, and what travels between them."""
+"""The co-simulation master: steps of components, and values between them."""

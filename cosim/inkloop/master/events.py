@@ -1,8 +1,8 @@
 """Events of a scenario: change inputs or outputs of a component from a layer or a time on, unseen by it.
 
-The words are those of libcosim: an override replaces a value, a bias adds to it, a reset takes back what stands above
-it in the file. Where events meet on a port, they act in the order of the file. What is in effect follows from the
-layer and the time alone, so that a resumed run needs nothing of the past.
+The terms are those of libcosim: an override replaces a value, a bias adds to it, a reset cancels the events above it in
+the file. Where events meet on a port, they act in the order of the file. The events in effect depend on the layer and
+the time alone, so that a resumed run needs no history.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 
     It begins with the layer that is commanded as `at_layer`, or with the first step that begins at `at_time_ns` or
-    later; one of the two is None. value: a scalar or an array of the port's shape, None for a reset; per_layer: what
-    each further layer adds to it; cells: where, None: everywhere.
+    later; one of the two is None. value: a scalar or an array of the port's shape, None for a reset; per_layer: added
+    for each further layer; cells: those changed, None: all.
     """
 
     place: str
@@ -91,7 +91,7 @@ class Manipulator:
         return self._changed(self._outputs.get(component, {}), values, time_ns, layer)
 
     def in_effect(self, time_ns: int, layer: int) -> bool:
-        """Whether anything is changed: some override or bias has begun that no later reset takes back."""
+        """Whether any value is changed: an override or bias has begun that no later reset cancels."""
         ports = [port for side in (self._inputs, self._outputs) for own in side.values() for port in own.values()]
         return any(port.is_changed(time_ns, layer) for port in ports)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 
 class _Ask:
-    """Takes note of the first Ctrl-C, also for the blocks around, and leaves the next one to the earlier handler."""
+    """Notes the first Ctrl-C, also for the enclosing blocks, and leaves the next one to the earlier handler."""
 
     def __init__(self, before: Any) -> None:
         self.asked = threading.Event()
@@ -29,7 +29,7 @@ class _Ask:
 def deferred() -> Iterator[Callable[[], bool]]:
     """Within the block the first Ctrl-C only makes the yielded function true; the second one interrupts at once.
 
-    Blocks may stand in each other: the first one serves all.
+    Blocks may be nested: the outermost one serves all.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False  # Python lets only the main thread handle signals

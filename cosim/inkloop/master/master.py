@@ -112,7 +112,7 @@ class Master:
         self._commander = next(commander, None)
         can_be_told = self._commander and has_port(components[self._commander].inputs, LOOKED_AT)
         is_fed = any(connection.target == f"{self._commander}.{LOOKED_AT}" for connection in connections)
-        self._told = self._commander if can_be_told and not is_fed else None  # whether a person has looked
+        self._told = self._commander if can_be_told and not is_fed else None  # gets `looked_at`
         self._is_looked_at = False
         parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
         self._wall_ns = dict.fromkeys(parts, 0)
@@ -144,7 +144,9 @@ class Master:
         resume: Checkpoint | None = None,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> Turns:
-        """The run of `run`, which pauses before each step of a component; to close it terminates the components."""
+        """The run of `run` as an iterator that pauses before each step of a component; closing it terminates the
+        components.
+        """
         if time_max_ns is None and not (layers_max is not None and self._find(LAYERS_PRINTED)):
             raise ScenarioError("run", ["nothing ends this run: no component counts layers; set time_max_s"])
         with ExitStack() as stack:
@@ -171,14 +173,14 @@ class Master:
             return reason
 
     def inputs(self, name: str, time_ns: int) -> Values:
-        """What a component would read in a step that begins at `time_ns`, from the newest outputs."""
+        """Inputs of a component in a step that begins at `time_ns`, from the newest outputs."""
         return self._gather(name, self._outputs, time_ns)
 
     @property
     def wall_s(self) -> dict[str, float]:
         """Wall time [s] by component, of the observers, the master's own ("master") and in total ("total").
 
-        Where the run is paced, also what it waited for the clock ("waiting").
+        For a paced run also the time spent waiting for the clock ("waiting").
         """
         *parts, total = self._wall_ns.values()
         return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
@@ -197,7 +199,7 @@ class Master:
             self._wall_ns[name] += perf_counter_ns() - begin
 
     def _restore(self, checkpoint: Checkpoint) -> int:
-        """Bring the initialized components to where a checkpoint was taken; the time there."""
+        """Restore the initialized components to a checkpoint; returns its time."""
         for name, component in self._components.items():
             try:
                 component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
@@ -278,7 +280,7 @@ class Master:
         return checked
 
     def _initial_order(self) -> list[str]:
-        """Sources before those they feed; where that goes in a circle, the order of the scenario."""
+        """Sources before their targets; in a loop, the order of the scenario."""
         waiting = list(self._components)
         order = []
         while waiting:

@@ -10,7 +10,7 @@ import numpy as np
 
 from inkloop.units import MS_PER_S, S_PER_NS
 
-LONGEST_SLEEP_NS = 100_000_000  # so that Ctrl-C is heard while a long step is waited for
+LONGEST_SLEEP_NS = 100_000_000  # so that Ctrl-C is noticed during a long wait
 
 
 class Pacing:
@@ -46,7 +46,7 @@ class Pacing:
 
     @property
     def statistics(self) -> dict[str, float]:
-        """Communication points, those reached after they were due, and by how much: worst and 99th percentile [s]."""
+        """Communication points, late ones, and their delay: worst and 99th percentile [s]."""
         lateness = np.array(self._lateness_ns, dtype=np.int64)
         figures = {"real_time_factor": self._factor, "steps": lateness.size, "missed": int(np.count_nonzero(lateness))}
         worst, p99 = (lateness.max(), np.percentile(lateness, 99)) if lateness.size else (0, 0.0)
@@ -54,7 +54,7 @@ class Pacing:
 
 
 def sentence(statistics: Mapping[str, float]) -> str:
-    """The statistics of a run in a line."""
+    """The statistics of a run as one line."""
     return (
         f"real time x {statistics['real_time_factor']:g}: {statistics['missed']} of {statistics['steps']} steps late, "
         f"worst {statistics['worst_s'] * MS_PER_S:.3g} ms, 99 % within {statistics['p99_s'] * MS_PER_S:.3g} ms"

@@ -24,7 +24,7 @@ from inkloop.suggest import nearest
 from inkloop.units import conversion, is_known
 
 EXAMPLES = {CONTROLLER: "LayerMpc", PRINTER: "LayerDeposition", PROFILER: "ProfileSensor"}
-"""Role -> a kind that takes it."""
+"""Role -> an example of its kinds."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What happens to a value on its way: value * factor + offset, in the unit of the input."""
+    """Conversion of a value between two ports: value * factor + offset, in the unit of the input."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -64,11 +64,11 @@ class Transfer:
 
     @property
     def is_plain(self) -> bool:
-        """Whether values arrive as they are sent."""
+        """Whether values arrive unchanged."""
         return self.factor == 1.0 and self.offset == 0.0
 
     def __call__(self, value: NDArray[Any]) -> NDArray[Any]:
-        """The value as it arrives; the array itself if nothing is to be done."""
+        """The converted value; the array itself if there is no conversion."""
         if self.is_plain:
             return value
         arrived = np.asarray(value * self.factor + self.offset, dtype=value.dtype)
@@ -80,7 +80,7 @@ def contract_connections(components: Mapping[str, HasPorts]) -> list[Connection]
     """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
 
     An input with several such components is left open; `check` asks which one is meant. A component that scans a shadow
-    follows the layers of the shadow, which may be a step behind the printer's.
+    takes the layers of the shadow, which may be a step behind the printer's.
     """
     wires = []
     for name, component in components.items():
@@ -94,9 +94,9 @@ def contract_connections(components: Mapping[str, HasPorts]) -> list[Connection]
 def feeds(
     components: Mapping[str, HasPorts], connections: Sequence[Connection]
 ) -> dict[str, list[tuple[str, str, str, Transfer]]]:
-    """By component, what its inputs get: input, component and output it comes from, and the way between.
+    """By component, the sources of its inputs: input, component and output, and the conversion.
 
-    The connections have no errors.
+    The connections must have no errors.
     """
     inputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.inputs}
     outputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.outputs}
@@ -113,7 +113,7 @@ Feeds: TypeAlias = Mapping[str, Sequence[tuple[str, str, str, Transfer]]]
 
 
 def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready: Container[str]) -> str | None:
-    """What keeps a component from being initialized: it stands in a loop and is fed an output without start value."""
+    """Errors that prevent initialization: a component in a loop that gets an output without start value."""
     for port, source, output, _ in feeds[name]:
         if source not in ready and not np.isfinite(outputs[source][output]).all():
             return (
@@ -189,7 +189,7 @@ def _ports(component: HasPorts, direction: str) -> dict[str, Port]:
 
 
 def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, errors: list[str]) -> Port | None:
-    """The port at "component.port"; where there is none, `errors` gets a sentence with names that are near."""
+    """The port at "component.port"; if there is none, `errors` gets a sentence with similar names."""
     component, name = _parts(place)
     if component not in ports:
         errors.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")

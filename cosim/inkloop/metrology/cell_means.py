@@ -18,7 +18,7 @@ from inkloop.units import UM_PER_M
 PIXELS_PER_CELL = 8  # coarser pixels are divided first: a turned pixel counts as an upright one of the same area
 _BLOCK = 1 << 18  # pixels at a time, so that they stay in the processor's cache
 _UPRIGHT = 1e-12  # rad: a rotation by quarter turns
-_ROUNDING = 1e-6  # share of a cell that an adjacent pixel gets by rounding
+_ROUNDING = 1e-6  # share of a cell that rounding gives to an adjacent pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class CellMeans:
     share: FloatMap
 
     def valid(self, share_min: float) -> BoolMap:
-        """Cells of which at least that share was measured."""
+        """Cells of which at least `share_min` was measured."""
         return np.isfinite(self.mean) & (self.share >= share_min)
 
 
@@ -56,7 +56,7 @@ def cell_means(map_: HeightMap, registration: Registration, nx: int, ny: int, pi
 
 @dataclass(frozen=True, eq=False)
 class _Bins:
-    """Sums over the cells of a grid with a ring of cells around it, which takes what lies outside.
+    """Sums over the cells of a grid with a ring of cells around it, which collects pixels outside.
 
     volume, pixels: (nx + 2, ny + 2) sums of heights and of pixels; width, depth: of a pixel [cells].
     """
@@ -82,7 +82,7 @@ class _Bins:
         self._add(i[over_both] + 1, j[over_both] + 1, z[over_both], (beyond_i * beyond_j)[over_both])
 
     def means(self) -> CellMeans:
-        """What has been added, by cell of the grid."""
+        """Means of the added pixels, by cell of the grid."""
         volume, pixels = self.volume[1:-1, 1:-1], self.pixels[1:-1, 1:-1]
         share = pixels * self.width * self.depth
         seen = share > _ROUNDING
@@ -97,7 +97,7 @@ class _Bins:
 
 
 def _split(center: FloatMap, size: float) -> tuple[NDArray[np.intp], FloatMap]:
-    """Index of the cell in which a box begins, and which part of the box lies in the next one."""
+    """Index of the cell in which a box begins, and the share of the box in the next one."""
     begin = center - 0.5 * size
     cell = np.floor(begin)
     return cell.astype(np.intp), np.maximum((begin + size - cell - 1.0) / size, 0.0)

@@ -1,4 +1,4 @@
-"""The level of a scan: many profilers lose height and tilt between scans, cells outside the part keep it."""
+"""Levelling of a scan: many profilers lose height and tilt between scans, cells outside the part keep it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.errors import HeightMapError
 Datum: TypeAlias = Literal["none", "offset", "plane"]
 
 CELLS_MIN = {"none": 0, "offset": 1, "plane": 8}
-CLIP = 3.0  # standard deviations beyond which a reference cell is left out: dirt, a satellite droplet (assumed)
+CLIP = 3.0  # standard deviations beyond which a reference cell is left out: dirt, satellite droplets (assumed)
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _ROUNDS = 5
 

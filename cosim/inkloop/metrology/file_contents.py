@@ -16,7 +16,7 @@ _SPELLINGS = {"\u00b5m": "um", "\u03bcm": "um", "micron": "um", "microns": "um"}
 
 @dataclass(frozen=True, eq=False)
 class FileContents:
-    """Values as stored, with what the file states about them; None where it states nothing.
+    """Values as stored, with the statements of the file about them, None where it has none.
 
     values: 2-D, numbers in `unit`, NaN where nothing was measured; pixel: (dx, dy) [m]; rows_along: the coordinate that
     a stored row lies along: "x" where the first index goes along y, as in pictures and tables, "y" where it goes along

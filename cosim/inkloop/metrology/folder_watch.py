@@ -1,4 +1,4 @@
-"""Files that another program writes: which one is awaited, and when it is complete."""
+"""Files written by another program: the expected file, and the detection that it is complete."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.limits import filled
 from inkloop.metrology.file_names import numbered_files
 
 Complete: TypeAlias = Literal["stable", "renamed", "done"]
-"""How a file is known to be complete.
+"""Criteria of a complete file.
 
 "stable": its size and time have not changed for a while; "renamed": it appears under its name only when it is, as
 programs do that write to a temporary name; "done": a file of its name and .done is next to it.
@@ -32,7 +32,7 @@ class _Sight:
 
 @dataclass
 class Wait:
-    """A layer that is awaited since a time of the clock [s], and after how long to report it next [s]."""
+    """A layer that is awaited since a time of the clock [s], and the wait after which it is reported next [s]."""
 
     layer: int
     since: float
@@ -61,11 +61,11 @@ class FolderWatch:
         self._sights: dict[Path, _Sight] = {}
 
     def path(self, layer: int) -> Path:
-        """Where the file of a layer is looked for."""
+        """Path of the file of a layer."""
         return self.folder / filled(self._file_name, {FIELD: layer})
 
     def look(self, layer: int, patience_s: float) -> Path | None:
-        """The file of a layer if it is complete; waits up to `patience_s` for it, and for one in sight to settle.
+        """The file of a layer if it is complete; waits up to `patience_s` for it, and for an existing one to settle.
 
         Raises OSError if the folder cannot be read.
         """
@@ -78,7 +78,7 @@ class FolderWatch:
         return path
 
     def is_in_sight(self, layer: int) -> bool:
-        """Whether there is something of the name, complete or not."""
+        """Whether the file exists, complete or not."""
         return self.path(layer).exists()
 
     def layers(self) -> dict[int, Path]:

@@ -18,7 +18,7 @@ class HeightMap:
     """Heights of a regular grid of pixels in the coordinates of the profiler.
 
     z: (m, n) [m], i along x, j along y, NaN where nothing was measured (infinities become NaN); dx, dy: size of a pixel
-    [m]; x0, y0: centre of pixel (0, 0) [m]; source: what messages call it. Raises HeightMapError.
+    [m]; x0, y0: centre of pixel (0, 0) [m]; source: its name in messages. Raises HeightMapError.
     """
 
     z: FloatMap

@@ -48,9 +48,8 @@ def read(
     unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that states
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.
     invalid_value: the number that marks a pixel without a height, as stored. rows_along: "x" where a stored row lies
-    along x (default of tables and pictures), "y" where the first index goes along x (default of NPY and NPZ).
-    Raises HeightMapError with everything that is wrong; it calls pixel and scale `pixel_um` and `count_scale`, as
-    scenarios do.
+    along x (default of tables and pictures), "y" where the first index goes along x (default of NPY and NPZ). Raises
+    HeightMapError with all errors, which name pixel and scale `pixel_um` and `count_scale`, as scenarios do.
     """
     path = Path(path)
     contents = _contents(path)
@@ -101,7 +100,7 @@ def _contents(path: Path) -> FileContents:
 
 
 def _size_error(path: Path) -> str | None:
-    """The reason why a file is not read: what it unpacks to. NPZ and X3P are archives."""
+    """The reason why a file is too large: its unpacked size. NPZ and X3P are archives."""
     unpacked = path.stat().st_size
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
@@ -140,5 +139,5 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, er
 
 
 def _um(sizes: tuple[float, float]) -> str:
-    """As `pixel_um` has it: one number, or two."""
+    """Lengths in the form of `pixel_um`: one number, or two."""
     return " x ".join(f"{size * UM_PER_M:g}" for size in dict.fromkeys(sizes))

@@ -1,7 +1,7 @@
-"""Registration by the relief itself: the shift and turn under which a map looks most like a known surface.
+"""Registration by relief: the shift and rotation under which a map fits a known surface best.
 
-The map is taken as a * surface + plane, so that neither the height of the layers nor the tilt and level of the
-profiler need be known; what is sought is where the surface's edges lie.
+The model of the map is a * surface + plane, so that neither the height of the layers nor the tilt and level of the
+profiler need be known; the fit depends on the position of the surface's edges.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ EXPLAINED_MIN = 0.5
 """Share of the relief that the known surface has to explain (assumed)."""
 POINTS_PER_CELL = 4  # along x and along y, in the fine fit
 SEARCH_POINTS_MAX, FIT_POINTS_MAX = 4_000, 20_000  # of larger maps every so many-th point is used
-SOFTNESS = (0.0, 0.15, 0.3)  # of flanks, standard deviation in cells: that which fits best is taken
-ROTATION_STEPS = 5  # of the search, within its reach
-CLIP = 4.0  # standard deviations beyond which a point is left out: dust, spikes (assumed)
+SOFTNESS = (0.0, 0.15, 0.3)  # standard deviations of soft flanks in cells: the best fit is chosen
+ROTATION_STEPS = 5  # rotations tried in the search, within its reach
+CLIP = 4.0  # distance in standard deviations beyond which a point is left out: dust, spikes (assumed)
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _ROUNDS = 3
 
 Move: TypeAlias = tuple[float, float, float]
-"""Shift along x and y [m] and turn [rad] about the middle of the map, added to the registration to start from."""
+"""Shift along x and y [m] and rotation [rad] about the middle of the map, added to the start registration."""
 
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """residual: rms of what the known surface leaves of the relief [m]; explained: share of the relief's variance.
+    """residual: rms of the relief less the known surface [m]; explained: share of the relief's variance.
 
-    offset_std, rotation_std: standard deviations of the shift [m] and of the turn [rad], 0 where it was not sought.
+    offset_std, rotation_std: standard deviations of the shift [m] and of the rotation [rad], 0 if it was not fitted.
     """
 
     registration: Registration
@@ -57,9 +57,9 @@ def fit_to_surface(
 ) -> SurfaceFit:
     """The registration near `start` that explains most of the map's relief by a known surface (robust least squares).
 
-    surface: (nx, ny) [m] or any relief in proportion to it, such as the mask of the part; reach: how far the map may
-    lie from where `start` puts it, along x and y [m]; rotation_reach: how far it may be turned [rad]. Raises
-    HeightMapError where less than `EXPLAINED_MIN` is explained, or the best place is at the edge of what was searched.
+    surface: (nx, ny) [m] or any relief in proportion to it, such as the mask of the part; reach: largest distance of
+    the map from its place by `start`, along x and y [m]; rotation_reach: largest rotation [rad]. Raises HeightMapError
+    where less than `EXPLAINED_MIN` is explained, or the best place is at the edge of what was searched.
     """
     if np.ptp(surface) == 0.0:
         raise HeightMapError(f"{map_.source}: the known surface is flat, so the position of the map is undetermined")
@@ -153,7 +153,7 @@ class _Relief:
         return np.asarray(self.relief - self.gain(move, known) * known, np.float64)
 
     def gain(self, move: Move, known: FloatMap | None = None) -> float:
-        """The multiple of the known surface that the relief shows."""
+        """Factor of the known surface in the relief."""
         known = self._known(move) if known is None else known
         power = float(known @ known)
         return float(known @ self.relief) / power if power > 0.0 else 0.0
@@ -199,7 +199,8 @@ def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move
         residuals = relief.residuals(move)
         noise = _NORMAL * float(np.median(np.abs(residuals)))
         step = relief.gain(move) * float(np.ptp(relief.surface))
-        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: flanks differ most and determine most
+        # no smaller limit: flanks have the largest residuals and determine most
+        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)
         if not outliers.any() or outliers.mean() > 0.5:
             break
         relief, first = relief.without(outliers), move
@@ -219,12 +220,12 @@ def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -
 
 
 def _move(cells: FloatMap, pitch: float, radius: float) -> Move:
-    """The move of a shift in cells and, if it turns, a turn as a shift of the rim in cells."""
+    """The move of a shift in cells and, for a fitted rotation, of the rotation as a shift of the rim in cells."""
     return float(cells[0]) * pitch, float(cells[1]) * pitch, float(cells[2]) * pitch / radius if len(cells) > 2 else 0.0
 
 
 def _normal(relief: _Relief, move: Move, pitch: float) -> FloatMap:
-    """(3, 3) normal matrix of the residuals by shifts in cells and by the turn as a shift of the rim in cells."""
+    """(3, 3) normal matrix of the residuals by shifts in cells and by the rotation as a shift of the rim in cells."""
     steps = np.diag([0.1 * pitch, 0.1 * pitch, 0.1 * pitch / relief.radius])
     slopes = [(relief.residuals(_added(move, step)) - relief.residuals(_added(move, -step))) / 0.2 for step in steps]
     jacobian = np.stack(slopes, axis=1)

@@ -26,7 +26,7 @@ from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
 
 PATIENCE_S = 0.2
-"""How long a step waits for a file that is not there: Ctrl-C ends a run between two steps."""
+"""Seconds that a step waits for a missing file: Ctrl-C ends a run between two steps."""
 NEXT_WORD_S = 30.0
 FIT_REACH_CELLS = 3
 FIDUCIAL_SHARE = 0.1  # of the pitch that fiducials may be off by (assumed)
@@ -38,8 +38,8 @@ class MapFolder:
     """Scans the newest printed layer by waiting for its file, and lays it over the grid.
 
     Each step waits a moment and leaves the loop running: `status` is busy until the file is there and complete, and the
-    run ends with a message after `timeout_s` (wall clock). Options: see map_folder_options. Raises ValueError with what
-    does not fit together, later ComponentError.
+    run ends with a message after `timeout_s` (wall clock). Options: see map_folder_options. Raises ValueError for
+    inconsistent options, later ComponentError.
     """
 
     is_device: ClassVar[bool] = True
@@ -164,7 +164,7 @@ class MapFolder:
         self._map_shape, self._status, self._wait, self._looked = map_shape, Status.IDLE, None, False
 
     def _refuse_leftovers(self, layer: int) -> None:
-        """Files of layers that are not printed yet are of another print; taken for this one they would ruin it."""
+        """Raises ComponentError for files of layers not yet printed: they belong to another print."""
         later = sorted(number for number in self._watch.layers() if number > layer)
         if later and not self._replay:
             raise ComponentError(
@@ -218,7 +218,7 @@ class MapFolder:
         _LOG.info("layer %d: %s, %s", layer, path.name, placed.words)
 
     def _checked(self, map_: HeightMap) -> bytes:
-        """Fingerprint of a map that is not the last one again and as large as it. Raises HeightMapError."""
+        """Fingerprint of a map, which must differ from the last one and have its size. Raises HeightMapError."""
         digest = hashlib.sha256(map_.z.tobytes()).digest()
         if digest == self._digest and not self._replay:
             raise HeightMapError(

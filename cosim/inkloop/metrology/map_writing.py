@@ -1,4 +1,4 @@
-"""Write height maps as metrology tools read them; `read` gives the same map back."""
+"""Write height maps for metrology tools; `read` gives the same map back."""
 
 from __future__ import annotations
 

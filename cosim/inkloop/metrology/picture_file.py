@@ -18,15 +18,15 @@ from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents
 
 FORMATS = ("PNG", "TIFF", "BMP")
-"""Those that keep every value; JPEG and others change them."""
+"""Formats that keep every value; JPEG and others change them."""
 _COLOURS = 3  # channels before the one of opacity
 _BITS_PER_SAMPLE = 258  # a tag of TIFF 6.0
 _PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # another, and one of its values
 _PACKED_MODES = ("LA", "RGB", "RGBA")
-"""Of pictures of which Pillow keeps 8 bits for each channel, also where the file has 16."""
+"""Modes for which Pillow keeps 8 bits per channel, even if the file has 16."""
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
 _DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError, KeyError)
-"""Of Pillow, on bytes that are cut off or altered."""
+"""Errors of Pillow on truncated or altered bytes."""
 
 
 def read_picture(path: Path) -> FileContents:
@@ -90,7 +90,7 @@ def _values(place: str, page: Image.Image) -> NDArray[Any]:
 
 
 def _held_pixels(page: Image.Image) -> int:
-    """Of how many pixels the strips or tiles of a page hold data."""
+    """Number of pixels with data in the strips or tiles of a page."""
     whole = (0, 0, page.width, page.height)
     extents = (tile[1] or whole for tile in getattr(page, "tile", [(None, whole)]))
     return sum((right - left) * (lower - upper) for left, upper, right, lower in extents)
@@ -122,5 +122,5 @@ def _has_16_bits(page: Image.Image) -> bool:
 
 
 def _is_inverted(page: Image.Image) -> bool:
-    """Whether Pillow inverts what is stored: TIFF whose 0 is white."""
+    """Whether Pillow inverts the stored values: TIFF whose 0 is white."""
     return getattr(page, "tag_v2", {}).get(_PHOTOMETRIC) == _MIN_IS_WHITE

@@ -1,4 +1,4 @@
-"""How the maps of a profiler are laid over the grid of a job: registration, cell means, datum, which cells count."""
+"""Placement of a profiler's maps on the grid of a job: registration, cell means, datum, valid cells."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inkloop.units import MM_PER_M, UM_PER_M
 Method: TypeAlias = Literal["given", "fiducials", "fit"]
 
 PART_SEEN_MIN = 0.5
-"""A scan that shows less of the part than this share of its cells is taken for a mistake (assumed)."""
+"""Least share of the part's cells that a scan must show (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Placed:
 
 @dataclass(frozen=True)
 class Placement:
-    """registration: of every map, or with `fit_reach` where the search for each map's own begins.
+    """registration: of every map, or with `fit_reach` the start of a fit for each map.
 
-    share_min: measured share that makes a cell valid; fit_reach: (shift [m], rotation [rad]) of a fit to the part;
-    datum_margin: cells around the part that the datum leaves out.
+    share_min: least measured share of a valid cell; fit_reach: (shift [m], rotation [rad]) of a fit to the part;
+    datum_margin: cells around the part that are left out of the datum.
     """
 
     job: Job

@@ -17,16 +17,16 @@ from inkloop.units import UM_PER_M
 
 Points: TypeAlias = Sequence[Sequence[float]] | NDArray[np.float64]
 FIDUCIALS_MIN = 2
-MIRROR_SUSPECTED = 0.2  # of the residual: so much better does the mirrored map have to fit (assumed)
+MIRROR_SUSPECTED = 0.2  # share of the residual that the mirrored map must stay below (assumed)
 
 
 @dataclass(frozen=True)
 class Registration:
     """Takes a point of the map to the grid: grid = offset + scale * turn(mirror(point)).
 
-    offset_x, offset_y: where the map's origin lies on the grid [m], whose origin is the centre of cell (0, 0);
-    rotation: of the map on the grid, counterclockwise from x to y [rad]; mirror: the map's coordinate that counts the
-    other way ("y" for pictures, whose rows go down).
+    offset_x, offset_y: place of the map's origin on the grid [m], whose origin is the centre of cell (0, 0); rotation:
+    of the map on the grid, counterclockwise from x to y [rad]; mirror: the map's coordinate that counts the other way
+    ("y" for pictures, whose rows go down).
     """
 
     offset_x: float = 0.0
@@ -37,7 +37,7 @@ class Registration:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """(2, 2): what is done to a point before the shift."""
+        """(2, 2): matrix of a point before the shift."""
         cos, sin = self.scale * math.cos(self.rotation), self.scale * math.sin(self.rotation)
         return np.array([[cos, -sin], [sin, cos]]) * _signs(self.mirror)
 
@@ -55,7 +55,7 @@ class Registration:
 
 @dataclass(frozen=True)
 class FiducialFit:
-    """A registration with its residual: root mean square distance of the fiducials from where they shall be [m]."""
+    """A registration with its residual: root mean square distance of the fiducials from their nominal places [m]."""
 
     registration: Registration
     residual: float

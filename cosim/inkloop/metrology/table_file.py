@@ -55,7 +55,7 @@ def _decoded(raw: bytes) -> str:
 
 
 def _first_row(path: Path, lines: Sequence[str]) -> tuple[int, str]:
-    """Index of the first row of numbers, and what separates its fields."""
+    """Index of the first row of numbers, and the separator of its fields."""
     for index, line in enumerate(lines):
         separator = _separator(line)
         fields = _split(line, separator)
@@ -67,7 +67,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[int, str]:
 
 
 def _separator(line: str) -> str:
-    """What separates the fields of a line; commas inside numbers are decimal commas."""
+    """The separator of the fields of a line; commas inside numbers are decimal commas."""
     for separator in (";", "\t"):
         if separator in line:
             return separator

@@ -1,7 +1,7 @@
-"""The deposition models as functions of arrays: the C kernels that the FMUs are made of, called from Python.
+"""The deposition models as functions of arrays: the C kernels of the FMUs, called from Python.
 
 Every model has `start`, which makes its surface from the heights of the cells, and `layer`, which prints one layer on
-it and returns the new surface; `height` of a surface is what the models exchange, the mean over each cell.
+it and returns the new surface; `height` of a surface, the mean over each cell, is common to all models.
 """
 
 from inkloop.models.droplet_volumes import DropletVolumes

@@ -1,4 +1,4 @@
-"""How much the volume of each droplet differs from the nominal one, as all deposition models draw it."""
+"""Random deviation of droplet volumes from the nominal one, common to all deposition models."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ from inkloop.models.library import VariationStruct, library
 class DropletVolumes:
     """Factors 1 - U[0, variation] and 1 - U[0, nozzle_variation] by counter-based random numbers (Philox 4x32-10).
 
-    kind: what one factor belongs to: 1 a droplet, 2 a cell for the whole print, 3 a layer, 4 cell and layer; cell
-    (i, j) is jetted by nozzle j modulo nozzle_pitch. The same seed draws the same in every model and FMU. Raises
-    ValueError.
+    kind: scope of one factor: 1 a droplet, 2 a cell for the whole print, 3 a layer, 4 cell and layer; cell (i, j) is
+    jetted by nozzle j modulo nozzle_pitch. The same seed draws the same in every model and FMU. Raises ValueError.
     """
 
     variation: float = 0.0

@@ -48,7 +48,7 @@ def volumes(values: ArrayLike | None, shape: tuple[int, int]) -> FloatMap:
 
 
 def positive(**lengths: float) -> None:
-    """Raises ValueError with every one that is not above 0."""
+    """Raises ValueError with every number that is not above 0."""
     wrong = [
         f"{name} is {value!r}; needs a number above 0" for name, value in lengths.items() if not 0 < value < np.inf
     ]
@@ -57,7 +57,7 @@ def positive(**lengths: float) -> None:
 
 
 def passes_of(passes: int, pass_order: int, pass_rotation: int) -> None:
-    """Raises ValueError for passes that there are not."""
+    """Raises ValueError for an invalid number of passes."""
     if passes not in (1, 4) or pass_order not in (1, 2) or not 0 <= pass_rotation <= 3:
         raise ValueError(
             f"passes is {passes}, pass_order {pass_order}, pass_rotation {pass_rotation}; needs 1 or 4 passes in order "

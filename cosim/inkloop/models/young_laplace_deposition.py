@@ -24,7 +24,7 @@ _NO_MEMORY = -(2**31)
 @dataclass(frozen=True, eq=False)
 class FineSurface:
     """height: (nx, ny) mean over each cell [m]; fine: the surface itself [m], at points `spacing` [m] apart, with a rim
-    of `rim` points around the grid that takes what flows over its border; fallbacks: bodies without a nonlinear
+    of `rim` points around the grid for the liquid that flows over its border; fallbacks: bodies without a nonlinear
     solution so far; lost: volume beyond the border [m3].
     """
 
@@ -43,14 +43,14 @@ class FineSurface:
 
 @dataclass(frozen=True)
 class YoungLaplaceDeposition:
-    """Neighbouring droplets of a line (along x) are one liquid body. Its footprint is the convex hull of how far each
-    droplet spreads over the surface, its edge stays there, its volume is given, and its surface h has constant mean
-    curvature, nonlinear div(grad h / sqrt(1 + |grad h|^2)) = -p / sigma, or linear: laplace h = -p / sigma; h never
-    cuts into the solid below.
+    """Neighbouring droplets of a line (along x) are one liquid body. Its footprint is the convex hull of the spread
+    droplets, its edge stays there, its volume is given, and its surface h has constant mean curvature, nonlinear
+    div(grad h / sqrt(1 + |grad h|^2)) = -p / sigma, or linear: laplace h = -p / sigma; h never cuts into the solid
+    below.
 
-    pitch [m], droplet_volume [m3], contact_angle [rad], cells_per_pitch points of the fine surface per cell; passes
-    = 4: lines 0, 4, 8 ... first, then 1, 5, 9 ..., each pass on the solid that the last one left. Source: Hume, Rosen
-    2018, equations 3 to 5. Raises ValueError.
+    pitch [m], droplet_volume [m3], contact_angle [rad], cells_per_pitch points of the fine surface per cell; passes =
+    4: lines 0, 4, 8 ... first, then 1, 5, 9 ..., each pass on the solid of the pass before. Source: Hume, Rosen 2018,
+    equations 3 to 5. Raises ValueError.
     """
 
     pitch: float = 42.3e-6

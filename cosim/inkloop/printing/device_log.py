@@ -41,7 +41,7 @@ class _InFile(logging.FileHandler):
         self._has_failed = True
 
     def close(self) -> None:
-        """Close the file; what it has no room for is lost, as reported."""
+        """Close the file; records that do not fit on the disk are lost, as reported."""
         with suppress(OSError):
             super().close()
 

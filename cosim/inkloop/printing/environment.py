@@ -1,4 +1,4 @@
-"""`inkloop.LayerEnv`: a scenario whose controller's place is free, with the interface of Gymnasium."""
+"""`inkloop.LayerEnv`: a scenario without its controller, with the interface of Gymnasium."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class LayerEnv(Env):
     droplet (None: as the scenario's controller); render_mode: "rgb_array" or None.
 
     Observation: `measured_height`, `target` [m], `valid`, `mask` (0 or 1), each (nx, ny). Action (nx, ny): 0 no
-    droplet, 1 + ink + inks * (drops - 1) a droplet; no droplet at all ends the print. Reward: by how much the objective
-    of the true surface falls [µm]. Terminated: ended by the action, or by the status fault of a component; truncated:
-    by `layers_max` or `time_max_s`. Info: `layer`, `objective` and true `height` [m], `seed`, `stop_reason` at the end.
+    droplet, 1 + ink + inks * (drops - 1) a droplet; no droplet at all ends the print. Reward: decrease of the objective
+    of the true surface [µm]. Terminated: ended by the action, or by the status fault of a component; truncated: by
+    `layers_max` or `time_max_s`. Info: `layer`, `objective` and true `height` [m], `seed`, `stop_reason` at the end.
 
     Needs the extra `inkloop[env]`. Raises ScenarioError; InkloopError without the extra.
     """
@@ -228,12 +228,12 @@ class LayerEnv(Env):
 
 @dataclass
 class _Action:
-    """The action that the controller's place answers the next scan with."""
+    """The action for the next scan, in the place of the controller."""
 
     value: ArrayLike
 
     def answer(self, observation: Observation) -> ArrayLike:
-        """It, whatever is observed: who chose it has seen that."""
+        """The action, for any observation: it was chosen with the observation known."""
         return self.value
 
 

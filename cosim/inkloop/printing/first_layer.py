@@ -1,4 +1,4 @@
-"""Why a layer controller printed nothing although layers lack: its alpha is too small for its horizon."""
+"""Check why a layer controller printed nothing although layers are missing: its alpha is too small for its horizon."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
 
 KINDS = ("LayerMpc", "LayerController")
-ALPHA = 0.8  # of both, if none is given
+ALPHA = 0.8  # for both, if none is given
 HORIZON_MAX = 5
 ALPHAS = tuple(k / 10 for k in range(1, 11))
 
 
 def check_first_layer(scenario: Scenario, result: Result) -> None:
-    """Raises ComponentError where nothing was printed and another alpha, or another horizon, would have printed.
+    """Raises ComponentError if nothing was printed but another alpha, or another horizon, would have printed.
 
     Where none would, the first scan shows what is to be printed already, or the part is lower than half a layer.
     """
@@ -52,7 +52,7 @@ def _words(options: Mapping[str, Any]) -> str:
 
 
 def _larger(options: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
-    """Values above those of alpha and horizon. What schedules of alpha leave is all of them."""
+    """Values above those of alpha and horizon; with a schedule of alpha the values above all of it."""
     alpha, horizon = options.get("alpha", ALPHA), options.get("horizon") or HORIZON_MAX
     least = alpha if isinstance(alpha, int | float) else 0.0
     return {"alpha": [value for value in ALPHAS if value > least], "horizon": range(horizon + 1, HORIZON_MAX + 1)}

@@ -1,4 +1,4 @@
-"""A scenario whose controller is left out, so that its place is free for actions from outside."""
+"""A scenario without its controller, whose actions come from outside."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class FreedScenario:
 
     @property
     def folder(self) -> Path:
-        """Of the scenario, where its classes stand."""
+        """Folder of the scenario and of its classes."""
         return Path(self.own.source).parent
 
     def seeded(self, seed: int) -> Scenario:
-        """The scenario with a free place and a seed. Raises ScenarioError."""
+        """The scenario with this seed and without controller. Raises ScenarioError."""
         with classes_from(self.folder):
             return Scenario.of_text(self.text, self.own.source, {"seed": seed})
 

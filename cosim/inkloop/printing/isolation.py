@@ -22,7 +22,7 @@ _EXIT_CODES = (0, 1, 2, 4, 130)  # of the inkloop command; 2 is argparse's
 def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] = ()) -> int:
     """`inkloop ARGUMENTS`, which prints into `folder`, in a child; its exit code. Ctrl-C is the child's.
 
-    foreign: the components that are an FMU of others. What the child unpacks is removed however it ends. Raises
+    foreign: the components that are an FMU of others. Temporary files of the child are removed in any case. Raises
     ComponentError if it crashed: cause, kept layers and how to resume.
     """
     with temporary_folder("run") as unpacked, deferred():
@@ -40,7 +40,7 @@ def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] 
 
 
 def _running(folder: Path) -> list[Path]:
-    """Prints in a folder that are recorded as running: without a process, native code has ended them."""
+    """Prints in a folder that are recorded as running: if no process runs, native code has ended them."""
     folders = sorted(path.parent for path in folder.rglob(RUN_FILE))
     return [place for place in folders if read_record(place).get("stop_reason") == "running"]
 

@@ -1,4 +1,4 @@
-"""One print of a scenario: its loop, its record, and its layers on disk, from which it can be resumed."""
+"""One print of a scenario: its loop, its record, and its layers on disk, from which it can resume."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def resume(
 
 
 def origin_of(scenario: Scenario, *, compare: bool) -> dict[str, Any]:
-    """What a run notes of its origin, to be resumed."""
+    """Origin of a run, noted for resuming it."""
     source = str(Path(scenario.source).resolve())
     return {"scenario_file": source, "compare": compare, "part_sha256": scenario.part_sha256}
 
@@ -128,7 +128,7 @@ def print_part(
     folder: Path | None = None,
     notes: Mapping[str, Any] | None = None,
 ) -> Result:
-    """One print, shown as it goes, from the start surface or the layers in `folder` to its end; see `Print`.
+    """One print with its progress shown, from the start surface or the layers in `folder` to its end; see `Print`.
 
     Raises ComponentError, also where nothing was printed for an alpha that is too small.
     """
@@ -145,7 +145,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
     from inkloop.report import run_report, trust
     from inkloop.report.remarks import ending, remarks
 
-    gc.freeze()  # what was imported stays: no collection has to go through it
+    gc.freeze()  # the imported objects stay: no collection has to search them
     notes = origin_of(scenario, compare=compare)
     is_interrupted, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
@@ -180,7 +180,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
 
 
 def _advice(result: Result, advice: str) -> str:
-    """How a run goes on, or why it cannot be resumed."""
+    """How to resume a run, or why it cannot be resumed."""
     refusal = result.run.get("not_resumable")
     return f"cannot be resumed: {refusal}" if refusal else advice
 
@@ -216,7 +216,7 @@ def new_run_folder(out: Path | None, name: str) -> Path:
 
 
 def _is_claimed(folder: Path) -> bool:
-    """Make a folder; False if it is there already: of two that ask at the same time one has it."""
+    """Make a folder; False if it exists. Atomic: only one caller succeeds."""
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
@@ -227,7 +227,7 @@ def _is_claimed(folder: Path) -> bool:
 
 
 class _LayerBar:
-    """Shows each finished layer: its number, the errors over the part, and what the plan for it took.
+    """Shows each finished layer: its number, the errors over the part, and the time of its plan.
 
     The bar follows the height that is built, since a closed loop prints more layers than a nominal ink would need.
     """
@@ -245,7 +245,7 @@ class _LayerBar:
         self._progress.update(self._task, completed=min(max(built, 0.0), 1.0), figures=figures, solve=solve)
 
     def finish(self) -> None:
-        """No layer follows."""
+        """Ends the bar after the last layer."""
         self._progress.update(self._task, completed=1.0)
 
 

@@ -1,4 +1,4 @@
-"""Read what a run folder holds, whether the run has ended or not, without taking part in it.
+"""Read the results in a run folder, ended or not, without taking part in the run.
 
 The layers of a run that has not ended are read from its checkpoints, as `inkloop resume` reads them, but no component
 is built: no bus is opened, no FMU started, and nothing is written.
@@ -31,7 +31,7 @@ from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
 Stamp: TypeAlias = tuple[int, int, int]
-"""Of a file: which one it is, how long, and when it was written."""
+"""State of a file: its inode, its length, and the time of its last change."""
 
 
 def feed_of(folder: Path) -> Feed:
@@ -60,7 +60,7 @@ class RunFolder:
         self._layers: dict[Path, _Layers] = {}
 
     def stamps(self) -> dict[Path, Stamp]:
-        """The files that `runs` reads, as they are now; equal if nothing has changed."""
+        """State of the files that `runs` reads; equal if nothing has changed."""
         found: dict[Path, Stamp] = {}
         for place in self._places():
             found |= _stamps([place / RUN_FILE, place / RESULT_FILE, *layer_files(place)])
@@ -110,7 +110,7 @@ class _Layers:
         stamps = _stamps(layer_files(self._place))
         if not stamps:
             return None
-        if not self._rows.keys() <= stamps.keys():  # a resumed run has removed a layer, to print it again
+        if not self._rows.keys() <= stamps.keys():  # a resumed run has removed a layer to print it again
             self._recorder, self._rows = self._new_recorder(), {}
         for path, stamp in stamps.items():
             if path in self._rows and self._rows[path][0] == stamp:

@@ -1,4 +1,4 @@
-"""Spaces of Gymnasium for what a policy observes and does."""
+"""Spaces of Gymnasium for the observations and actions of a policy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from inkloop.components.policy import MASK, TARGET, ActionCode
 from inkloop.contract import MEASURED_HEIGHT, VALID
 
 HEIGHT_MAX_M = 1.0
-"""Bound of heights: no print is as high (assumed)."""
+"""Bound of heights, above any print (assumed)."""
 
 
 def observation_space(shape: tuple[int, int]) -> Any:
@@ -21,5 +21,5 @@ def observation_space(shape: tuple[int, int]) -> Any:
 
 
 def action_space(code: ActionCode) -> MultiBinary | MultiDiscrete[Any]:
-    """A bit for each cell where a droplet is all there is to choose."""
+    """A bit for each cell if the only choice is a droplet or none."""
     return MultiBinary(code.shape) if code.values == 2 else MultiDiscrete(np.full(code.shape, code.values))

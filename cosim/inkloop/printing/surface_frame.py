@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from inkloop.component import FloatMap, Job
 
 SIDE = 256
-"""Pixels that a panel has at least along its longer side."""
+"""Least number of pixels along a panel's longer side."""
 SPAN_LAYERS = 2.0
-"""Full layers above and below the mean error that the colours span."""
+"""Range of the colours in full layers above and below the mean error."""
 LOW, LEVEL, HIGH = (33, 102, 172), (247, 247, 247), (178, 24, 43)
 EMPTY, INKS = (230, 230, 230), ((40, 40, 40), (200, 120, 20))
 

@@ -1,4 +1,4 @@
-"""A small action for learning: by how much a planner is to miss the target on purpose."""
+"""A small action for learning: an offset of the planner's target."""
 
 from __future__ import annotations
 

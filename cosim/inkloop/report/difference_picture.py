@@ -1,4 +1,4 @@
-"""Hardware against model in a picture: where and when their surfaces differ."""
+"""Picture of the differences between hardware and model, by place and layer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.report.plot import DOTTED, add_scale, draw_error, draw_line, extent
 from inkloop.units import UM_PER_M
 
 MAPS = 4
-"""Layers that are shown, the last one among them."""
+"""Number of layers shown, the last one included."""
 
 
 def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -> Figure:

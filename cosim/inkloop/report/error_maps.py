@@ -26,11 +26,11 @@ from inkloop.report.plot import (
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 
 MAP_IN = 2.3  # height of a map
-SCALE_IN = 1.3  # what ticks, labels and the colour scale take of its width
+SCALE_IN = 1.3  # share of its width for ticks, labels and the colour scale
 
 
 def error_map(run: xr.Dataset, name: str) -> Figure:
-    """The final error over the part, and how it is distributed."""
+    """The final error over the part, and its distribution."""
     error, (left, right, bottom, top) = error_of(run), extent_of(run)
     figure = new_figure(3.2)
     width = min(max(MAP_IN * (right - left) / (top - bottom) + SCALE_IN, 2.2), 0.62 * WIDTH_IN)

@@ -1,4 +1,4 @@
-"""Curves of a print: a cut through its middle, and how it developed layer by layer."""
+"""Curves of a print: a cut through its middle, and its development layer by layer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inkloop.report.plot import (
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
 
-FAR_UM = 10.0  # a run that misses by more than this is not drawn with the others
+FAR_UM = 10.0  # runs with a larger error are not drawn with the others
 LINEAR_UM = 1.0  # mean errors are drawn to scale up to this, beyond by their logarithm
 
 
@@ -97,7 +97,7 @@ def draw_layers(mean: Axes, spread: Axes, droplets: Axes, runs: Runs) -> None:
 
 
 def divergence(runs: Runs) -> Figure:
-    """How far the scans are from the shadow's model, layer by layer: of the layer, and of the whole surface.
+    """Difference between the scans and the shadow's model, layer by layer: of the layer, and of the whole surface.
 
     A ring stands where the status was untrusted or a fault.
     """

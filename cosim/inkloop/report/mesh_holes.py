@@ -14,7 +14,7 @@ from inkloop.geometry.body import Body
 
 @dataclass(frozen=True)
 class Hole:
-    """Edges that hang together: their number, the middle of the box around them [m], and its diagonal [m].
+    """Connected edges: their number, the middle of the box around them [m], and its diagonal [m].
 
     is_seam: no face is missing, but the two at an edge point to opposite sides.
     """
@@ -41,7 +41,7 @@ def holes(bodies: Sequence[Body]) -> list[Hole]:
 
 
 def _chains(corners: FloatMap, rim: NDArray[np.int64], is_seam: bool) -> Iterator[Hole]:
-    """Edges by what they hang together with; rim: indices of their two corners (n, 2)."""
+    """Edges by connected component; rim: indices of their two corners (n, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

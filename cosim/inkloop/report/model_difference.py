@@ -34,7 +34,7 @@ _STEP_NS = NS_PER_S  # a step of the plant is a layer of any length
 
 @dataclass(frozen=True)
 class LayerDifference:
-    """Hardware minus model over the cells of the part that were seen [m]; growth: rms of what the layer added.
+    """Hardware minus model over the cells of the part that were seen [m]; growth: rms of the growth in the layer.
 
     worst: the largest in amount, at `cell` (i, j).
     """
@@ -108,7 +108,7 @@ def model_difference(result: Result) -> ModelDifference | None:
 
 
 def _target(run: xr.Dataset) -> Target:
-    """The target that a run was printed to; the model needs no regions of ink: it is given patterns."""
+    """The target of a run; the model needs no regions of ink, since it gets patterns."""
     return Target(run.mask.values.astype(bool), run.target_height.values, inks=2 if "ink" in run else 1)
 
 

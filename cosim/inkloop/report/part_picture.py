@@ -1,4 +1,4 @@
-"""A picture of a part before it is printed: from above with what is too narrow, as a solid, and as a cut."""
+"""A picture of a part before it is printed: from above with narrow walls and gaps, as a solid, and as a cut."""
 
 from __future__ import annotations
 

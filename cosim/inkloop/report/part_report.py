@@ -1,4 +1,4 @@
-"""What a part is before it is printed: size, holes, what is too narrow, and what its print takes."""
+"""Report on a part before it is printed: size, holes, narrow walls and gaps, and time and material of its print."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
 
 HOLES_SHOWN = 10
 LEVELS = 100
-"""Heights at which walls and gaps are looked for, at most."""
+"""Largest number of heights at which walls and gaps are searched."""
 CELLS_MIN = 2
 """Cells of the narrowest wall or gap that is printed as such: one alone is a row of droplets."""
 WIDTH = 80
@@ -31,7 +31,7 @@ SCAN_S = 6.0
 
 @dataclass(frozen=True, eq=False)
 class MeshReport:
-    """A mesh as it is in its file: bodies, triangles, size [m], holes, names of objects or materials.
+    """A mesh in its file: bodies, triangles, size [m], holes, names of objects or materials.
 
     assumed_unit: of the coordinates, where nothing states it.
     """
@@ -95,7 +95,7 @@ class MeshReport:
 
 @dataclass(frozen=True, eq=False)
 class PartReport:
-    """The part of a scenario on its grid. narrow: what is narrower than droplets make it, by name."""
+    """The part of a scenario on its grid. narrow: walls and gaps narrower than droplets can print, by name."""
 
     scenario: Scenario
     part: Columns

@@ -20,7 +20,7 @@ FILE = "report.pdf"
 PAGE_IN = (8.27, 11.69)
 """A4."""
 LINES, COLUMNS = 88, 120
-"""Of a page of text."""
+"""Lines and columns of a page of text."""
 
 
 def write(path: Path, runs: Mapping[str, Result], summary: str) -> None:

@@ -1,4 +1,4 @@
-"""The pictures of a run folder: which ones a run has, and the files they are in."""
+"""The pictures of a run folder: those of a run, and their files."""
 
 from __future__ import annotations
 
@@ -60,5 +60,5 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
 
 
 def _labelled(runs: Mapping[str, Result]) -> dict[str, xr.Dataset]:
-    """The data of each run by its label; a dollar sign in it begins no formula."""
+    """The data of each run by its label; a dollar sign in it does not begin a formula."""
     return {name.replace("$", r"\$"): result.dataset for name, result in runs.items()}

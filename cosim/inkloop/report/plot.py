@@ -1,4 +1,4 @@
-"""What all pictures have in common: size, colours, lines, the error of a run with its sign, and the file formats.
+"""Common parts of all pictures: size, colours, lines, the error of a run with its sign, and the file formats.
 
 Pictures are made for print: heights in micrometres, positions in millimetres, one colour, dash and mark per run.
 """
@@ -41,13 +41,13 @@ MARKS_ON_A_LINE = 7
 ERROR_COLOURS = "RdBu"
 """Red is too high, blue too low."""
 DOTTED = "\n(dots)"
-"""Said of the red end of a scale: red and blue are equally dark in grey print."""
+"""Label of the red end of a scale: red and blue are equally dark in grey print."""
 DOTS = 64
-"""Along the longer side of a map, at most; on finer grids a dot marks a block of cells."""
+"""Largest number of dots along the longer side of a map; on finer grids a dot marks a block of cells."""
 NEXT_LABEL = 0.1
-"""Of the length of a scale: labels that are nearer to each other overlap on a short one."""
+"""Share of the length of a scale: labels closer together overlap on a short one."""
 CLEARLY_RED, DARK = 0.2, 0.4
-"""Red less blue, and brightness, from 0 to 1: from where on a colour is marked, and with a white dot."""
+"""Difference of red and blue, and brightness, from 0 to 1: above them a colour is marked, and with a white dot."""
 ERROR_LABEL = f"error [µm]\n({SIGN})"
 STYLE: dict[Any, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
@@ -61,9 +61,9 @@ STYLE: dict[Any, Any] = {
 _UNDATED: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 Runs = Mapping[str, xr.Dataset]
 SAMPLED = 1000
-"""Cells along a side of which the scale of a large map is taken."""
+"""Cells along a side that are sampled for the scale of a large map."""
 DRAWN = 1400
-"""Cells along a side of a map that are drawn: more than there are pixels."""
+"""Cells along a side of a map that are drawn: more than its pixels."""
 
 
 def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Path]:
@@ -129,7 +129,7 @@ def error_norm(errors: Sequence[FloatMap]) -> Normalize:
 
 
 def thinned(values: FloatMap, side: int) -> FloatMap:
-    """Every so many cells of a map, at most about `side` along each of its sides; a view."""
+    """Every n-th cell of a map, at most about `side` along each of its sides; a view."""
     step = max(1, math.ceil(max(values.shape) / side))
     return values[step // 2 :: step, step // 2 :: step]
 
@@ -141,7 +141,9 @@ def draw_error(
     norm: Normalize,
     colours: str = ERROR_COLOURS,
 ) -> AxesImage:
-    """A map of errors or differences [um], with dots where it is red, so that the sign survives grey print."""
+    """Draw a map of errors or differences [um], with dots where it is red, so that the sign is visible in grey
+    print.
+    """
     error = thinned(error, DRAWN)
     image = axes.imshow(
         error.T, origin="lower", extent=extent, interpolation="nearest", cmap=colours, norm=norm, aspect="equal"
@@ -170,7 +172,7 @@ def add_scale(
     words: tuple[str, str] = (TOO_LOW, TOO_HIGH),
     **place: Any,
 ) -> None:
-    """The scale of an error or a difference, with its decades; words: what its upper and its lower end mean."""
+    """The scale of an error or a difference, with its decades; words: meaning of its upper and its lower end."""
     bar = figure.colorbar(colours, label=label, extend="both", format="{x:g}", **place)
     style: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "center", "fontsize": 7}
     bar.ax.annotate(words[0], (0.5, 1.0), (0.0, 9.0), va="bottom", **style)

@@ -1,4 +1,4 @@
-"""What a run could not make good, and where a model and the scans disagree: one sentence each."""
+"""Remarks on a run: uncorrected errors, and disagreement of model and scans, one sentence each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ SCAN = ("shift_x", "shift_y", "shift_std", "spot_radius")
 
 
 def remarks(result: Result) -> list[str]:
-    """What the controller could not make good in its last layer, and where a shadow's model and the scans disagree.
+    """Remarks on errors that the controller could not correct in its last layer, and on disagreement of a shadow's
+    model with the scans.
 
     A sentence each; none where all is well.
     """
@@ -40,21 +41,21 @@ def remarks(result: Result) -> list[str]:
 
 
 def ending(result: Result) -> str:
-    """Why a print was stopped, in one sentence; empty where it was not."""
+    """The reason why a print was stopped, in one sentence; empty if it was not."""
     if result.stop_reason != results.STOPPED:
         return ""
     return next(reversed(stop_remarks(result.dataset)), "the controller gives no reason")
 
 
 def _stops(result: Result) -> list[str]:
-    """One sentence on the end of a stopped print, and one for each time that a person has let it go on."""
+    """One sentence on the end of a stopped print, and one for each time that a person has resumed it."""
     found, end = stop_remarks(result.dataset), ending(result)
     earlier = found[:-1] if end else found
     return [f"{STOPPED}: {end}"] * bool(end) + [f"was stopped and resumed: {each}" for each in earlier]
 
 
 def _left_out(run: xr.Dataset) -> list[str]:
-    """One sentence where a time limit left stages of plans out, with the layers of each stage."""
+    """One sentence if a time limit made plans skip stages, with the layers of each stage."""
     if "left_out" not in run or run.left_out.dims != ("layer",):
         return []
     sums = np.nan_to_num(run.left_out.values).astype(np.int64)
@@ -69,7 +70,7 @@ def _left_out(run: xr.Dataset) -> list[str]:
 
 
 def _corrected_scans(run: xr.Dataset) -> list[str]:
-    """One sentence where the controller found that the sensor does not look where it should."""
+    """One sentence if the controller found that the scans are displaced."""
     if "scan_corrected" not in run or not run.scan_corrected[-1]:
         return []
     x, y, std, spot = (float(run[f"scan_{name}"][-1]) * UM_PER_M for name in SCAN)
@@ -81,7 +82,7 @@ def _corrected_scans(run: xr.Dataset) -> list[str]:
 
 
 def _nothing_printed(result: Result) -> list[str]:
-    """One sentence where the controller was done before the first layer."""
+    """One sentence if the controller was done before the first layer."""
     if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
         return []
     return [

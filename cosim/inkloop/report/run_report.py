@@ -48,7 +48,7 @@ def load_runs(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> d
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What `summary.txt` says of runs: a table of errors over the part, next to published figures, and remarks.
+    """Content of `summary.txt`: a table of errors over the part, next to published figures, and remarks.
 
     headings: broken where a column is narrow; surface: the parameters that `[metrology]` asked for; difference: of a
     run on devices that has ended, from its model.
@@ -101,7 +101,7 @@ def write(folder: Path, pictures: Sequence[str], in_memory: Mapping[Path, Result
         write_text(folder / MODEL_TABLE, _as_text(summary.difference.table()))
     write_text(folder / "summary.txt", str(summary))
     if pictures:
-        from inkloop.report.pictures import draw  # with Matplotlib, half the work of a short run
+        from inkloop.report.pictures import draw  # Matplotlib takes half of the time of a short run
 
         draw(folder, runs, summary.difference, pictures)
     return summary.table

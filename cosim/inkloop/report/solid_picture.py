@@ -1,4 +1,4 @@
-"""A print in two inks: a cut that shows which ink is where, and the solid that is left when the support is gone."""
+"""A print in two inks: a cut that shows the inks, and the solid without its support."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from inkloop.results.solid import STEP_M, ink_error, voxels
 from inkloop.units import MM_PER_M, UM_PER_M
 
 SOLID_UPRIGHT = 0.45  # height of a solid's picture as a share of its width: parts are far wider than high
-SCALE_SHARE = 0.25  # of the part's size at most, length of a scale bar
-SCALE_ROOM = 0.16  # of the picture's width, left of the part for the scale bars
+SCALE_SHARE = 0.25  # length of a scale bar, at most, as a share of the part's size
+SCALE_ROOM = 0.16  # share of the picture's width for the scale bars, left of the part
 HEADROOM = 1.04
 
 
 def materials(run: xr.Dataset, name: str) -> Figure:
-    """Cut through the middle of a print in two inks: which ink fills it at each height, and where A is wanted."""
+    """Cut through the middle of a print in two inks: the ink at each height, and the wanted region of A."""
     row = middle_row(run)
     cut = voxels(run.isel(y=[row]))[:, 0]
     figure = new_figure(2.6)
@@ -52,9 +52,9 @@ def materials(run: xr.Dataset, name: str) -> Figure:
 
 
 def solids(runs: Runs) -> Figure:
-    """Prints in two inks after ink B, the support, is washed away; coloured where ink A is missing or too much.
+    """Prints in two inks without ink B, the support; coloured where ink A is missing or too much.
 
-    Heights are stretched: the scale bars of each picture show how far.
+    Heights are stretched, as the scale bars of each picture show.
     """
     figure = new_figure(2.8)
     views = [view(voxels(run) == 1, SOLID_UPRIGHT) for run in runs.values()]
@@ -77,13 +77,13 @@ def solids(runs: Runs) -> Figure:
 
 
 def _seen_error(run: xr.Dataset, seen: View) -> FloatMap:
-    """The error of ink A at each pixel [um], NaN where nothing is seen."""
+    """The error of ink A at each pixel [um], NaN where no solid is visible."""
     error = ink_error(run)[tuple(np.moveaxis(seen.voxel, -1, 0))] * UM_PER_M
     return np.asarray(np.where(np.isnan(seen.brightness), np.nan, error))
 
 
 def draw_scales(axes: Axes, seen: View, width_m: float, stretched_m: float) -> None:
-    """A bar along x, y and z in the lower left corner, each as long as it says.
+    """A bar along x, y and z in the lower left corner, each with its length.
 
     width_m: longer side of the solid; stretched_m: the height that would be drawn as long as that side.
     """

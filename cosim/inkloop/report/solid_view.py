@@ -14,15 +14,15 @@ STEPS = 320  # along a ray: less than a cell of the usual grids each
 PIXELS = 360  # along the diagonal of the box
 FRAME = 3  # empty voxels around the solid
 SMOOTHING_VOXELS = (1.0, 1.0, 3.0)  # a cell is far wider than a voxel is high
-LIGHT = (-0.5, -0.4, 0.77)  # from where light falls, in the box of the solid
+LIGHT = (-0.5, -0.4, 0.77)  # direction of the light, in the box of the solid
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A solid as it is seen.
+    """View of a solid.
 
-    brightness: 0 to 1; voxel: (rows, columns, 3) index of the voxel that each pixel shows, 0 where nothing is seen;
-    axes: (3, 2) pixels to the right and upwards of a step of one along each side of the box, whose longer side is 1.
+    brightness: 0 to 1; voxel: (rows, columns, 3) index of the voxel at each pixel, 0 where none is visible; axes: (3,
+    2) pixels to the right and upwards of a step of one along each side of the box, whose longer side is 1.
     """
 
     brightness: Image
@@ -58,7 +58,7 @@ def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0
         hit = map_coordinates(density, points.T, order=1, cval=0.0) > 0.5
         image.ravel()[rays[hit]] = _brightness(density, points[hit], scale)
         voxel.reshape(-1, 3)[rays[hit]] = points[hit].round() - FRAME
-        near[rays[hit]] = -np.inf  # what is seen hides the rest of its ray
+        near[rays[hit]] = -np.inf  # visible voxels hide the rest of their rays
     axes = np.stack([right, up], axis=1) * (PIXELS - 1) / (2.0 * half)
     inner = (np.array(solid.shape) - 1) / (np.array(density.shape) - 1)  # the frame takes its share of the box
     return View(image, voxel.clip(0, np.array(solid.shape) - 1), axes * inner[:, None])

@@ -119,7 +119,7 @@ def treatment_of(options: argparse.Namespace) -> Treatment:
 
 
 def read(options: argparse.Namespace) -> HeightMap:
-    """The map of a file, with what the command line says of it. Raises HeightMapError."""
+    """The map of a file, with the options of the command line. Raises HeightMapError."""
     pixel = None if options.pixel_um is None else options.pixel_um * M_PER_UM
     return map_file.read(
         options.source,

@@ -1,6 +1,6 @@
 """The terminal: lines, tables that fit into a narrow window, progress, and results as JSON.
 
-Texts of users are shown as they are: brackets in a title or label are no markup.
+Texts of users are shown literally: brackets in a title or label are no markup.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from inkloop.report.wrapping import wrapped
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
 BAR_FROM, NOTES_FROM = 70, 100
-"""Columns from which on there is room for a bar, and for notes next to it."""
+"""Least columns for a bar, and for notes next to it."""
 
 
 class Terminal(Console):
-    """Where a command writes: standard output, or standard error where that is for JSON alone.
+    """Output of a command: standard output, or standard error if standard output is for JSON alone.
 
     verbose: also show messages of devices that are neither warning nor error; as_json: whether `result` writes.
     """
@@ -59,7 +59,7 @@ class Terminal(Console):
         self.print(wrapped(text, self.width) if self.is_terminal else text, style=style, soft_wrap=True)
 
     def failures(self, sentences: Iterable[str]) -> None:
-        """Print what a check found wrong where nothing else is shown (--quiet); on standard error, as errors are."""
+        """Print failures of a check if nothing else is shown (--quiet); on standard error, like errors."""
         if self.quiet:
             for sentence in sentences:
                 print(sentence, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Why a controller did not trust its loop: what was seen, where, and what to do."""
+"""Reasons why a controller did not trust its loop: the observation, its place, and what to do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _REASONS = "untrusted_reasons"
 
 
 def untrusted_remarks(run: xr.Dataset) -> list[str]:
-    """One sentence for each reason that `untrusted_reasons` had in any layer; none where all is well."""
+    """One sentence for each reason in `untrusted_reasons` of any layer; none if all is well."""
     if _REASONS not in run or run[_REASONS].dims != ("layer",):
         return []
     reasons = np.nan_to_num(run[_REASONS].values).astype(np.int64)
@@ -137,7 +137,7 @@ def _better(run: xr.Dataset, layer: int) -> str:
 
 
 def _worst(run: xr.Dataset, name: str, layers: NDArray[np.int64]) -> int:
-    """The layer in which it is largest; its values are those of the scan before."""
+    """The layer with the largest value; values are those of the scan before."""
     return int(layers[int(np.argmax(run[name].values[layers]))])
 
 
@@ -146,7 +146,7 @@ def _and_others(layers: NDArray[np.int64]) -> str:
 
 
 def _believed(run: xr.Dataset) -> str:
-    """The range of volumes that the controller of the scenario believes."""
+    """Credible range of volumes of the scenario's controller."""
     components = tomllib.loads(str(run.attrs.get("scenario", ""))).get("components", {})
     options: Mapping[str, float] = next((each for each in components.values() if each.keys() & _VOLUMES.keys()), {})
     least, most = (float(options.get(name, default)) for name, default in _VOLUMES.items())
@@ -154,7 +154,7 @@ def _believed(run: xr.Dataset) -> str:
 
 
 _VOLUMES = {"volume_least": 0.5, "volume_most": 1.25}
-"""What a controller believes if the scenario does not say, as in controller/core/observer."""
+"""Defaults of a controller's credible volumes, as in controller/core/observer."""
 _AXES = (
     "Exchange the axes: set rows_along to the other axis in a `MapFolder`, fastest to the other axis in the mapping "
     "file of a device, or exchange {i} and {j} in `ports`"
@@ -172,11 +172,11 @@ _TURNS: Mapping[int, tuple[str, str]] = {
     7: ("turned by 270 degrees", f"Add 270 {_ROTATION}"),
     8: ("transposed and turned by 180 degrees", f"{_AXES}; then add 180 {_ROTATION}"),
 }
-"""By the number of the transform that brings a scan to the printer: how scans lie, and what sets them right."""
+"""Number of the transform from a scan to the printer -> orientation of the scans, and its correction."""
 _Remark: TypeAlias = Callable[[xr.Dataset, NDArray[np.int64]], str]
 _REMARKS: Mapping[int, _Remark] = {2: _blind, 4: _ground, 8: _residuals, 16: _ink, 32: _high}
-"""By the number of the reason; untrusted cells, 1, are reported by their number in the last layer."""
+"""Number of the reason -> its sentence; untrusted cells, 1, are reported by their number in the last layer."""
 _STOPS: Mapping[int, Callable[[xr.Dataset, int], str]] = {
     64: _no_growth, 128: _same_scan, 256: _late, 512: _turned, 1024: _volume,
 }  # fmt: skip
-"""Reasons that stop a print, by their number: the sentence of the layer whose scan it was."""
+"""Number of a reason that stops a print -> the sentence of the layer of that scan."""

@@ -1,4 +1,4 @@
-"""Where Python looks for the classes that a scenario names as "module:Class"."""
+"""Search path for the classes that a scenario names as "module:Class"."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class Scenario:
         except ValidationError as error:
             errors += [sentence(detail, ScenarioFile) for detail in error.errors()]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
-        is_formula = isinstance(tables.part, PartTable)  # which takes no memory; other parts are laid over the grid
+        is_formula = isinstance(tables.part, PartTable)  # a formula takes no memory; other parts are laid over the grid
         too_large = [] if is_formula else list(Footprint.of(tables, 0.0).memory_errors())
         try:
             solid = None if too_large else tables.part.solid(tables.grid, folder)
@@ -150,18 +150,18 @@ class Scenario:
         return self._job(component)
 
     def options(self, component: str) -> dict[str, Any]:
-        """The options of a component, the files that they name as they are found from here."""
+        """The options of a component, with the files that they name as paths from the working directory."""
         table = self.tables.components[component]
         return catalog.resolve_paths(table.kind, table.options, Path(self.source).parent)
 
     @property
     def footprint(self) -> Footprint:
-        """The memory and the disk that the print takes."""
+        """Memory and disk space of the print."""
         return Footprint.of(self.tables, self.solid.shape.height)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know before a print, one sentence each."""
+        """Warnings for a user before a print, one sentence each."""
         return (*(f"part: {remark}" for remark in self.solid.remarks), *self.footprint.warnings())
 
     @property

@@ -1,11 +1,11 @@
-"""What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
+"""Resources of a print: memory, disk and processor time, estimated before anything of its size is allocated.
 
 The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Memory and disk: ten
-layers of 6000 x 6000 cells planned one ahead; what more layers ahead and other kinds take by the slope between grids
-of 300 x 300 and 900 x 900. Memory does not grow with layers, which are on disk. What a class or an FMU of others takes
-is not in it. Computing is processor time on one core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of
-6000 x 6000 and of ten layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, of which single
-ones take half or twice as much.
+layers of 6000 x 6000 cells planned one ahead; for more layers ahead and other kinds the slope between grids of 300 x
+300 and 900 x 900. Memory does not grow with layers, which are on disk. Classes and FMUs of others are not included.
+Computing is processor time on one core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of 6000 x 6000
+and of ten layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, of which single ones take
+half or twice as much.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ from inkloop.tables.schema import ComponentTable, ScenarioFile
 
 BYTES_OF_A_CELL = 185
 BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
-"""Memory of a cell in addition where layers are planned: one ahead, and for each further one."""
+"""Additional memory of a cell if layers are planned: for the first, and for each further layer ahead."""
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
-"""Kind -> memory in addition, more than a hundred bytes a cell."""
+"""Kind -> additional memory, if more than a hundred bytes per cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
-"""Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
+"""Kind -> bytes of its saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 165
 SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
-"""Layers ahead -> what planning adds."""
+"""Layers ahead -> additional time of planning."""
 SMALL_CELLS = 20_000
 LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.25e-6
 LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
-"""The same two on larger grids, where single layers are not annealed and what every layer takes hardly counts."""
+"""The same two on larger grids, where single layers are not annealed and overhead per layer is negligible."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
-"""Kind -> what a model adds."""
+"""Kind -> additional time of a model."""
 SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 650e-6
-"""What a cell, a layer and a layer ahead take more with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
+"""Additional time of a cell, a layer and a layer ahead with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
 """`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
-"""Share of a layer that files in single precision may add to a height."""
+"""Share of a layer that single precision of files may add to a height."""
 LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 33, 21, 9
-"""Of a cell and layer: in the layers kept while the print runs; in result.nc, with every digit or rounded."""
-FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
-HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
+"""Bytes of a cell and layer: in the layers kept while the print runs; in result.nc, with all digits or rounded."""
+FAR_BEYOND = 10.0  # ratio of layers to those printed above which a height is in other units, or mistyped
+HARDLY_A_LAYER = 0.3  # share of a layer's height: less than half of a droplet
 _CHECK_HEIGHT = "; check the heights of [part], which are in µm"
 
 
@@ -107,7 +107,7 @@ class Footprint:
         return self.seconds_of_a_cell * self.nx * self.ny
 
     def __str__(self) -> str:
-        """A sentence for a person."""
+        """The resources as a sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
         return (
             f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk, "
@@ -115,7 +115,7 @@ class Footprint:
         )
 
     def warnings(self) -> Iterator[str]:
-        """A sentence where the part has far more layers than are printed, or hardly one."""
+        """A sentence if the part has far more layers than are printed, or hardly one."""
         if self.nominal > FAR_BEYOND * self.layers:
             found = f"the part is about {self.nominal:,.0f} layers high"
             yield f"{found}; run.layers_max ends the print after {self.layers}{_CHECK_HEIGHT}"
@@ -124,12 +124,12 @@ class Footprint:
             yield f"{found}; a droplet is higher, and nothing may be printed{_CHECK_HEIGHT}"
 
     def memory_errors(self) -> Iterator[str]:
-        """The error of a grid that memory cannot hold, with one that it can; a run that is resumed keeps its grid."""
+        """The error of a grid too large for memory, with one that fits; a run that is resumed keeps its grid."""
         if reason := memory_error(self.memory):
             yield f"{self._grid()} {reason}; {self._advice((available_memory() or 0) / self.memory)}, or free memory"
 
     def check_disk(self, folder: Path) -> None:
-        """Raises ResultError where the disk of a run folder cannot hold the run."""
+        """Raises ResultError if the disk of a run folder is too small for the run."""
         free = free_disk(folder)
         if free is not None and self.disk > free:
             found = f"needs about {size_text(self.disk)} of disk, {size_text(free)} are free there"
@@ -141,21 +141,21 @@ class Footprint:
 
     def _advice(self, share: float) -> str:
         nx, ny = (math.floor(count * math.sqrt(share)) for count in (self.nx, self.ny))
-        if min(nx, ny) < 1:  # one side is far too long: only that is cut
+        if min(nx, ny) < 1:  # one side is far too long: only that one is cut
             cells, short = share * self.nx * self.ny, min(self.nx, self.ny)
             nx, ny = (count if count == short else max(1, math.floor(cells / short)) for count in (self.nx, self.ny))
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
 
 
 def _disk(tables: ScenarioFile, layers: int, state: int, runs: int) -> int:
-    """Of a cell, when most is there: all layers, and the state twice or with the results."""
+    """Bytes on disk for a cell at the peak: all layers, and the state twice or with the results."""
     is_rounded = tables.grid.nx * tables.grid.ny > ROUNDED_CELLS
     result = (ROUNDED_RESULT_BYTES if is_rounded else RESULT_BYTES) * (layers + 1)
     return LAYER_BYTES * (layers + 1) + state + max(state, result) + result * (runs - 1)
 
 
 def _more_bytes(table: ComponentTable) -> int:
-    """Memory of a cell that a component takes in addition."""
+    """Additional memory of a component for each cell."""
     more = MORE_BYTES_OF_A_CELL.get(table.kind, 0)
     if table.kind not in PLANNING:
         return more
@@ -163,7 +163,7 @@ def _more_bytes(table: ComponentTable) -> int:
 
 
 def _seconds(table: ComponentTable, more: Mapping[int, float]) -> float:
-    """Processor time that a component adds for each printed cell and layer; more: of planning, by layers ahead."""
+    """Additional processor time of a component for each printed cell and layer; more: of planning, by layers ahead."""
     if table.kind not in PLANNING:
         return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
     horizon = _horizon(table) or 0

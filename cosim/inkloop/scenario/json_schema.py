@@ -1,7 +1,7 @@
 """The scenario file as a JSON Schema (draft 7), for editors that complete and check TOML while it is written.
 
-It is made from the tables of `inkloop.tables.schema` and the options of the kinds of component that are installed. What
-only a whole file can show (a part beyond its grid, a port that is not there) is left to `inkloop validate`.
+It is made from the tables of `inkloop.tables.schema` and the options of the kinds of component that are installed.
+Errors that only a whole file can show (a part beyond its grid, a missing port) are left to `inkloop validate`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def scenario_schema() -> Schema:
 
 
 def _by_kind(table: Schema, options: dict[str, Schema]) -> Schema:
-    """The table of a component: which keys there are depends on its kind; of a foreign kind nothing is known."""
+    """The table of a component: its keys depend on its kind; those of a foreign kind are unknown."""
     kind = {
         "anyOf": [{"enum": catalog.kinds()}, {"type": "string", "pattern": ":"}],
         "description": "one of the catalog, or package.module:Class",

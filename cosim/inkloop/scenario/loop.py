@@ -1,4 +1,4 @@
-"""The loop of one print: components with checked options, their connections and events, and all that is wrong."""
+"""The loop of one print: components with checked options, their connections and events, and all errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inkloop.tables.schema import BenchTable, ComponentTable, ConnectionTable, S
 
 @dataclass(frozen=True)
 class Loop:
-    """Components by name in file order, and how they are connected.
+    """Components by name in file order, and their connections.
 
     errors: of connections and events, those of the components' options left out; connections and events are of use
     if there are none.
@@ -61,7 +61,7 @@ class Loop:
 
 
 def _connected(tables: list[ConnectionTable], ports: Mapping[str, HasPorts]) -> tuple[list[Connection], list[str]]:
-    """The connections of the file and those of the layer contract, and everything wrong with them."""
+    """The connections of the file and those of the layer contract, and all errors in them."""
     errors: list[str] = []
     explicit = [_connection(f"connections.[{number}]", table, ports, errors) for number, table in enumerate(tables)]
     taken = {connection.target for connection in explicit}

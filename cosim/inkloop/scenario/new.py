@@ -16,7 +16,7 @@ from inkloop.tables.schema import RunTable
 
 _TEMPLATES = files("inkloop.scenario") / "templates"
 _SCENARIO = "scenario.toml"
-"""The template of all scenarios; each other one holds the part of a shape."""
+"""The template of all scenarios; each other template is the part of a shape."""
 _LAYERS_FACTOR = 2
 """Layers that a print may take, in full layers of the default ink."""
 

@@ -33,7 +33,7 @@ def resolve(path: Path) -> Path:
 
 
 def hint(path: Path) -> str | None:
-    """What to say to a name without a suffix that is neither a file nor a packaged scenario; None for a file."""
+    """Advice for a name without a suffix that is neither a file nor a packaged scenario; None for a file."""
     if path.suffix or len(path.parts) != 1 or path.exists():
         return None
     beside = path.with_name(f"{path.name}.toml")

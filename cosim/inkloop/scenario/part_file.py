@@ -1,4 +1,4 @@
-"""From the file of a part to a scenario that prints it: its table, a grid around it, and what else it needs."""
+"""From the file of a part to a scenario that prints it: its table, a grid around it, and further keys."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ TABLES: Mapping[str, type[MeshTable | LayersTable | HeightMapTable]] = {
 }
 """Shape -> its table."""
 ASSUMED_UNIT = "mm"
-"""Of meshes in formats that state none, as programs that write them assume."""
+"""Unit of meshes in formats that state none, as most programs assume."""
 PITCHES_UM = (Grid.model_fields["pitch_um"].default, 127.0, 84.667, 42.333, 21.167)
-"""That of Lu et al. 2015, then 200, 300, 600 and 1200 dots per inch."""
+"""Pitches: that of Lu et al. 2015, then 200, 300, 600 and 1200 dots per inch."""
 CELLS_MIN = 40
 """Cells along the longer side of a part that show its shape (assumed)."""
 
@@ -60,7 +60,7 @@ class PartFile:
 
     @property
     def shape(self) -> str:
-        """`shape` of `[part]`, by the suffix; what is neither a mesh nor a manifest is a height map."""
+        """`shape` of `[part]`, by the suffix; any file that is neither a mesh nor a manifest is a height map."""
         suffix = self.path.suffix.lower()
         return "mesh" if suffix in MESHES else "layers" if suffix == LAYERS else "height-map"
 
@@ -71,7 +71,7 @@ class PartFile:
 
     @property
     def assumes_unit(self) -> bool:
-        """Whether nothing states the unit of its coordinates."""
+        """Whether the unit of its coordinates is assumed."""
         return self.is_mesh and self.unit is None and self.path.suffix.lower() != ".3mf"
 
     @property
@@ -129,7 +129,7 @@ def fit(file: PartFile, pitch_um: float | None) -> FittedPart:
 
 
 def _too_wide(file: PartFile, width: float, depth: float) -> str:
-    """What to do where no grid for the part fits into memory; lengths in um."""
+    """Advice if no grid for the part fits into memory; lengths in um."""
     unit = f" if its unit is {ASSUMED_UNIT}, which is assumed" if file.assumes_unit else ""
     sides = f"{width * MM_PER_M / UM_PER_M:g} x {depth * MM_PER_M / UM_PER_M:g} mm"
     return f"the part is {sides} wide{unit}; correct --unit, or take a larger --pitch-um"

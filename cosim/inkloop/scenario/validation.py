@@ -1,7 +1,7 @@
-"""Everything that is wrong with the components of a scenario, their connections and events, one sentence each.
+"""Errors of the components of a scenario, their connections and events, one sentence each.
 
-Errors in one table do not hide those in others: what depends on ports is checked for the components whose ports are
-known, and what depends on the job is checked with a stand-in where the tables of the job are invalid.
+Errors in one table do not hide those in others: connections and events are checked for the components whose ports are
+known, and options with a substitute job if the tables of the job are invalid.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
 
 
 def _overhang_errors(part: Columns, in_two_inks: bool) -> list[str]:
-    """The error of a part that hangs in the air, in a file that does not say what is to hold it."""
+    """The error of overhangs in a part whose file does not define their support."""
     found = overhangs(part)
     if found is None:
         return []
@@ -153,7 +153,7 @@ def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
 
 
 def shadow_errors(components: Mapping[str, HasPorts], connections: Sequence[Connection]) -> list[str]:
-    """A shadow that a sensor scans must not take those scans for the surface that it begins on."""
+    """A shadow that a sensor scans must not begin on those scans."""
     errors = []
     fed = {connection.target_parts: connection.source_parts for connection in connections}
     for name, component in components.items():

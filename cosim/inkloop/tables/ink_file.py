@@ -1,7 +1,7 @@
 """An ink in a file of its own, which scenarios name: `[ink] file = "my-ink.toml"`. `inkloop identify` writes one.
 
-Its values are put into the scenario when that is read, so that a run folder holds the ink as printed; what the scenario
-gives itself wins.
+Its values are put into the scenario when that is read, so that a run folder holds the ink as printed; keys of
+the scenario itself have priority.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class DropletTable(Table):
 
 
 class InkFile(Table):
-    """The whole file. models: by kind the options of components; identified: where the numbers are from."""
+    """The whole file. models: by kind the options of components; identified: origin of the numbers."""
 
     a: DropletTable
     b: DropletTable | None = None
@@ -84,7 +84,7 @@ def _fill(ink: MutableMapping[str, Any], material: str, values: dict[str, float]
     own = ink.get(material)
     if own is None:
         ink[material] = values
-    elif isinstance(own, MutableMapping):  # anything else is an error that the schema names
+    elif isinstance(own, MutableMapping):  # any other type is an error reported by the schema
         for key, value in values.items():
             own.setdefault(key, value)
 

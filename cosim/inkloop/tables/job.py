@@ -17,13 +17,13 @@ from inkloop.tables.schema import Inks, InkTable, ScenarioFile
 from inkloop.tables.solid import Solid
 
 FAR_M = 1.0
-"""Stands for no end of a region of ink."""
+"""Replaces an infinite end of a region of ink."""
 T = TypeVar("T", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What is to be printed: mask and height of the top [m], each (nx, ny).
+    """Target of a print: mask and height of the top [m], each (nx, ny).
 
     inks: their number; region: where ink A belongs, None: everywhere.
     """
@@ -68,7 +68,7 @@ def is_supported(tables: ScenarioFile) -> bool:
 
 
 def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
-    """The cells that are printed, in one ink or two, and up to where [m]; beyond them any height."""
+    """The printed cells, in one ink or two, and their top [m]; beyond the cells any height."""
     grid, support, shape = tables.grid, tables.support, solid.shape
     x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
     part = solid.columns(grid.nx, grid.ny, grid.pitch)
@@ -88,7 +88,7 @@ def _without_ends(region: Columns, top: FloatMap) -> Columns:
     """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] continues beyond them, as ink B does.
 
     Else the last droplet on ink A, whose middle lies over the target, would be of ink B. Ink A that begins above the
-    target, as what hangs over the part that is printed, is left out.
+    target, as overhangs above the printed part, is left out.
     """
     cells = region.nx * region.ny
     cell, highest = (np.repeat(values, region.counts.ravel()) for values in (np.arange(cells), top.ravel()))

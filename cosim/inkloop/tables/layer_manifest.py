@@ -1,4 +1,4 @@
-"""`manifest.json` of a folder of bitmaps: what `inkloop export-layers` writes, and what is read back."""
+"""`manifest.json` of a folder of bitmaps: written by `inkloop export-layers`, and read here."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _READ = ConfigDict(frozen=True, strict=True, defer_build=True)  # other keys are
 
 
 class ManifestFile(BaseModel):
-    """What is read of the entry of a bitmap."""
+    """Keys read from the entry of a bitmap."""
 
     model_config = _READ
 
@@ -39,7 +39,7 @@ class ManifestFile(BaseModel):
 
 
 class ManifestInk(BaseModel):
-    """What is read of the entry of an ink."""
+    """Keys read from the entry of an ink."""
 
     model_config = _READ
 
@@ -47,7 +47,7 @@ class ManifestInk(BaseModel):
 
 
 class Manifest(BaseModel):
-    """What is read of a manifest; everything else is checked, as bitmaps of another orientation are another part."""
+    """Keys read from a manifest, all of them checked: bitmaps of another orientation are another part."""
 
     model_config = _READ
 
@@ -75,7 +75,7 @@ class Manifest(BaseModel):
 
 
 def read(path: Path) -> Manifest:
-    """The manifest at `path`, whose bitmaps are there unchanged. Raises GeometryError with everything that is wrong."""
+    """The manifest at `path`, whose bitmaps are there unchanged. Raises GeometryError with all errors."""
     try:
         manifest = Manifest.model_validate(json.loads(path.read_bytes()))
     except OSError as error:

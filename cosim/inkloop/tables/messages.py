@@ -21,7 +21,7 @@ _PLAIN = {
     "a valid string": "a text in quotes",
     "a valid list": "a list, [..., ...]",
 }
-"""What pydantic calls a type, and what a file calls it."""
+"""Name of a type in pydantic -> its name in messages about files."""
 _NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 
 
@@ -72,7 +72,7 @@ def _locate(
 
 
 def _header(path: list[str]) -> str:
-    """How the table begins in a file of tables; nothing where the whole file should be one."""
+    """Header of the table in a file of tables; nothing for the whole file."""
     if not path:
         return ""
     return f", [[{path[-2]}]]" if path[-1].startswith("[") else f", [{'.'.join(path)}]"

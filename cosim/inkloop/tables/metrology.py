@@ -59,7 +59,7 @@ class MetrologyTable(Table):
 
     @property
     def evaluation(self) -> Evaluation:
-        """What is evaluated, in SI."""
+        """The evaluation in SI."""
         short, long = (None if um is None else um * M_PER_UM for um in (self.s_filter_um, self.l_filter_um))
         treatment = Treatment(self.f_operation, short, long, self.filter_order)
         return Evaluation(tuple(self.parameters), treatment, self.profile, self.every_layer)

@@ -1,4 +1,4 @@
-"""`[part]`: which shapes there are, and how several become one."""
+"""`[part]`: its shapes, and combinations of several."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _grid(grid: Grid) -> tuple[int, int, float]:
 
 
 def _union(bodies: list[Columns], in_a: list[Columns]) -> tuple[Columns, Columns]:
-    """All parts, and their ink A; where parts overlap, the first one has the say."""
+    """All parts, and their ink A; where parts overlap, the first one counts."""
     whole, of_a = bodies[0], in_a[0]
     for body, more in zip(bodies[1:], in_a[1:], strict=True):
         of_a |= more - whole

@@ -13,7 +13,8 @@ from inkloop.units import missing_suffix, spellings
 def read_quantities(
     found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
 ) -> tuple[dict[str, tuple[str, object]], list[str]]:
-    """By quantity of a table the key as written and the value in `units` (quantity -> unit); what is wrong with keys.
+    """By quantity of a table the key as written and the value in `units` (quantity -> unit); and the errors of the
+    keys.
 
     A value is a number, a boolean or a nested list of them; `other_keys` are further keys of the table.
     """

@@ -1,7 +1,7 @@
 """The scenario file as a set of tables: every key with its type, limits, default and meaning.
 
-The keys of a file carry units (`pitch_um`); here and in `inkloop.tables.shapes` they become SI. What a key of
-`[components.NAME]` may be depends on its `kind` and is checked by `inkloop.components.catalog`.
+The keys of a file carry units (`pitch_um`); here and in `inkloop.tables.shapes` they become SI. Keys of
+`[components.NAME]` depend on its `kind` and are checked by `inkloop.components.catalog`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SubstrateTable(Table):
 
 
 class Support(Table):
-    """`[support]`: where material B holds the part, since a droplet cannot hang."""
+    """`[support]`: regions where material B holds the part, since a droplet cannot hang."""
 
     kind: Literal["around", "below-overhangs", "none"] = Field(
         default="around",
@@ -50,7 +50,7 @@ class Support(Table):
 
 
 class InkTable(Table):
-    """`[ink.a]`, `[ink.b]`: what one droplet adds; defaults of Lu et al. 2015, Table I."""
+    """`[ink.a]`, `[ink.b]`: heights added by one droplet; defaults of Lu et al. 2015, Table I."""
 
     h1_um: Length = Field(default=4.4, description="height added to the hit cell")
     h2_um: float = Field(default=0.6, ge=0.0, allow_inf_nan=False, description="height added to a side neighbour")

@@ -1,4 +1,4 @@
-"""`[grid]` and `[part]` of the scenario file: where droplets may fall, and the shape that they are to make."""
+"""`[grid]` and `[part]` of the scenario file: the cells, and the shape to print."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Position = Annotated[float, Field(allow_inf_nan=False)]
 class Table(BaseModel):
     """A TOML table: unknown keys are errors, values are not converted between types, nothing changes later."""
 
-    # built when a table is first read: the whole scenario holds the others, which need no validator of their own
+    # built when a table is first read: a table within the scenario needs no validator of its own
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
@@ -45,7 +45,7 @@ class Grid(Table):
 
 
 class PlacedTable(Table):
-    """What every part has: a centre that defaults to the middle of the grid, and an ink."""
+    """Common keys of all parts: a centre that defaults to the middle of the grid, and an ink."""
 
     center_x_um: Position | None = Field(default=None, description="centre along x; default: middle of the grid")
     center_y_um: Position | None = Field(default=None, description="centre along y; default: middle of the grid")
@@ -59,7 +59,7 @@ class PlacedTable(Table):
 
 
 class PartTable(PlacedTable):
-    """What every shape of a formula has: a flat top, and a box around it."""
+    """Common properties of analytic shapes: a flat top, and a box around it."""
 
     height_um: Length = Field(description="height of the flat top over the substrate")
 

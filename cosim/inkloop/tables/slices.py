@@ -1,4 +1,4 @@
-"""Slices of a part on the grid: where their pixels land, and the columns that they stack up to."""
+"""Slices of a part on the grid: the places of their pixels, and the columns of the stack."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EDGE = 1e-6
 class Slices:
     """Lays slices on the grid, one after the other, the middle of their pixels at `center`.
 
-    A cell takes the pixel in which its centre is. pixel, center: along x and y [m].
+    A cell takes the pixel that contains its centre. pixel, center: along x and y [m].
     """
 
     def __init__(self, grid: Grid, center: tuple[float, float], pixel: tuple[float, float]) -> None:

@@ -1,4 +1,4 @@
-"""What a `[part]` table becomes: a shape on the grid, where ink A belongs in it, and how far it reaches."""
+"""Result of a `[part]` table: a shape on the grid, its region of ink A, and its bounds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Bounds(NamedTuple):
 class Solid:
     """A part on the grid of a scenario.
 
-    region: where ink A belongs; None: everywhere; remarks: what a user should know of it, one sentence each.
+    region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each.
     """
 
     shape: Shape

@@ -25,11 +25,12 @@ typedef enum {
 } E2eVerdict;
 
 typedef struct {
-    uint8_t last;                                    /* counter of the last undamaged frame */
-    bool seen;                                       /* there was one */
-    uint8_t bad;                                     /* the last E2E_WINDOW frames, newest in bit 0: 1 is a bad one */
-    uint8_t repeat;                                  /* repeats in a row */
-    uint32_t damaged, repeated, jumped, lost, stuck; /* frames, and for `stuck` how often the counter stood still */
+    uint8_t last;   /* counter of the last undamaged frame */
+    bool seen;      /* an undamaged frame has arrived */
+    uint8_t bad;    /* the last E2E_WINDOW frames, newest in bit 0: 1 is a bad one */
+    uint8_t repeat; /* repeats in a row */
+    /* counts of frames; `stuck`: how often the counter stood still */
+    uint32_t damaged, repeated, jumped, lost, stuck;
 } E2eMonitor;
 
 void e2e_monitor_init(E2eMonitor *monitor);

@@ -10,7 +10,7 @@ static uint16_t smaller(uint16_t a, uint16_t b) {
     return a < b ? a : b;
 }
 
-/* STmin of the wire in whole ms; below a millisecond it is one, what the standard reserves is the longest. */
+/* STmin of the wire in whole ms; values below a millisecond are one, reserved values are the longest. */
 static uint8_t separation_in_ms(uint8_t on_wire) {
     if (on_wire <= SEPARATION_RESERVED)
         return on_wire;
@@ -27,12 +27,12 @@ static void end_sending(Isotp *end, IsotpEnd how) {
 static void end_receiving(Isotp *end, IsotpEnd how) {
     end->receiving.state = how == ISOTP_DONE ? ISOTP_RECEIVE_HELD : ISOTP_RECEIVE_IDLE;
     end->receiving.end = how;
-    end->receiving.flow = ISOTP_FLOW_NONE; /* a sender that did not wait for it needs it no more */
+    end->receiving.flow = ISOTP_FLOW_NONE; /* a sender that did not wait needs no flow control any more */
     if (how == ISOTP_DONE)
         end->count.received++;
 }
 
-/* Makes room for a message that begins; false while the last one is held. */
+/* Makes room for the beginning message; false while the last one is held. */
 static bool may_begin(Isotp *end) {
     if (end->receiving.state == ISOTP_RECEIVE_HELD) {
         end->count.dropped++;
@@ -59,7 +59,7 @@ static void take_single(Isotp *end, const CanFrame *frame) {
 
 static void take_first(Isotp *end, const CanFrame *frame, uint32_t now) {
     const uint16_t length = (uint16_t)((frame->data[0] & 0xF) << 8 | frame->data[1]);
-    const bool escape = length == 0; /* a 32-bit length follows: more than we take */
+    const bool escape = length == 0; /* a 32-bit length follows: more than this receiver supports */
     if (frame->length != CAN_DATA_MAX || (!escape && length <= FRAME_BYTES)) {
         end->count.malformed++;
         return;
@@ -144,7 +144,7 @@ static void take_flow(Isotp *end, const CanFrame *frame, uint32_t now) {
 bool isotp_take(Isotp *end, const CanFrame *frame, uint32_t now) {
     if (frame->id != end->options.receive_id || frame->extended || frame->remote)
         return false;
-    isotp_tick(end, now); /* a frame that comes too late comes to nothing */
+    isotp_tick(end, now); /* a late frame is dropped */
     switch (frame->length ? frame->data[0] >> 4 : -1) {
     case SINGLE:
         take_single(end, frame);
@@ -220,7 +220,7 @@ static void next_consecutive(Isotp *end, uint32_t now, CanFrame *frame) {
         end->sending.state = ISOTP_SEND_FLOW;
 }
 
-/* Whether STmin has passed: a clock of whole ms shows one more than the gap to be sure of it. */
+/* Whether STmin has passed: a clock of whole ms must show one more than the gap. */
 static bool may_follow(const Isotp *end, uint32_t now) {
     return !end->sending.spaced || end->sending.separation_ms == 0 ||
            now - end->sending.since > end->sending.separation_ms;

@@ -22,24 +22,25 @@ enum { ISOTP_LENGTH_MAX = 4095 };
 
 typedef struct {
     uint32_t receive_id, send_id; /* 11-bit ids */
-    uint8_t block_size;           /* frames that the sender may send before it waits for us; 0: all */
-    uint8_t separation;           /* STmin that we ask for, as on the wire: 0-127 ms, 0xF1-0xF9 100-900 us */
-    uint8_t padding;              /* byte that fills our frames to 8 */
-    uint8_t wait_max;             /* "wait" flow controls in a row that we accept */
-    uint16_t flow_timeout;        /* ms for a flow control to come (N_Bs; ISO 15765-2: 1000) */
-    uint16_t frame_timeout;       /* ms for a consecutive frame to come (N_Cr; ISO 15765-2: 1000) */
+    uint8_t block_size;           /* frames that the sender may send before the next flow control; 0: all */
+    uint8_t separation;           /* STmin requested, as on the wire: 0-127 ms, 0xF1-0xF9 100-900 us */
+    uint8_t padding;              /* byte that fills sent frames to 8 */
+    uint8_t wait_max;             /* "wait" flow controls accepted in a row */
+    uint16_t flow_timeout;        /* timeout of a flow control in ms (N_Bs; ISO 15765-2: 1000) */
+    uint16_t frame_timeout;       /* timeout of a consecutive frame in ms (N_Cr; ISO 15765-2: 1000) */
 } IsotpOptions;
 
-/* How the last message of each way ended. */
+/* Result of the last message of each way. */
 typedef enum {
-    ISOTP_NONE,     /* none yet, or it is under way */
+    ISOTP_NONE,     /* no message yet, or one is under way */
     ISOTP_DONE,     /* received whole; the last frame was handed out */
     ISOTP_TIMEOUT,  /* the other side stopped */
     ISOTP_SEQUENCE, /* received: a wrong sequence number */
-    ISOTP_OVERFLOW, /* received: longer than ISOTP_LENGTH_MAX, or the last message is not released; sent: refused so by
-                       the other side */
-    ISOTP_WAITS,    /* sent: more than `wait_max` waits */
-    ISOTP_FLOW,     /* sent: a flow status that the standard does not know */
+    /* received: longer than ISOTP_LENGTH_MAX, or the last message is not released; sent: refused by the other side as
+     * too long */
+    ISOTP_OVERFLOW,
+    ISOTP_WAITS, /* sent: more than `wait_max` waits */
+    ISOTP_FLOW,  /* sent: a flow status that the standard does not know */
 } IsotpEnd;
 
 typedef enum { ISOTP_SEND_IDLE, ISOTP_SEND_START, ISOTP_SEND_FLOW, ISOTP_SEND_FRAMES } IsotpSending;
@@ -61,34 +62,34 @@ typedef struct {
     struct {
         IsotpReceiving state;
         IsotpEnd end;
-        IsotpFlow flow; /* flow control that waits to be sent */
+        IsotpFlow flow; /* flow control to be sent */
         uint16_t length, position;
         uint8_t sequence, block;
         uint32_t since;
         uint8_t bytes[ISOTP_LENGTH_MAX];
     } receiving;
     struct {
-        uint32_t received, sent, dropped, replaced; /* messages; replaced: a new one began before the end */
-        uint32_t malformed, unexpected;             /* frames */
+        uint32_t received, sent, dropped, replaced; /* counts of messages; replaced: a new one began before the end */
+        uint32_t malformed, unexpected;             /* counts of frames */
     } count;
 } Isotp;
 
 void isotp_init(Isotp *end, const IsotpOptions *options);
 
-/* Takes a frame from the bus; other ids are ignored. Returns whether the id was ours. */
+/* Takes a frame from the bus; other ids are ignored. Returns whether the id matched. */
 bool isotp_take(Isotp *end, const CanFrame *frame, uint32_t now);
 
 /* Ends a message that has waited too long. */
 void isotp_tick(Isotp *end, uint32_t now);
 
-/* The next frame that is due, if there is one. A frame that is handed out counts as sent: ask only with room for it. */
+/* The next frame that is due, if any. A frame handed out counts as sent: call only with room for it. */
 bool isotp_next(Isotp *end, uint32_t now, CanFrame *frame);
 
-/* Begins to send a copy of `bytes`; false while a message is under way or for a length that cannot be. */
+/* Begins to send a copy of `bytes`; false while a message is under way or for an impossible length. */
 bool isotp_send(Isotp *end, const uint8_t *bytes, size_t length);
 bool isotp_is_sending(const Isotp *end);
 
-/* The message received last, NULL if there is none; it stays, and no other is taken, until it is released. */
+/* The message received last, NULL if there is none; it is kept, and no other is received, until it is released. */
 const uint8_t *isotp_received(const Isotp *end, size_t *length);
 void isotp_release(Isotp *end);
 

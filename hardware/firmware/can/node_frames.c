@@ -34,8 +34,8 @@ static bool is_checked(NodeFrames *frames, const CanFrame *frame, size_t length,
     return false;
 }
 
-/* One intact frame stops. To release takes RELEASES_NEEDED of them in a row with counters that follow one another:
- * neither a damaged frame that passes its check by chance, nor an old one that is repeated, releases anything. */
+/* One intact frame stops. A release needs RELEASES_NEEDED of them in a row with consecutive counters: neither a damaged
+ * frame that passes its check by chance, nor a repeated old one, releases a stop. */
 static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
     const bool checked = is_checked(frames, frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID);
     const E2eVerdict verdict = e2e_monitor_take(&frames->stop_monitor, checked, e2e_counter(frame->data));
@@ -60,8 +60,8 @@ static MasterAlive master_of(const CanFrame *frame) {
     return (MasterAlive){.enables = (uint8_t)enables, .session = signals.session, .job = signals.job};
 }
 
-/* Another session is another sender with its own counter: the node gets its frame, and supervision is reset if the node
- * accepts the new master. */
+/* Takes a MasterAlive. Another session is another sender with its own counter: the node gets its frame, and supervision
+ * is reset if the node accepts the new master. */
 static void take_master_alive(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
     Node *node = frames->node;
     const bool checked = is_checked(frames, frame, INKLOOP_MASTER_ALIVE_LENGTH, INKLOOP_MASTER_ALIVE_DATA_ID);

@@ -12,9 +12,9 @@ typedef struct {
     Node *node;
     uint8_t number;
     Isotp link;
-    E2eMonitor monitor, stop_monitor; /* of MasterAlive and StopRequest */
-    uint8_t releases;                 /* intact frames in a row, each the next of its sender, that release a stop */
-    uint8_t counter;                  /* of the status frame */
+    E2eMonitor monitor, stop_monitor; /* monitors of MasterAlive and StopRequest */
+    uint8_t releases;                 /* intact frames in a row, with consecutive counters, that request a release */
+    uint8_t counter;                  /* alive counter of the status frame */
     bool status_sent;
     uint32_t status_at, fault_at; /* time of the last one [ms] */
     Cause cause_sent;
@@ -30,7 +30,7 @@ void node_frames_take(NodeFrames *frames, const CanFrame *frame, uint32_t now);
 /* Ticks the node and answers its requests. */
 void node_frames_tick(NodeFrames *frames, uint32_t now);
 
-/* The next frame that is due; ask until there is none, and only with room for one. */
+/* The next frame that is due; call until there is none, and only with room for one. */
 bool node_frames_next(NodeFrames *frames, uint32_t now, CanFrame *frame);
 
 #endif

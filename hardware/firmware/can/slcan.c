@@ -93,7 +93,7 @@ static bool take_bit_rate(Slcan *slcan, SlcanEvent *event) {
     return true;
 }
 
-/* Opening what is open and closing what is closed is allowed: python-can and slcand both do it. */
+/* Executes a command. Opening an open channel and closing a closed one is allowed: python-can and slcand both do it. */
 static bool take_command(Slcan *slcan, SlcanEvent *event) {
     if (slcan->used != 1)
         return malformed(slcan, event);

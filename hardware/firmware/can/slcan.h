@@ -33,15 +33,16 @@ typedef struct {
     bool has_frame; /* `frame` came from the other side, to be put on the bus */
     CanFrame frame;
     uint8_t answer_length;
-    char answer[SLCAN_ANSWER_MAX]; /* to be sent back, no terminating 0 */
+    char answer[SLCAN_ANSWER_MAX]; /* answer to the host, without a terminating 0 */
 } SlcanEvent;
 
 void slcan_init(Slcan *slcan);
 
-/* Takes one byte; nearly always nothing happens. Returns whether `event` holds something. */
+/* Takes one byte, mostly without a result. Returns whether `event` has one. */
 bool slcan_take(Slcan *slcan, uint8_t byte, SlcanEvent *event);
 
-/* The line of a frame, with its CR and without a terminating 0; its length, or 0 for a frame that cannot be. */
+/* Writes the line of a frame, with its CR and without a terminating 0; returns its length, or 0 for an invalid
+ * frame. */
 size_t slcan_write(const CanFrame *frame, char line[SLCAN_LINE_MAX]);
 
 #endif

@@ -4,14 +4,14 @@
 
 #include <stdint.h>
 
-enum { CORE_HZ = 25000000 }; /* of the MPS2 boards */
+enum { CORE_HZ = 25000000 }; /* core clock of the MPS2 boards */
 
 void clock_start(void);
 
 /* Handler of the timer's interrupt: one millisecond has passed. */
 void clock_tick(void);
 
-/* Since clock_start; it wraps after 49 days. */
+/* Milliseconds since clock_start; wraps after 49 days. */
 uint32_t clock_ms(void);
 
 #endif

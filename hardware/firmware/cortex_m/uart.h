@@ -8,10 +8,10 @@
 
 void uart_init(void);
 
-/* False: nothing has come. */
+/* False: no byte has arrived. */
 bool uart_take(uint8_t *byte);
 
-/* Waits until all is sent. */
+/* Waits until all bytes are sent. */
 void uart_send(const char *bytes, size_t length);
 
 #endif

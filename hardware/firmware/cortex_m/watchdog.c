@@ -8,7 +8,7 @@ static volatile uint32_t *const CONTROL = (volatile uint32_t *)0x40008008u;
 static volatile uint32_t *const CLEAR = (volatile uint32_t *)0x4000800Cu;
 static volatile uint32_t *const LOCK = (volatile uint32_t *)0x40008C00u;
 
-/* It counts down once to the NMI, whose handler waits, and a second time to the reset. */
+/* Restarts the watchdog. It counts down once to the NMI, whose handler waits, and a second time to the reset. */
 void watchdog_kick(void) {
     *LOCK = UNLOCKED;
     if (*CONTROL != RESETS) {

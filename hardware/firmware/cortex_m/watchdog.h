@@ -2,8 +2,7 @@
 #ifndef INKLOOP_WATCHDOG_H
 #define INKLOOP_WATCHDOG_H
 
-/* Starts the next period, at its first call the watchdog itself; where none comes for WATCHDOG_MS, the board is reset.
- */
+/* Starts the watchdog, and restarts its period in later calls; without a call for WATCHDOG_MS the board is reset. */
 void watchdog_kick(void);
 
 enum { WATCHDOG_MS = 300 }; /* limits.alive of a node */

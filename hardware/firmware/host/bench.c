@@ -18,7 +18,7 @@ typedef struct {
 
 #define WORLD(member) offsetof(BenchOptions, world.member)
 static const Option OPTIONS[] = {
-    EMULATED_PARAMETERS, /* written from variables.toml of the FMUs */
+    EMULATED_PARAMETERS, /* generated from variables.toml of the FMUs */
     {"nx", COUNT16, WORLD(nx), 1, UINT16_MAX},
     {"ny", COUNT16, WORLD(ny), 1, UINT16_MAX},
     {"printer_seed", SIGNED32, WORLD(variation.seed), INT32_MIN, INT32_MAX},

@@ -26,7 +26,7 @@ typedef struct {
     Node node[BENCH_NODES];
     uint8_t *pattern_memory;
     uint32_t pattern_bytes;
-    char surface_path[SURFACE_PATH_ROOM]; /* "": not kept */
+    char surface_path[SURFACE_PATH_ROOM]; /* "": the surface is not kept */
 } Bench;
 
 BenchOptions bench_defaults(void);
@@ -35,7 +35,7 @@ BenchOptions bench_defaults(void);
  * purge_ms, gate_ms, alive_ms, watchdog_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
 bool bench_set(BenchOptions *options, const char *name, double value);
 
-/* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` gets the message. */
+/* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` holds the message. */
 Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room);
 void bench_delete(Bench *bench);
 
@@ -45,11 +45,12 @@ void bench_power_up(Bench *bench, int node, uint32_t now);
 /* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal stays as it is. */
 void bench_power_off(Bench *bench, int node);
 
-/* Whether no kick has come for the period of the watchdog. It has then switched the node off at the end of that period,
- * however late this is asked; the node needs a power-up, which knows the cause. */
+/* Whether the watchdog has expired: no kick for its period. It has then switched the node off at the end of that
+ * period, however late this is called; the node needs a power-up, which knows the cause. */
 bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
 
-/* Whether every node has kicked its watchdog in the present turn: a board with one watchdog for all is kicked then. */
+/* Whether every node has kicked its watchdog in the present turn; only then a board with one watchdog for all kicks
+ * it. */
 bool bench_is_well(const Bench *bench);
 
 /* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */

@@ -26,7 +26,7 @@ static bool storage_write(void *context, uint32_t offset, const uint8_t *from, u
     const bool torn = board->torn_at >= 0 && (uint32_t)board->torn_at < length;
     const uint32_t written = torn ? (uint32_t)board->torn_at : length;
     for (uint32_t k = 0; k < written; k++)
-        board->storage[offset + k] &= from[k]; /* as flash: a bit goes to 0 only */
+        board->storage[offset + k] &= from[k]; /* as in flash a bit can only go to 0 */
     return write_through(board, offset, written) && !torn;
 }
 
@@ -89,7 +89,7 @@ static bool begin(void *context, const Work *work) {
     return true;
 }
 
-/* Ends the work: all of it is done, or the share that time allowed. */
+/* Ends the work: all of it is done, or the share that fitted into the time. */
 static bool finish(Board *board, double share) {
     World *world = board->world;
     board->working = false;

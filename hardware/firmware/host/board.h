@@ -1,5 +1,5 @@
 /* The HAL of an emulated node: storage in memory and, if there is one, in a file; actuators and inputs in the world.
- * Work is finished only when the surface it left has been written to its file. */
+ * Work is finished only when the resulting surface has been written to its file. */
 #ifndef INKLOOP_BOARD_H
 #define INKLOOP_BOARD_H
 
@@ -29,7 +29,7 @@ void board_init(Board *board, World *world, const char *surface_path);
 /* The functions above `board`. */
 Hal board_hal(Board *board);
 
-/* Reads what a file holds of the storage; false: it could not be read or made. */
+/* Reads the storage from a file; false: it could not be read or made. */
 bool board_open_file(Board *board, const char *path);
 
 #endif

@@ -27,7 +27,7 @@ void hub_init(Hub *hub) {
 }
 
 static void put_off(HubClient *client) {
-    if (client->terminal) { /* its device stays; the next user starts from a reset adapter */
+    if (client->terminal) { /* the device stays; the next user starts from a reset adapter */
         slcan_init(&client->slcan);
         client->used = 0;
         return;
@@ -156,7 +156,7 @@ void hub_bus_off(Hub *hub, int client, uint32_t times) {
     hub->relapses = times - 1;
 }
 
-/* Whether an adapter takes no part in the bus. Closing its channel brings it back. */
+/* Whether an adapter is bus-off. Closing its channel ends that. */
 static bool is_bus_off(Hub *hub, HubClient *client, bool sends) {
     if (client->bus_off && !client->slcan.open) {
         client->bus_off = false;

@@ -50,7 +50,7 @@ static void end(int signal_number) {
     asked_to_end = 1;
 }
 
-/* Since the process began: a node counts from its power-up. */
+/* Milliseconds since the process began: a node counts from its power-up. */
 static uint32_t clock_ms(void) {
     static struct timespec start;
     struct timespec now;
@@ -84,7 +84,7 @@ static bool read_fault(Options *options, const char *text) {
     return faults_add(options->faults, text, options->why, sizeof options->why);
 }
 
-/* The first argument that is not understood, NULL if none. */
+/* The first invalid argument, NULL if there is none. */
 static const char *read_arguments(Options *options, int count, char **arguments) {
     for (int k = 1; k < count; k++) {
         const char *argument = arguments[k];

@@ -14,7 +14,7 @@ static int write_head(const World *world, CanFrame *frame) {
 }
 
 static int write_stage(CanFrame *frame) {
-    const struct inkloop_stage_measurement_t signals = {0}; /* where it is between stations is not modelled */
+    const struct inkloop_stage_measurement_t signals = {0}; /* positions between stations are not modelled */
     return inkloop_stage_measurement_pack(frame->data, &signals, sizeof frame->data);
 }
 

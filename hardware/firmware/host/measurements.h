@@ -11,7 +11,7 @@ typedef struct {
     uint32_t sent[BENCH_NODES]; /* [ms] */
 } Measurements;
 
-/* The next frame of a node that is due, if there is one. */
+/* The next frame of a node that is due, if any. */
 bool measurements_next(Measurements *measurements, Bench *bench, int node, uint32_t now, CanFrame *frame);
 
 #endif

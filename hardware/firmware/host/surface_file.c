@@ -26,7 +26,7 @@ bool surface_file_write(const World *world, const char *path) {
         return false;
     }
 #ifdef _WIN32
-    remove(path); /* rename does not replace a file there */
+    remove(path); /* on some systems rename does not replace an existing file */
 #endif
     return rename(temporary, path) == 0;
 }

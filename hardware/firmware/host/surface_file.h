@@ -5,7 +5,7 @@
 
 #include "world.h"
 
-enum { SURFACE_PATH_ROOM = 4096 }; /* bytes of the longest path with its 0 */
+enum { SURFACE_PATH_ROOM = 4096 }; /* bytes of the longest path with its terminating 0 */
 
 /* Replaces the file as a whole; nothing for the path "". False: it could not be written. */
 bool surface_file_write(const World *world, const char *path);

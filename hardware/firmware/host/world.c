@@ -12,7 +12,7 @@ static const double NANOMETRE = 1e-9;
 WorldOptions world_defaults(void) {
     WorldOptions options = {EMULATED_STARTS, .nx = 9,       .ny = 9,        .pass_ms = 50, .scan_ms = 50,
                             .home_ms = 20,   .move_ms = 20, .purge_ms = 20, .gate_ms = 5,  .watchdog_ms = 300};
-    options.instrument.resolution = 0.1e-6; /* the FMU's 0 has no step for a map */
+    options.instrument.resolution = 0.1e-6; /* a resolution of 0, the FMU's start value, gives no step for a map */
     return options;
 }
 
@@ -111,7 +111,7 @@ void world_jet(World *world, const Work *work, double share) {
     deposit_pass(world->before, world->height, nx, ny, world->jetted, options->ink, world->factor, colour);
 }
 
-/* The steps that all readings carry: 0, unless the surface has grown out of 16 bits. */
+/* Steps added to all readings: 0, unless the surface has grown beyond 16 bits. */
 static double datum_of(const World *world) {
     const double step = world->options.instrument.resolution;
     double low = 0.0, high = 0.0;

@@ -22,7 +22,7 @@ enum { /* defects, one bit each; a gate that stays open and closed has end switc
        BROKEN_NOT_READY = 8,
        BROKEN_WORK_FAILS = 16,
        BROKEN_WORK_HANGS = 32,
-       BROKEN_STORAGE_FULL = 64, /* what a step has made cannot be kept */
+       BROKEN_STORAGE_FULL = 64, /* results of a step cannot be stored */
        BROKEN_LAMP_STAYS_OFF = 128
 };
 
@@ -42,7 +42,7 @@ typedef struct {
     int32_t *jetted;
     bool *valid;
     double datum;  /* steps to add to every reading of the last scan */
-    int32_t scans; /* finished */
+    int32_t scans; /* number of finished scans */
     uint64_t droplets;
     uint32_t now, broken;
     bool gate_driven, lamp_driven, homed;
@@ -63,7 +63,7 @@ uint32_t world_lines(const World *world);
 void world_set_gate(World *world, bool open);
 void world_set_lamp(World *world, bool on);
 
-/* Prints the share (0 to 1) of a pass that lies on the first lines. */
+/* Prints a share (0 to 1) of a pass, on its first lines. */
 void world_jet(World *world, const Work *work, double share);
 void world_scan(World *world);
 

@@ -1,6 +1,5 @@
-/* What a node needs of the board it runs on. Every call returns at once, and the node asks again at its next tick; only
- * storage_erase may take longer, as long as no other tick comes too late by it: less than limits.alive and the
- * watchdog's period.
+/* Board functions that a node needs. Every call returns at once, and the node polls again at its next tick; only
+ * storage_erase may take longer, but less than limits.alive and the watchdog's period, so that no tick is late.
  *
  * The core never sends a frame and never reads a clock: its caller does, and passes bytes and milliseconds in. */
 #ifndef INKLOOP_HAL_H
@@ -14,7 +13,7 @@
 /* Wired inputs of every node: the cure lamp and the head must see each other's state without the bus. */
 enum {
     LINE_GATE_CLOSED = 1, /* end switch: the gate between lamp and nozzles is closed */
-    LINE_GATE_OPEN = 2,   /* end switch: it is open; neither: it is moving, or broken */
+    LINE_GATE_OPEN = 2,   /* end switch: the gate is open; neither: it is moving, or broken */
     LINE_LAMP_ON = 4,     /* current of the cure lamp */
     LINE_READY = 8,       /* ink temperature and back pressure are in their ranges */
     LINE_HOMED = 16       /* the stage has been homed */
@@ -25,12 +24,12 @@ typedef enum {
     WORK_RUNNING,
     WORK_FINISHED,
     WORK_FAILED,
-    WORK_NOT_STORED /* it ended, but what it made cannot be kept */
+    WORK_NOT_STORED /* ended, but its result cannot be stored */
 } WorkProgress;
 
 typedef struct {
     WorkKind kind;
-    bool dry;               /* move, but jet nothing */
+    bool dry;               /* move without jetting */
     uint8_t colour;         /* WORK_JET: jet the cells of this colour (fmus/deposition/cell_colour.h), 255: all */
     uint8_t station;        /* WORK_MOVE: 0 home, 1 print, 2 cure, 3 scan */
     uint16_t layer;         /* counted from 1 */
@@ -39,11 +38,11 @@ typedef struct {
 
 typedef struct {
     uint16_t nx, ny, lsb_nm; /* cells; value of one step of a reading [nm] */
-    int32_t datum;           /* steps to add to every reading */
+    int32_t datum;           /* steps added to every reading */
 } MapShape;
 
 typedef struct {
-    void *context; /* first argument of all of these */
+    void *context; /* first argument of all these functions */
 
     /* Non-volatile memory: `sectors` of `sector_bytes`, 0xFF where erased. A power failure may tear a write. */
     uint32_t sectors, sector_bytes;
@@ -55,15 +54,15 @@ typedef struct {
     void (*set_gate)(void *context, bool open);
     uint32_t (*lines)(void *context); /* LINE_... that are true now */
 
-    /* Restarts the hardware watchdog. The first kick arms it; where none comes for a period, at most limits.alive, the
+    /* Restarts the hardware watchdog. The first kick arms it; without a kick for one period, at most limits.alive, the
      * hardware itself switches lamp, gate and motion off and resets the node. */
     void (*kick)(void *context);
 
-    bool (*begin)(void *context, const Work *work); /* false: cannot be begun */
-    WorkProgress (*progress)(void *context);        /* of the work begun last */
-    void (*halt)(void *context);                    /* no jetting, stage held, work given up */
+    bool (*begin)(void *context, const Work *work); /* false: it cannot begin */
+    WorkProgress (*progress)(void *context);        /* progress of the work begun last */
+    void (*halt)(void *context);                    /* stops jetting, holds the stage, abandons the work */
 
-    MapShape (*map_shape)(void *context);                                /* of the last finished scan */
+    MapShape (*map_shape)(void *context);                                /* shape of the last finished scan */
     bool (*map_reading)(void *context, uint32_t cell, int16_t *reading); /* false: no valid reading */
 } Hal;
 

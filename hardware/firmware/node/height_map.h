@@ -10,7 +10,7 @@ enum { MAP_HEAD_BYTES = 12, MAP_VERSION = 1 };
 
 uint32_t height_map_bytes(const Hal *hal);
 
-/* Any part of it; from + length <= height_map_bytes. */
+/* Reads any part of it; from + length <= height_map_bytes. */
 void height_map_read(const Hal *hal, uint32_t from, uint8_t *to, uint32_t length);
 
 #endif

@@ -72,7 +72,7 @@ bool interlocks_gate_open(Node *node) {
     return true;
 }
 
-/* What the step under way needs to be allowed. */
+/* Enable bits that the step under way needs. */
 static uint8_t needed(const Node *node) {
     const uint8_t motion = node_has(node, ROLE_STAGE) ? ENABLE_MOTION : 0;
     switch (node->step.kind) {
@@ -92,7 +92,7 @@ static uint8_t needed(const Node *node) {
     }
 }
 
-/* Droplets are on their way: the gate must be open. */
+/* Whether droplets are being jetted: the gate must be open. */
 static bool is_jetting(const Node *node) {
     return node->step.kind == STEP_PASS && node->step.phase == STEP_WORKING && !node->dry;
 }
@@ -112,7 +112,7 @@ Cause interlocks_watch(const Node *node) {
         return CAUSE_LAMP_TIME;
     if (is_jetting(node) && !interlocks_gate_is_open(node))
         return CAUSE_GATE_NOT_CONFIRMED;
-    if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
+    if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* the lamp would cure the ink in the nozzles */
         return CAUSE_LAMP_TIME;
     if (node->step.kind != STEP_NONE && node->now - node->step.began >= node->step.expires_in)
         return CAUSE_STEP_EXPIRED;
@@ -128,7 +128,7 @@ Cause interlocks_take_master(Node *node, const MasterAlive *master) {
         return CAUSE_TWO_MASTERS;
     }
     const bool lost = !node_is_off(node) && node->master_seen && other;
-    if (node->other_session == master->session) /* it is no second one any more */
+    if (node->other_session == master->session) /* the second master has become the accepted one */
         node->other_master_alive = false;
     node->master = *master;
     node->master_seen = node->master_alive = true;

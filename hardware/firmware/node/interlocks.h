@@ -1,17 +1,17 @@
-/* The interlocks, which a node enforces whatever it is asked: the lamp only with the gate confirmed closed and never
+/* The interlocks, which a node enforces for every request: the lamp only with the gate confirmed closed and never
  * longer than its limit, nothing energised without a living master that enables it, and off means off. */
 #ifndef INKLOOP_INTERLOCKS_H
 #define INKLOOP_INTERLOCKS_H
 
 #include "node_state.h"
 
-/* Sets the clock; a master that has been silent for its limit is not alive any more, however often the clock wraps. */
+/* Sets the clock; a master that has been silent for its limit stays dead, however often the clock wraps. */
 void interlocks_advance(Node *node, uint32_t now);
 
 /* Lamp off, gate closed, jets off, stage held. */
 void interlocks_all_off(Node *node);
 
-/* Checks all interlocks; CAUSE_NONE, or the first that is broken. Call at each tick, before anything else. */
+/* Checks all interlocks; CAUSE_NONE, or the first that is broken. Call it first in each tick. */
 Cause interlocks_watch(const Node *node);
 
 /* Accepts a MasterAlive, unless another master lives. CAUSE_NONE, or why the node has to go off. */
@@ -31,11 +31,11 @@ bool interlocks_enabled(const Node *node, uint8_t enables);
 /* Whether a wired input is true. */
 bool interlocks_line(const Node *node, uint32_t line);
 
-/* Whether an end switch of the gate says so and the other one does not contradict it. */
+/* Whether one end switch of the gate reports closed and the other one does not contradict it. */
 bool interlocks_gate_is_closed(const Node *node);
 bool interlocks_gate_is_open(const Node *node);
 
-/* A master lives, and it is the only one. */
+/* Whether one master lives, and no other. */
 bool interlocks_one_master(const Node *node);
 
 #endif

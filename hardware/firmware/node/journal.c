@@ -37,7 +37,7 @@ static void write_bytes(const Record *record, uint8_t bytes[RECORD_BYTES]) {
     put_u32(bytes + CRC_AT, crc32_after(0, bytes, CRC_AT));
 }
 
-/* A checksum that is right does not make numbers possible: another firmware may have used the memory. */
+/* Whether the numbers of a record are possible: another firmware may have written records with a right checksum. */
 static bool is_possible(const uint8_t bytes[RECORD_BYTES]) {
     const uint8_t passes = bytes[20], masks = bytes[21] | bytes[22] | bytes[23];
     return get_u32(bytes) > 0 && bytes[4] >= RECORD_BOOT && bytes[4] <= RECORD_WATCHDOG && bytes[5] <= STEP_SCAN &&
@@ -99,8 +99,8 @@ static bool is_sector_erased(const Journal *journal, uint32_t first, uint32_t sl
     return true;
 }
 
-/* Moves `next` to a slot that can be written: past torn ones, and into a sector that is erased first. All of it: an
- * erasure that a power failure cut short may have left old records behind the first slot. */
+/* Moves `next` to a slot that can be written: past torn ones, and into a sector that is erased first. The whole sector
+ * is erased: an erasure interrupted by a power failure may have left old records behind the first slot. */
 static bool find_room(Journal *journal) {
     const uint32_t in_sector = journal->hal->sector_bytes / RECORD_BYTES;
     for (uint32_t tried = 0; tried <= in_sector; tried++) {

@@ -12,7 +12,7 @@
 enum { RECORD_BYTES = 40, PASSES_MAX = 4 };
 
 typedef enum {
-    RECORD_BOOT = 1, /* power-up; its progress holds what became unknown */
+    RECORD_BOOT = 1, /* power-up; its progress marks interrupted steps as unknown */
     RECORD_PATTERN,  /* a pattern was verified: the progress holds its layer, passes and CRC */
     RECORD_INTENT,   /* a step begins */
     RECORD_DONE,     /* it was completed */
@@ -24,9 +24,9 @@ typedef enum {
 typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN, STEP_SELF_TEST } StepKind;
 
 enum {
-    LAYER_ABANDONED = 1,    /* the layer is not to be finished */
+    LAYER_ABANDONED = 1,    /* the layer will not be finished */
     LAYER_CURE_UNKNOWN = 2, /* a cure was interrupted and not repeated yet */
-    LAYER_ACKNOWLEDGED = 4  /* a person knows of the unknown step */
+    LAYER_ACKNOWLEDGED = 4  /* a person has acknowledged the unknown step */
 };
 
 typedef struct {
@@ -35,14 +35,14 @@ typedef struct {
     uint32_t pattern_crc;
     uint8_t passes;  /* of the layer; 0: no pattern belongs to it */
     uint8_t done;    /* bit p: pass p was jetted */
-    uint8_t unknown; /* bit p: pass p was interrupted: how far it came is not known */
+    uint8_t unknown; /* bit p: pass p was interrupted at an unknown place */
     uint8_t cured;   /* bit p: pass p was cured */
     uint8_t flags;   /* LAYER_... */
     uint16_t boots;
 } LayerProgress;
 
 typedef struct {
-    uint32_t number; /* counts up from 1 over the whole life */
+    uint32_t number; /* counts up from 1 over the node's life */
     RecordKind kind;
     StepKind step;
     uint8_t pass, attempt;
@@ -60,7 +60,7 @@ typedef struct {
 /* Finds the newest record. */
 void journal_open(Journal *journal, const Hal *hal);
 
-/* Appends; numbers the record. False: it could not be written and read back. */
+/* Appends a record and numbers it. False: it could not be written and read back. */
 bool journal_append(Journal *journal, Record record);
 
 /* Reads up to `most` records, newest first, as stored bytes; returns how many. */

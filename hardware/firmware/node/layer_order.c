@@ -24,14 +24,14 @@ static bool is_of(const LayerProgress *progress, const Key *key) {
     return progress->job == key->job && progress->layer == key->layer;
 }
 
-/* All jetted passes were cured, as far as that is this node's task. */
+/* Whether all jetted passes were cured, as far as this node cures. */
 static bool is_cured(const Node *node) {
     const LayerProgress *progress = &node->progress;
     return !node_has(node, ROLE_CURE) ||
            ((touched(progress) & ~progress->cured) == 0 && !(progress->flags & LAYER_CURE_UNKNOWN));
 }
 
-/* The layer was scanned, as far as that is this node's task. */
+/* Whether the layer was scanned, as far as this node scans. */
 static bool is_seen(const Node *node) {
     return !node_has(node, ROLE_PROFILER) || node->scanned || !layer_is_begun(&node->progress);
 }
@@ -40,7 +40,7 @@ uint8_t order_of_pattern(const Node *node, uint32_t job, uint16_t layer) {
     const LayerProgress *progress = &node->progress;
     const bool same_job = progress->job == job, begun = layer_is_begun(progress);
     const bool over = layer_is_finished(progress) || layer_is_closed(progress);
-    /* begun, but its pattern was lost in a power failure: the same one again */
+    /* begun, but its pattern was lost in a power failure: accept the same one again */
     if (same_job && progress->layer == layer && progress->passes > 0)
         return over || (begun && node->pattern_loaded) ? UDS_SEQUENCE : UDS_OK;
     if (layer == 0 || (same_job && layer <= progress->layer)) /* printed before */

@@ -66,7 +66,7 @@ static Cause de_energise(Node *node, Cause cause) {
     return CAUSE_NONE;
 }
 
-/* The only place where a cause takes effect: every function that hands the node an input ends here. */
+/* Applies a cause, and nothing else does: every function that hands the node an input ends here. */
 static void enforce(Node *node, Cause cause) {
     while (cause != CAUSE_NONE)
         cause = de_energise(node, cause);
@@ -94,7 +94,7 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
     enforce(node, node_record(node, options->by_watchdog ? RECORD_WATCHDOG : RECORD_BOOT, STEP_NONE, NULL));
 }
 
-/* What was switched belongs to a step that is allowed now, and no interlock is broken. */
+/* Whether all actuators that are on belong to a step that is allowed now, and no interlock is broken. */
 static bool is_well(const Node *node) {
     const bool energised = node->lamp_driven || node->gate_driven;
     if (node->state > NODE_FAULT || node->step.kind > STEP_SELF_TEST || (node->lamp_driven && node->gate_driven))
@@ -136,7 +136,7 @@ size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t len
     const size_t answered = services_answer(node, request, length, answer, room, &cause);
     const uint8_t waiting = node->answer_length;
     enforce(node, cause);
-    node->answer_length = waiting; /* `answer` already refuses the step that was given up */
+    node->answer_length = waiting; /* `answer` already refuses the step that was abandoned */
     return answered;
 }
 

@@ -1,4 +1,4 @@
-/* One node of the bench, as its caller drives it.
+/* Interface of one node of the bench to its caller.
  *
  * Lamp, gate and motion are off in SAFE and FAULT, which is where every node wakes up. All memory is the caller's; time
  * is passed in, in ms, and may wrap. The core does one thing at a time and returns at once. It sends no frames: in each
@@ -21,8 +21,8 @@ extern const NodeLimits NODE_LIMITS; /* 300 ms alive; the others assumed */
 /* Power-up: reads the journal; SAFE, everything off. `options` is copied, `hal` and the pattern memory are kept. */
 void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t now);
 
-/* Checks the interlocks and continues the step under way; call at least every 10 ms. Kicks the watchdog if the node
- * then finds itself well, and nothing else does. */
+/* Checks the interlocks and continues the step under way; call at least every 10 ms. The only function that kicks the
+ * watchdog: if the node finds itself well. */
 void node_tick(Node *node, uint32_t now);
 
 /* A MasterAlive that passed its end-to-end check. */
@@ -38,7 +38,7 @@ void node_stop_request(Node *node, uint32_t now, bool active);
  * journal are cut to it. */
 size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room);
 
-/* An answer that has become ready since; its length, 0 for none. */
+/* An answer that became ready later; its length, 0 for none. */
 size_t node_take_answer(Node *node, uint8_t *answer, size_t room);
 
 /* Contents of a status frame. */

@@ -1,4 +1,4 @@
-/* The state of one node of the bench: what it is doing, what it may do next, and what it remembers.
+/* The state of one node of the bench: its present step, its limits and interlocks, and its memory.
  *
  *     SAFE -> clear -> IDLE -> RECEIVING -> VERIFIED -> PRINTING -> PRINTED (mask) x passes -> CURING -> CURED
  *          -> SCANNING -> MAP_READY -> RECEIVING of the next layer;   FAULT and SAFE from anywhere
@@ -51,9 +51,9 @@ enum { ENABLE_LAMP = 1, ENABLE_GATE = 2, ENABLE_MOTION = 4 };
 
 /* Time limits that a node enforces [ms]. */
 typedef struct {
-    uint32_t alive;   /* without MasterAlive: everything off */
+    uint32_t alive;   /* longest silence of MasterAlive before everything is switched off */
     uint32_t lamp;    /* longest pulse of the lamp */
-    uint32_t gate;    /* for the gate to reach its end switch */
+    uint32_t gate;    /* longest time of the gate to its end switch */
     uint32_t pass;    /* longest pass */
     uint32_t motion;  /* longest move, homing or purge */
     uint32_t scan;    /* longest scan */
@@ -63,7 +63,7 @@ typedef struct {
 typedef struct {
     uint8_t roles; /* ROLE_... */
     NodeLimits limits;
-    uint8_t *pattern_memory; /* of the head: packed cells of the largest pattern */
+    uint8_t *pattern_memory; /* memory of the head: packed cells of the largest pattern */
     uint32_t pattern_bytes;
     bool by_watchdog; /* the watchdog caused this power-up */
 } NodeOptions;
@@ -80,7 +80,8 @@ typedef struct {
     uint32_t job;
 } MasterAlive;
 
-typedef enum { STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase; /* the gate opens, work, what was open closes */
+/* the gate opens, the work is done, the gate closes */
+typedef enum { STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase;
 
 /* The step under way. */
 typedef struct {
@@ -101,8 +102,8 @@ typedef struct {
     uint8_t next_counter;
     bool any;                       /* at least one block was transferred: its repeat gets the same answer */
     bool ended;                     /* the last transfer succeeded: its exit may be repeated */
-    uint32_t size, done, last_size; /* bytes: of all blocks, so far, of the newest block */
-    uint32_t crc, crc_before;       /* of the bytes so far; without the newest block */
+    uint32_t size, done, last_size; /* bytes: of all blocks, transferred so far, of the newest block */
+    uint32_t crc, crc_before;       /* CRC of the bytes so far; of those before the newest block */
     uint16_t layer;
     uint32_t job;
     NodeState before;
@@ -123,7 +124,7 @@ typedef struct {
     Pattern pattern;
     bool pattern_loaded, scanned, dry;
     uint8_t scan_attempt;
-    uint8_t session; /* of UDS: SESSION_... of uds.h */
+    uint8_t session; /* UDS session: SESSION_... of uds.h */
     uint32_t session_since;
     NodeState state;
     Cause cause;
@@ -131,13 +132,14 @@ typedef struct {
     bool stop_active, supervised;
     bool lamp_driven, gate_driven;
     MasterAlive master;
-    bool master_seen;                      /* a master was accepted since power-up */
-    bool master_alive, other_master_alive; /* not silent for longer than the limit; a silent one needs a new frame */
+    bool master_seen; /* a master was accepted since power-up */
+    /* a master is alive until it is silent for the limit; then it needs a new frame */
+    bool master_alive, other_master_alive;
     uint32_t other_master_ms;
     uint16_t other_session;
     uint32_t now;
     Step step;
-    uint16_t last_routine; /* the last one that is not journalled */
+    uint16_t last_routine; /* the last routine that is not journalled */
     Key last_key;
     Transfer transfer;
     NodeTimes times;
@@ -149,7 +151,7 @@ typedef struct {
 bool node_has(const Node *node, uint8_t role);
 bool node_is_off(const Node *node); /* SAFE or FAULT */
 
-/* Writes a record with the progress as it is now; CAUSE_JOURNAL_DAMAGED when it cannot. A dry run writes nothing. */
+/* Writes a record with the present progress; CAUSE_JOURNAL_DAMAGED if it cannot. A dry run writes nothing. */
 Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
 
 #endif

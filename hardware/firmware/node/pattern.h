@@ -1,4 +1,4 @@
-/* A droplet pattern as it crosses the bus and lies in the head's memory.
+/* Format of a droplet pattern on the bus and in the head's memory.
  *
  * Transferred: an 8-byte head (version 1, bits per cell 1 or 2, nx, ny, passes 1 or 4, 0), then the cells in C order,
  * most significant bits first, without padding of lines: 0 none, 1 material A, 2 material B. Optionally the cells are
@@ -22,11 +22,11 @@ typedef struct {
     uint8_t head[PATTERN_HEAD_BYTES];
     uint8_t head_filled;
     bool run_length;
-    uint8_t literal; /* bytes still to come as they are */
+    uint8_t literal; /* literal bytes still to come */
     uint8_t repeat;  /* repetitions of the next byte; 0: the next byte is a count */
 } Pattern;
 
-/* Forgets what was there; cells arrive next. */
+/* Empties the pattern; cells arrive next. */
 void pattern_begin(Pattern *pattern, bool run_length);
 
 /* Takes the next bytes; false when this node cannot print a pattern with such a head, or when more cells come than it
@@ -36,10 +36,10 @@ bool pattern_take(Pattern *pattern, const uint8_t *bytes, size_t length);
 /* Bytes of the packed cells. */
 uint32_t pattern_bytes(const Pattern *pattern);
 
-/* All cells have arrived. */
+/* Whether all cells have arrived. */
 bool pattern_is_complete(const Pattern *pattern);
 
-/* No cell asks for a material that does not exist. */
+/* Whether all cells have a material that exists. */
 bool pattern_is_printable(const Pattern *pattern);
 
 /* Material of a cell, 0 none. */

@@ -10,7 +10,7 @@ enum { ROUTINE_HEAD = 4 };
 typedef struct {
     uint16_t routine;
     StepKind kind; /* STEP_NONE: done at once */
-    uint8_t roles; /* one of them is needed */
+    uint8_t roles; /* roles of which one is needed */
     uint8_t option_bytes;
 } Routine;
 
@@ -115,7 +115,7 @@ static uint8_t conditions_of_motion(const Node *node, StepKind kind, uint16_t op
     return kind == STEP_HOME || !stage || interlocks_line(node, LINE_HOMED) ? UDS_OK : UDS_CONDITIONS;
 }
 
-/* Of the lamp for `lamp_ms`; 0: of the gate. */
+/* Conditions of a self-test: of the lamp for `lamp_ms`; 0: of the gate. */
 static uint8_t conditions_of_self_test(const Node *node, uint16_t lamp_ms) {
     if (!node_has(node, lamp_ms ? ROLE_CURE : ROLE_HEAD))
         return UDS_OUT_OF_RANGE;
@@ -127,7 +127,8 @@ static uint8_t conditions_of_self_test(const Node *node, uint16_t lamp_ms) {
     return dark && interlocks_gate_is_closed(node) && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
 }
 
-/* Why it cannot begin now: first the order of the layer, then what is enabled and confirmed. UDS_OK if it can. */
+/* Reason why a step cannot begin now: first the order of the layer, then enables and confirmations. UDS_OK if it
+ * can. */
 static uint8_t refusal_of(const Node *node, StepKind kind, const Key *key, uint16_t option) {
     uint8_t code = UDS_OK;
     if (kind == STEP_PASS)

@@ -166,10 +166,10 @@ static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_
     }
 }
 
-/* What a service needs before its own checks. */
+/* Requirements of a service before its own checks. */
 typedef struct {
-    uint8_t service, roles; /* one of the roles is needed */
-    uint8_t shortest;       /* bytes of a request */
+    uint8_t service, roles; /* roles of which one is needed */
+    uint8_t shortest;       /* shortest request in bytes */
     bool has_subfunction;
     uint8_t subfunctions[2];
 } Service;

@@ -40,8 +40,8 @@ enum {
     ID_JOURNAL = 0x0110
 };
 
-/* Answers a request; the length of the answer, 0 for none. `cause`, CAUSE_NONE before, is set if the node has to go off
- * by it. */
+/* Answers a request; returns the length of the answer, 0 for none. `cause`, CAUSE_NONE before, is set if the node has
+ * to switch off. */
 size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause);
 
 /* Ends an extended session without requests; call at each tick. */

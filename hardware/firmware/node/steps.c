@@ -79,13 +79,13 @@ static Cause cause_of(StepKind kind) {
     }
 }
 
-/* Starts the layer of a cure or scan, if it is new to this node; a transfer of the layer before is ended. */
+/* Begins the layer of a cure or scan, if it is new to this node; a transfer of the layer before is ended. */
 static void open_layer(Node *node, StepKind kind, const Key *key) {
     LayerProgress *progress = &node->progress;
     const bool same = progress->job == key->job && progress->layer == key->layer;
     if (!same)
         *progress = (LayerProgress){.job = key->job, .layer = key->layer, .boots = progress->boots};
-    if (!same || kind == STEP_SCAN) /* blocks of a map are of one scan */
+    if (!same || kind == STEP_SCAN) /* blocks of a map belong to one scan */
         node->scanned = false;
     if (node->transfer.active)
         node->transfer.active = node->transfer.ended = false;
@@ -131,7 +131,7 @@ static void answer_done(Node *node) {
     node->step.kind = STEP_NONE;
 }
 
-/* Writes the DONE of the step that has just ended. */
+/* Records the DONE of the step that has just ended. */
 static Cause note_done(Node *node) {
     const Step *step = &node->step;
     LayerProgress *progress = &node->progress;
@@ -170,7 +170,7 @@ static Cause continue_pass(Node *node, WorkProgress work) {
 
 static Cause continue_cure(Node *node) {
     if (node->step.phase == STEP_WORKING && node->now - node->step.phase_began >= node->step.lamp_ms) {
-        if (!node->dry && !interlocks_line(node, LINE_LAMP_ON)) /* the ink is not cured */
+        if (!node->dry && !interlocks_line(node, LINE_LAMP_ON)) /* without light the ink is not cured */
             return CAUSE_LAMP_TIME;
         interlocks_lamp_off(node);
         enter(node, STEP_CLOSING);

@@ -149,7 +149,7 @@ static size_t exit_answer(const Node *node, uint8_t *answer) {
     return 1 + CRC_BYTES;
 }
 
-/* Makes a complete pattern that of its layer; a layer that is begun accepts only the pattern it has. */
+/* Stores a complete pattern as that of its layer; a layer that has begun accepts only its own pattern. */
 static uint8_t adopt_pattern(Node *node, Cause *cause) {
     const Transfer *transfer = &node->transfer;
     LayerProgress *progress = &node->progress;

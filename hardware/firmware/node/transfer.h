@@ -13,13 +13,13 @@
 
 #include "uds.h"
 
-enum { BLOCK_MAX = 4095 }; /* of 0x36 with its two first bytes: what ISO-TP carries */
+enum { BLOCK_MAX = 4095 }; /* largest block with the two first bytes of 0x36: the limit of ISO-TP */
 
 size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
 size_t transfer_block(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room);
 
-/* `cause` is set if the node has to go off: the journal is damaged. */
+/* `cause` is set if the node has to switch off: the journal is damaged. */
 size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause);
 
 #endif

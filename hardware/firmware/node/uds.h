@@ -31,8 +31,8 @@ enum { /* negative response codes */
        UDS_LENGTH = 0x13,
        UDS_BUSY = 0x21,
        UDS_CONDITIONS = 0x22, /* the node is off, not enabled, not ready, not homed, or a person has to clear it */
-       UDS_SEQUENCE = 0x24,   /* not what comes next */
-       UDS_FAILED = 0x26,     /* begun and given up, by an interlock or the device */
+       UDS_SEQUENCE = 0x24,   /* not the step that comes next */
+       UDS_FAILED = 0x26,     /* begun and abandoned, by an interlock or the device */
        UDS_OUT_OF_RANGE = 0x31,
        UDS_SUSPENDED = 0x71, /* more data than announced */
        UDS_CHECKSUM = 0x72,
@@ -53,10 +53,10 @@ enum { /* routines */
 };
 
 typedef enum {
-    OUTCOME_DONE,        /* by this request */
+    OUTCOME_DONE,        /* executed by this request */
     OUTCOME_DONE_BEFORE, /* nothing was changed */
     OUTCOME_UNDER_WAY,   /* results only, like those below */
-    OUTCOME_UNKNOWN,     /* begun and interrupted: how far it came is not known */
+    OUTCOME_UNKNOWN,     /* begun and interrupted at an unknown place */
     OUTCOME_NEVER        /* not begun */
 } Outcome;
 

@@ -1,4 +1,4 @@
-"""The CAN adapter of a bench: opens it, reads frames in bulk, and retries what its full buffer refuses."""
+"""The CAN adapter of a bench: opens it, reads frames in bulk, and resends frames that its full buffer refuses."""
 
 from __future__ import annotations
 
@@ -129,7 +129,8 @@ class Adapter:
 
 
 def has_carrier(interface: str, network: Path = NETWORK) -> bool:
-    """Whether frames of a network interface leave; one that is bus-off takes frames without an error and drops them.
+    """Whether frames of a network interface are sent; an interface that is bus-off accepts frames without an error and
+    drops them.
 
     True for one that is down: it has no state, and reading and writing fail by themselves.
     """

@@ -56,9 +56,9 @@ class BusConnection:
         self._kept_ids = kept_ids
         self.messages: deque[str] = deque()
         self.priority = ""
-        """What the process was granted, once it is open."""
+        """The scheduling priority granted to the process, once it is open."""
         self.disconnected = ""
-        """Why the adapter is disconnected, while it is being opened again; else empty."""
+        """The reason why the adapter is disconnected, while it is being opened again; else empty."""
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
         self._failure: str | None = None
         self._heard = time.monotonic()
@@ -148,7 +148,7 @@ class BusConnection:
             raise BusError(f"the bus process of {self.settings} takes no commands: {error}") from error
 
     def _read(self) -> None:
-        """The only thread of this process that reads the bus; it sorts frames and nothing else."""
+        """The only thread of this process that reads the bus; it only sorts frames."""
         failure = f"the bus process of {self.settings} ended without a message"
         try:
             failure = self._move() or failure
@@ -161,7 +161,7 @@ class BusConnection:
             self._opened.set()
 
     def _move(self) -> str | None:
-        """Sort what the process sends, until its end; its last message if it failed."""
+        """Sort messages of the process until its end; returns its last message if it failed."""
         failure = None
         while (message := read_message(self._answers)) is not None:
             kind, content = message

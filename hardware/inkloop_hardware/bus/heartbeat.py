@@ -17,7 +17,7 @@ AGAIN = 0.02
 
 
 class Enables(IntFlag):
-    """What the present step may energise."""
+    """Outputs that the present step may energise."""
 
     NONE = 0
     LAMP = 1
@@ -96,7 +96,7 @@ class Heartbeat:
 
 
 def after(due: float, cycle: float, now: float) -> float:
-    """When the next one is due: without drift, but never a burst of what was missed."""
+    """Time of the next frame: without drift, but never a burst of missed frames."""
     return due + cycle if due + cycle > now else now + cycle
 
 

@@ -23,7 +23,7 @@ FLOW_TIMEOUT = 1.0
 ANSWER_LIMIT = 30.0
 """Seconds for an answer without a deadline, however often the node answers "still busy"."""
 TORN_QUIET, MESSAGE_QUIET = 0.05, 0.25
-"""Seconds without a frame after which a message that lost one, or that stopped midway, is given up: both are requested
+"""Seconds without a frame after which a message is abandoned that lost one, or that stopped midway: both are requested
 again sooner than after N_Cr of ISO 15765-2 (1 s)."""
 PADDING = 0xCC
 GIVE_UP = bytes((0x32, 0, 0, *5 * (PADDING,)))
@@ -42,7 +42,7 @@ PARAMETERS = {
 
 
 class Wire(Protocol):
-    """The way to one node over a bus."""
+    """Access to one node over a bus."""
 
     def begin(self) -> None:
         """Begin a request."""
@@ -57,7 +57,7 @@ class Wire(Protocol):
         """Seconds of a clock that only goes forward."""
 
     def check(self) -> None:
-        """Report that the control loop runs; raises what makes waiting useless."""
+        """Report that the control loop runs; raises the error that makes waiting useless."""
 
 
 class IsoTpConnection(BaseConnection):
@@ -172,7 +172,7 @@ class IsoTpConnection(BaseConnection):
         raise TimeoutException("a message lost a frame")  # type: ignore[no-untyped-call]
 
     def _take(self, wait_s: float) -> isotp.CanMessage | None:
-        """The next frame for the protocol; waits only if nothing else is to be done."""
+        """The next frame for the protocol; waits only if there is nothing else to do."""
         self._flush()
         data = self._wire.receive(0.0 if self._stack.available() else wait_s)
         now = self._wire.now()

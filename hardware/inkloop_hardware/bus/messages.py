@@ -41,7 +41,7 @@ class Kind(IntEnum):
     DISCONNECTED = 11
     """a sentence: the adapter is disconnected and is being opened again; empty: it is connected"""
     FAILED = 10
-    """a sentence: why the bus process ends"""
+    """a sentence: the reason why the bus process ends"""
 
 
 def write_message(stream: RawIOBase, kind: Kind, content: bytes = b"") -> None:
@@ -82,7 +82,7 @@ LAST_WAIT = 2.0
 
 
 class Outbox:
-    """Writes messages in order without blocking the caller; beyond ROOM drops what may be dropped.
+    """Writes messages in order without blocking the caller; beyond ROOM it drops messages put with `may_drop`.
 
     dropped: frames of dropped messages.
     """

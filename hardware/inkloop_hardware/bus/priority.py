@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 
 NICE = -10
-"""Wanted where real-time scheduling is not granted; the default of a program is 0."""
+"""Nice value requested if real-time scheduling is not granted; the default of a program is 0."""
 NONE = "no priority"
-"""Begins the answer where nothing was granted."""
+"""Beginning of the answer if nothing was granted."""
 
 
 def raise_priority() -> str:
-    """Ask for real-time scheduling of this process, else for a lower nice value; what was granted, or why nothing.
+    """Request real-time scheduling for this process, else a lower nice value; returns the priority granted, or the
+    reason why none was.
 
     To be called before threads start, which inherit it.
     """

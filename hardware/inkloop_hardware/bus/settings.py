@@ -15,14 +15,14 @@ from inkloop.units import KILO
 class BusSettings:
     """An adapter as python-can knows it, the traffic log, and how long the control loop may be silent.
 
-    interface, channel, bitrate (bit/s): those of `can.Bus`; what is None is looked up by python-can in its own
-    configuration (environment, ~/.canrc, can.ini). options: further arguments of that interface.
-    fd: CAN FD frames are sent and received; data_bitrate (bit/s): of their data; bit_rate_switch: sent ones use it.
-    traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
-    loop_timeout_s: seconds that the control loop may be busy (a plan) while nothing is enabled, then the heartbeat
-    ends; grace_s: the same while something is enabled. reopen_s: seconds of tries to open a disconnected adapter.
-    answer_s: seconds for a node to begin an answer; silence_s: seconds without a status until a node is lost,
-    and without another master before this one begins.
+    interface, channel, bitrate (bit/s): those of `can.Bus`; python-can looks up None in its own configuration
+    (environment, ~/.canrc, can.ini). options: further arguments of that interface. fd: CAN FD frames are sent and
+    received; data_bitrate (bit/s): of their data; bit_rate_switch: sent ones use it. traffic_log: file of all frames,
+    BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none. loop_timeout_s: seconds that the
+    control loop may be busy (a plan) while nothing is enabled, then the heartbeat ends; grace_s: the same while
+    something is enabled. reopen_s: seconds of tries to open a disconnected adapter. answer_s: seconds for a node to
+    begin an answer; silence_s: seconds without a status until a node is lost, and without another master before this
+    one begins.
     """
 
     interface: str | None = None
@@ -58,6 +58,6 @@ class BusSettings:
 
     @classmethod
     def from_json(cls, text: str) -> BusSettings:
-        """What `to_json` wrote."""
+        """The settings that `to_json` wrote."""
         found = json.loads(text)
         return cls(**found | {"traffic_log": Path(found["traffic_log"]) if found["traffic_log"] else None})

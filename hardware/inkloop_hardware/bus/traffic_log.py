@@ -72,7 +72,7 @@ def unused(path: Path) -> Path:
 
 
 def _end_container(writer: BLFWriter) -> None:
-    """Do what `BLFWriter.stop` does, without closing: the header holds the time origin of all frames."""
+    """As `BLFWriter.stop`, without closing: the header holds the time origin of all frames."""
     writer._flush()
     end = writer.file.tell()
     writer.file.seek(0)

@@ -1,4 +1,4 @@
-"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields what it shows."""
+"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields its output."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ CONDITIONS = {
     Flags.JOURNAL_DAMAGED: "its journal is damaged",
     Flags.BY_WATCHDOG: "reset by its watchdog",
 }
-"""What each flag of a node means that a person must know."""
+"""Flag of a node -> its meaning for a person."""
 
 
 @dataclass(frozen=True)
 class NodeReport:
-    """What a node does and remembers; as text one line for a person.
+    """State and memory of a node; as text one line for a person.
 
-    cause: why it is off, if it is; job, layer: of its open layer, with `passes` in all, `done` and `unknown`, 0 without
-    one; conditions: words for what a person must know.
+    cause: the reason why it is off, if it is; job, layer: of its open layer, with `passes` in all, `done` and
+    `unknown`, 0 without one; conditions: notes for a person.
     """
 
     node: str
@@ -60,7 +60,7 @@ class NodeReport:
 
 
 def status(rig: Rig) -> Iterator[NodeReport]:
-    """A report of each node: state, newest layer, what it needs."""
+    """A report of each node: state, newest layer, required actions."""
     rig.wait_for(NODES)
     for node in NODES:
         link = rig.link(node)

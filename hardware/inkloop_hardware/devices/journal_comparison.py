@@ -1,7 +1,8 @@
 """Comparison of the journals of the master and the head, before the first request to the head.
 
-The head's journal counts for what was jetted: a pass that is done or unknown there is so, one that it was asked for and
-does not know was never begun. Only a step that the head reported as done and does not know any more is impossible.
+The head's journal decides which passes were jetted: a pass that is done or unknown there is so; a requested pass that
+is not in it was never begun. Only one contradiction is possible: a step that the head has reported as done and no
+longer knows.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
 
 
 def check_resumed_at(layer: int, mine: LayerAsked | None) -> None:
-    """Raise ComponentError if a layer is due that the journal of this run has left behind."""
+    """Raise ComponentError if a layer is requested that the journal of this run has already passed."""
     if mine and mine.layer > layer:
         raise ComponentError(
             f"layer {layer} is due, but this run has begun layer {mine.layer} already: its checkpoint is older than "

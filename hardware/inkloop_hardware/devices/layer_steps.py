@@ -1,7 +1,7 @@
 """Steps of one layer on the bench: pattern, then for each pass stage, head, stage, lamp; then a scan.
 
 Every step has a key, so that a repeated request is answered "done before" and nothing happens twice; the master's
-journal records it before the request. What a step needs is enabled for that step only. Nothing is timed here: the
+journal records it before the request. Outputs are enabled only for the step that needs them. Nothing is timed here: the
 stage's encoder fires the droplets, nodes end steps.
 """
 

@@ -38,8 +38,8 @@ _STATE = Struct(">IIQQ?")  # job, layers printed, droplets of material A and of 
 class Printer:
     """Prints by the layer contract; a step that commands a layer lasts until it is printed and cured.
 
-    It has no output `height`: a real printer does not measure its part. `layer_unknown`: the last layer was given up
-    midway, and what was jetted in it is unknown; droplets are those of complete passes. rig, journal: shared with the
+    It has no output `height`: a real printer does not measure its part. `layer_unknown`: the last layer was abandoned
+    midway, with an unknown part of it jetted; droplets are those of complete passes. rig, journal: shared with the
     other devices; cure_ms: light after each pass. The errors of its steps are `HardwareError`s.
     """
 

@@ -27,7 +27,7 @@ _log = logging.getLogger("inkloop_hardware")
 
 
 class NotReady(HardwareError):
-    """Nodes are not ready; the message names all of them, each with what to do."""
+    """Nodes are not ready; the message names all of them, with the remedy for each."""
 
 
 def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
@@ -66,7 +66,7 @@ def missing(node: Node, status: NodeStatus | None) -> list[str]:
 
 
 def blocked(node: Node, state: NodeState) -> str | None:
-    """Message about why a node needs a person, and what to do; None if it needs none."""
+    """Message with the reason why a node needs a person, and the remedy; None if it needs none."""
     name = node.lower()
     if state.flags & Flags.STOPPED:
         return f"{name}: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`"

@@ -58,7 +58,7 @@ def retry_after_recovery(
 
 
 def _recover_nodes(rig: Rig, nodes: Sequence[Node], error: HardwareError, is_start: bool) -> None:
-    """Clear the nodes and home the stage; raises `error` if that does not help, NotReady if a person is needed."""
+    """Clear the nodes and home the stage; raises `error` if that fails, NotReady if a person is needed."""
     states = {node: rig.link(node).state() for node in nodes}
     stopped = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
     if not stopped and not isinstance(error, BusDisconnected | NodeLost | NodeStopped | LinkTimeout):

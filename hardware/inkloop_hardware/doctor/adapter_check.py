@@ -70,7 +70,7 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
 
 
 def heartbeat_priority() -> Finding:
-    """What a bus process of this user is granted, tried in a process of its own."""
+    """Scheduling priority granted to a bus process of this user, tried in a process of its own."""
     command = [sys.executable, "-P", "-m", "inkloop_hardware.bus.priority"]
     found = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     if found and not found.startswith(NONE):

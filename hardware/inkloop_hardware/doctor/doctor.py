@@ -86,7 +86,9 @@ def _understood(heard: Heard, codec: Codec) -> list[Node]:
 
 
 def _why_not(wanted: bool, errors: list[Finding], adapter: Adapter, codec: Codec) -> Finding | None:
-    """Why gate and lamp are not tried; None if they may be. It listens once more: the checks have taken seconds."""
+    """The reason why gate and lamp are not tried; None if they may be. Listens once more: the checks have taken
+    seconds.
+    """
     if not wanted:
         return Finding.skipped("self test", f"gate and lamp were not tried ({WHAT})", "--self-test does it")
     if errors:

@@ -1,4 +1,4 @@
-"""Results of an examination: one finding for each check, with what to do about it."""
+"""Results of an examination: one finding for each check, with advice."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Grade(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """check: what was examined; found, advice: sentences; advice is empty if nothing has to be done."""
+    """check: what was examined; found, advice: sentences; advice is empty if no action is needed."""
 
     check: str
     grade: Grade

@@ -22,7 +22,7 @@ from inkloop_hardware.protocol.vocabulary import Node
 LISTEN_S = 1.2
 """Twelve statuses of a healthy node, and at least one MasterAlive of any master; at least `LISTEN_SILENCES`."""
 LISTEN_SILENCES = 2.0
-"""Silences after which a run takes a node for lost: one that lasts so long is noticed."""
+"""Silences after which a run takes a node for lost: a silence of this length is noticed."""
 CYCLE_SLACK = 0.25
 """Share of its cycle by which the median of a status may be off (assumed)."""
 LOST_SHARE = 0.1
@@ -33,7 +33,8 @@ CHECK_NODE = "is it powered, on this bus, at this bit rate, and with the ids of 
 @dataclass
 class Heard:
     """Everything that was received in `lasted` seconds; `times`: seconds of the intact statuses of each node;
-    `silence_s`: seconds without a status after which a run takes a node for lost."""
+    `silence_s`: seconds without a status after which a run takes a node for lost.
+    """
 
     lasted: float = 0.0
     silence_s: float = LOST_AFTER

@@ -27,7 +27,7 @@ from inkloop_hardware.protocol.vocabulary import Node
 
 CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)
-"""Refusals of a routine that the state of the node and its cause explain."""
+"""Refusals of a routine that are explained by the state of the node and its cause."""
 ENABLED_AGAIN = 0.15
 """Seconds before a routine is tried a second time: the frame of the heartbeat that enabled it may have been lost."""
 
@@ -37,7 +37,8 @@ Answer = TypeVar("Answer")
 @dataclass
 class LinkCounts:
     """Problems that were corrected: requests sent again, answers that came late or twice, broken ISO-TP messages,
-    transfers that began again."""
+    transfers that began again.
+    """
 
     repeated: int = 0
     stray: int = 0

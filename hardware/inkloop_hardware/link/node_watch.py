@@ -50,7 +50,7 @@ class NodeWatch:
             self._turn(True, fault.fault)
 
     def trouble(self, now: float) -> str | None:
-        """Message about why the node cannot be used at this second, None if it can."""
+        """Message with the reason why the node cannot be used at this second, None if it can."""
         name = self.node.lower()
         if self.at is None:
             return f"the {name} has sent no status"

@@ -43,7 +43,9 @@ class NodeWire:
         self._falls, self._fell_at = self._supervision.watch(self._node).falls, None
 
     def check(self) -> None:
-        """Keep the heartbeat alive; NodeLost, or NodeStopped if the node stopped and does not answer so itself."""
+        """Keep the heartbeat alive; NodeLost, or NodeStopped if the node stopped and does not report that in its
+        answer.
+        """
         self._supervision.keep_alive()
         self._supervision.check((self._node,))
         watch = self._supervision.watch(self._node)

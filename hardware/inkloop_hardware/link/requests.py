@@ -48,7 +48,7 @@ class Requests:
         config |= {"p2_timeout": answer_s, "p2_star_timeout": max(P2_STAR, answer_s), "use_server_timing": False}
         self.client = Client(self.connection, config=config)
         self.client.logger = logging.getLogger("inkloop_uds")
-        self.client.logger.setLevel(logging.CRITICAL)  # what it logs as an error is repeated, or raised
+        self.client.logger.setLevel(logging.CRITICAL)  # its errors are repeated here, or raised
 
     def request(
         self,
@@ -110,7 +110,7 @@ class Requests:
         )
 
     def _settle(self) -> None:
-        """Asks a question of its own: answers come in the order of their requests, so after its answer none is old."""
+        """Sends a question of its own: answers come in the order of their requests, so all later answers are new."""
         self._unsure = False
         self._repeat("are you there (0x3E)", self.client.tester_present, tries=TRIES)
         self._unsure = False

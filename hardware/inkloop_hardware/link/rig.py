@@ -64,7 +64,8 @@ class Rig:
     @property
     def job(self) -> int:
         """The print job, 1 to 2^32 - 1; random unless set. It belongs to the state of a run: a resumed run continues
-        its job. May be set at any time while nothing is enabled; ValueError for a number out of range."""
+        its job. May be set at any time while nothing is enabled; ValueError for a number out of range.
+        """
         return self._job
 
     @job.setter
@@ -89,7 +90,8 @@ class Rig:
 
     def detach(self) -> None:
         """Remove a user; with the last one enables drop, the heartbeat ends, the traffic log and the bus are closed.
-        Does nothing without an `attach`, so every clean-up may call it."""
+        Does nothing without an `attach`, so every clean-up may call it.
+        """
         if self._users == 1 and self.is_open:
             self.supervision.close()
             self._log_counts()
@@ -110,7 +112,7 @@ class Rig:
         return self._links[node]
 
     def keep_alive(self) -> None:
-        """Report that the control loop runs, and take what the nodes sent meanwhile.
+        """Report that the control loop runs, and take the frames that the nodes sent meanwhile.
 
         To be called at least every `settings.grace_s` while something is enabled (a waiting link does so), and once per
         do_step otherwise. BusError when the bus process ended, with its message.

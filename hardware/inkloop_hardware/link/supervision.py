@@ -74,7 +74,7 @@ class Supervision:
 
     @property
     def enables(self) -> Enables:
-        """What the present step may energise."""
+        """Outputs that the present step may energise."""
         return self._enables
 
     @property
@@ -108,7 +108,7 @@ class Supervision:
         self._enables = Enables.NONE
 
     def keep_alive(self) -> None:
-        """Report that the control loop runs, and take what the nodes sent meanwhile.
+        """Report that the control loop runs, and take the frames that the nodes sent meanwhile.
 
         BusError when the bus process ended, with its message.
         """
@@ -120,13 +120,14 @@ class Supervision:
         self._take_frames()
 
     def enable(self, enables: Enables) -> None:
-        """Enable this and nothing else, from now on."""
+        """Enable these outputs and no others, from now on."""
         self._enables = enables
         self.bus.send_keep_alive(enables)
 
     def check(self, nodes: Iterable[Node]) -> None:
         """Check that nodes are alive: NodeLost for one that has sent no status, is silent for three cycles (300 ms) or
-        cannot be trusted; BusDisconnected while the adapter is missing."""
+        cannot be trusted; BusDisconnected while the adapter is missing.
+        """
         self._take_frames()
         if self.bus.disconnected:
             self._beating_since = time.monotonic()  # the nodes must receive the heartbeat again before any request

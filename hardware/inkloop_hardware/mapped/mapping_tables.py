@@ -137,7 +137,7 @@ class Wait(StepBase):
 
 
 STEPS = ("download", "upload", "routine", "read", "send", "wait")
-"""What `do` may be."""
+"""Values of `do`."""
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
 
 

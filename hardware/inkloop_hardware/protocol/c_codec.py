@@ -1,4 +1,4 @@
-"""Write the C codec of a DBC: the output of `cantools generate_c_source`, and what it omits.
+"""Write the C codec of a DBC: the output of `cantools generate_c_source`, and definitions that it omits.
 
     python -m inkloop_hardware.protocol.c_codec inkloop.dbc FOLDER
 

@@ -40,7 +40,7 @@ class Verdict(IntEnum):
 
     @property
     def bad(self) -> bool:
-        """Whether it counts against the sender."""
+        """Whether the frame counts against the sender."""
         return self >= Verdict.REPEATED
 
 

@@ -62,9 +62,9 @@ class LayerFlags(IntFlag):
     """State of the open layer, without its passes."""
 
     ABANDONED = 1
-    """it is not to be finished"""
+    """the layer will not be finished"""
     CURE_UNKNOWN = 2
-    """a cure was given up midway and not repeated yet"""
+    """a cure was interrupted and not repeated yet"""
     ACKNOWLEDGED = 4
     """a person has acknowledged the unknown step"""
 

@@ -29,7 +29,8 @@ class PatternBytes:
 
     @classmethod
     def of(cls, pattern: NDArray[Any], *, passes: int, materials: int) -> PatternBytes:
-        """Bytes of a pattern (nx, ny): 0 none, 1 material A, 2 material B. ValueError for what the bus cannot carry.
+        """Bytes of a pattern (nx, ny): 0 none, 1 material A, 2 material B. ValueError for a pattern that the bus cannot
+        carry.
 
         One bit a cell for one material, two for two; first index slowest, most significant bit first.
         """
@@ -82,7 +83,7 @@ def run_length(cells: NDArray[np.uint8]) -> bytes:
 
 
 def packed(coded: bytes) -> bytes:
-    """Packed cells of run-length coded ones; what is cut off at the end is left out."""
+    """Packed cells of run-length coded ones; an incomplete run at the end is left out."""
     cells, at = bytearray(), 0
     while at + 1 < len(coded):
         count = coded[at]

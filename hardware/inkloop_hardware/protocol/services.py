@@ -33,7 +33,7 @@ class ClearOption(IntFlag):
     OPERATOR = 1
     """a person is present and releases the node"""
     ABANDON = 2
-    """the open layer is given up; needs OPERATOR"""
+    """the open layer is abandoned; needs OPERATOR"""
 
 
 class Station(IntEnum):
@@ -50,7 +50,7 @@ class Outcome(IntEnum):
 
     DONE = 0
     DONE_BEFORE = 1
-    """nothing was changed"""
+    """nothing was changed by this request"""
     UNDER_WAY = 2
     UNKNOWN = 3
     """begun, and its progress is unknown: scan before anything more is jetted"""
@@ -97,7 +97,7 @@ REFUSALS = {
     0x73: "it expects another block; begin the transfer again",
     0x78: "it is still busy",
 }
-"""Negative response codes of docs/reference/node-services.md: what is wrong and what to do."""
+"""Negative response codes of docs/reference/node-services.md: the error and its remedy."""
 
 
 UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplementedError)
@@ -112,11 +112,11 @@ class Bytes(udsoncan.DidCodec):
     """Reads an identifier as its bytes."""
 
     def encode(self, value: bytes) -> bytes:
-        """The same."""
+        """The bytes as they are."""
         return value
 
     def decode(self, payload: bytes) -> bytes:
-        """The same."""
+        """The bytes as they are."""
         return payload
 
     def __len__(self) -> int:

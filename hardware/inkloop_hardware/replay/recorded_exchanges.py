@@ -1,6 +1,6 @@
 """Exchanges of a recorded run: requests with their answers, patterns and maps as wholes.
 
-Retries, late answers and "still busy" are removed: the rest is what both sides acted on.
+Retries, late answers and "still busy" are removed: both sides acted on the rest.
 """
 
 from __future__ import annotations

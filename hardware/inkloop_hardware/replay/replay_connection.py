@@ -105,7 +105,7 @@ class _End:
         self._stack = isotp.TransportLayerLogic(self._receive, self._send, address, params=PARAMETERS)
 
     def take(self, data: bytes) -> None:
-        """Take a frame of the master; what follows from it is sent at once."""
+        """Take a frame of the master; resulting frames are sent at once."""
         self._came.append(data)
         self._stack.process(0.0)
         while (request := self._stack.recv()) is not None:

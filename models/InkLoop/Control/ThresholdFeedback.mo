@@ -3,7 +3,7 @@ block ThresholdFeedback "A droplet wherever at least half a layer is missing"
   extends Interfaces.PartialController;
 
   parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "Material of each cell of the part; 0 outside";
-  parameter Types.Height target_height[nx, ny] = fill(0, nx, ny) "Height that the part shall have";
+  parameter Types.Height target_height[nx, ny] = fill(0, nx, ny) "Nominal height of the part";
   parameter Types.Height layerHeight = 7.6e-6 "Height that a full layer adds in the interior";
 
 equation

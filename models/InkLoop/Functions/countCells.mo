@@ -1,10 +1,10 @@
 within InkLoop.Functions;
-pure function countCells "How many cells of a pattern have a value"
+pure function countCells "Number of cells of a pattern with a value"
   extends Icons.Function;
 
   input Types.Pattern pattern[:, :] "Pattern of a layer";
   input Types.Pattern value "Value to count";
-  output Integer count "Cells that have it";
+  output Integer count "Cells with the value";
 
 algorithm
   count := 0;

@@ -7,7 +7,7 @@ pure function displace "Surface at a distance from each cell"
   output Types.Height displaced[size(height, 1), size(height, 2)] "Surface there";
 
 protected
-  Types.Number place[2] = {1, 1} "Where a cell looks, from 1";
+  Types.Number place[2] = {1, 1} "Place that a cell reads, from 1";
   Integer low[2] = {1, 1} "Cell before that place";
   Integer high[2] = {1, 1} "Cell after it";
   Types.Share share[2] = {0, 0} "Distance from the cell before it";

@@ -3,7 +3,7 @@ pure function saturation "Share that a neighbour takes of the flow to it on a fl
   extends Icons.Function;
 
   input Types.Height rise "Height of the cell that is hit, less that of the neighbour";
-  input Types.Height width "Rise, downwards, at which nothing flows any more";
+  input Types.Height width "Downward rise at which the flow ends";
   output Types.Share share "Share that it takes";
 
 algorithm

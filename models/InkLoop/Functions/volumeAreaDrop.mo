@@ -15,7 +15,7 @@ pure function volumeAreaDrop "Surface and covered area after one drop"
   output Types.Share area[size(heightBefore, 1), size(heightBefore, 2)] "Covered share after the drop";
 
 protected
-  constant Types.Height FLAT = 1e-15 "Height differences up to here are none";
+  constant Types.Height FLAT = 1e-15 "Largest height difference that counts as 0";
   Types.Height covered[size(heightBefore, 1), size(heightBefore, 2)] =
     coveredHeight(heightBefore, areaBefore, substrate) "Heights of the covered parts";
   Types.Height difference[3, 3] = zeros(3, 3) "Height differences before the drop";

@@ -1,4 +1,4 @@
-"""A rig on the emulator with injected faults, and what must be left of the part."""
+"""A rig on the emulator with injected faults, and the required state of the part afterwards."""
 
 from __future__ import annotations
 

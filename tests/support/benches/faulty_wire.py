@@ -19,7 +19,8 @@ BLOCK_SIZE = 16
 
 class FaultyWire:
     """One node behind the ISO-TP of its firmware. Each frame, either way, is lost with `loss`, comes twice with
-    `repeat`, and goes through `alter` (which may change it, or drop it with None)."""
+    `repeat`, and goes through `alter` (which may change it, or drop it with None).
+    """
 
     def __init__(
         self,
@@ -63,7 +64,7 @@ class FaultyWire:
         return self.waiting.popleft() if self.waiting else None
 
     def _turn(self) -> None:
-        """What node_frames.c does in each turn of its loop."""
+        """One turn of the loop in node_frames.c."""
         now = self.bench.clock
         self.end.tick(now)
         if not self.end.state.is_sending:

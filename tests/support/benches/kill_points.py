@@ -46,7 +46,8 @@ def looks() -> Path:
 class Nodes:
     """The nodes of a bench whose power comes back at once: killed at each of `kill_at` looks in turn, then no more.
 
-    looks: the library for `kill_at`; None: the program as it is, killed by `kill` alone."""
+    looks: the library for `kill_at`; None: the program as it is, killed by `kill` alone.
+    """
 
     def __init__(
         self, folder: Path, looks: Path | None, parameters: dict[str, float], kill_at: Sequence[str] = ()
@@ -68,7 +69,7 @@ class Nodes:
         self._running.kill()
 
     def end(self) -> str:
-        """What its last process printed at its end: looks, and those at records of a journal."""
+        """Counts printed by its last process at its end: looks, and those at records of a journal."""
         self._over = True
         self._running.terminate()
         self._watch.join()
@@ -131,7 +132,8 @@ def clear(folder: Path) -> None:
 
 class _Looks:
     """Counts; at a given look, of all ("120"), at the journal ("j12") or in a step ("s3"), the process is killed, and
-    others with it."""
+    others with it.
+    """
 
     def __init__(self, kill_at: str, others: Sequence[int]) -> None:
         self.counts, self._kill_at, self._others = {"": 0, "j": 0, "s": 0}, kill_at, others
@@ -227,7 +229,8 @@ def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) ->
 
 def session_killed_when(folder: Path, is_due: Callable[[], bool], nodes: Nodes | None = None) -> str | None:
     """A session in a separate process that is killed once it is due, together with `nodes`: None if it was, else its
-    last message."""
+    last message.
+    """
     process = FORKING.Process(target=_undisturbed, args=(folder,))
     process.start()
     while process.exitcode is None and not is_due():

@@ -212,7 +212,7 @@ class NodeBench:
             self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
 
     def sent(self, node: int = HEAD) -> Frame | None:
-        """What a node on the bus sends next."""
+        """The next frame of a node on the bus."""
         number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
         length = self.c.probe_next(node, ctypes.c_uint32(self.clock), ctypes.byref(number), data)
         return Frame(number.value, data.raw[:length]) if length else None

@@ -1,4 +1,4 @@
-"""A status of a node that tests change what they need of."""
+"""A status of a node for tests, with fields to change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a print that was killed has left: passes in the journal of the head, the surface on the bed, and the result."""
+"""State after a print that was killed: passes in the journal of the head, the surface on the bed, and the result."""
 
 from __future__ import annotations
 
@@ -34,21 +34,22 @@ def head_journal(folder: Path) -> list[JournalRecord]:
 
 
 def surface(folder: Path) -> Any:
-    """What lies on the bed [m]."""
+    """The surface on the bed [m]."""
     data = (folder / "surface.bin").read_bytes()
     nx, ny = np.frombuffer(data, "=i4", 2, 8)
     return np.frombuffer(data, np.float64, offset=20).reshape(nx, ny)
 
 
 def books(folder: Path) -> dict[int, JournalRecord]:
-    """What the head remembers of each layer in the end."""
+    """Final records of the head for each layer."""
     return {record.key.layer: record for record in head_journal(folder) if record.passes}
 
 
 @dataclass(frozen=True)
 class PassesLeft:
-    """How many passes of a part were begun; begun twice; cut short, with an unknown outcome; given up, since a pass
-    of their layer was cut short; and left out of a layer without such a pass."""
+    """Numbers of passes of a part: begun; begun twice; cut short, with an unknown outcome; given up, since a pass of
+    their layer was cut short; and left out of a layer without such a pass.
+    """
 
     begun: int
     doubled: int
@@ -87,7 +88,8 @@ def is_surface_of_passes(result: Result, nodes: Path) -> bool:
 def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     """The part is finished; no pass was begun twice, none is missing that is not called unknown, by head and result;
     the master had recorded each one before it requested it; no wet ink was scanned; and the surface on the bed is that
-    of the droplets jetted, to the bit."""
+    of the droplets jetted, to the bit.
+    """
     assert result.stop_reason == "done"
     layers, known = result.dataset.sizes["layer"], books(nodes)
     assert sorted(known) == list(range(1, layers))

@@ -1,4 +1,4 @@
-"""What `tests/system/test_socketcan.py` runs in a guest with SocketCAN: prints over the interfaces of its kernel.
+"""Checks of `tests/system/test_socketcan.py` in a guest with SocketCAN: prints over the interfaces of its kernel.
 
 The emulator speaks slcan on a terminal; the kernel makes the interface slcan0 of it, and its gateway joins others.
 """

@@ -1,4 +1,4 @@
-"""What FMPy finds wrong with an FMU, each variable name parsed once per process.
+"""Errors that FMPy finds in an FMU, each variable name parsed once per process.
 
 FMPy builds its parser of names anew for each FMU and parses every name of it, most of the time of its check. Whether a
 name is legal depends on the grammar and the name alone: one that was legal in an FMU is legal in the next.

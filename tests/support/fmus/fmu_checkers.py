@@ -1,4 +1,4 @@
-"""What checkers of other people find wrong with an FMU: a list of sentences each, empty where it is right."""
+"""Errors that third-party checkers find in an FMU: a list of sentences each, empty if there are none."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def packed(libraries: Sequence[Library], folder: Path) -> None:
 
 
 def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
-    """What the C programs must know of an FMU: version, grid, paths, token, and a line per variable."""
+    """Arguments of the C programs for an FMU: version, grid, paths, token, and a line per variable."""
     with zipfile.ZipFile(archive_of(built.model, built.form)) as fmu:
         model = definition.load(fmu.read(archive.DEFINITION).decode(), built.model)
     is_fmi2 = built.form == "fmi2"

@@ -32,7 +32,7 @@ def bits(value: float) -> str:
 
 
 def numbers(text: str) -> list[float]:
-    """What fmu_calls printed: 16 digits are the bits of a real, anything shorter an integer."""
+    """Output of fmu_calls: 16 digits are the bits of a real, anything shorter an integer."""
     return [struct.unpack(">d", bytes.fromhex(line))[0] if len(line) == 16 else float(line) for line in text.split()]
 
 
@@ -57,7 +57,7 @@ def script_of(description: Any, values: Mapping[str, float], step_s: float, step
 
 
 def _size(description: Any, variable: Any) -> int:
-    """How many numbers an output is, with structural parameters as they start."""
+    """Length of an output in numbers, with structural parameters at their start values."""
     starts = {v.valueReference: v.start for v in description.modelVariables}
     count = 1
     for dimension in variable.dimensions:
@@ -75,7 +75,7 @@ def compiled(target: Target | None, fmi: int, out: Path) -> Path:
 
 
 def answers(command: Sequence[str | Path], script: str, environment: Mapping[str, str]) -> str:
-    """What the program prints; raises RuntimeError with its message where a call fails."""
+    """Output of the program; raises RuntimeError with its message if a call fails."""
     words = [str(word) for word in command]
     done = subprocess.run(words, input=script, capture_output=True, text=True, env={**environment}, check=False)
     if done.returncode != 0:

@@ -25,7 +25,7 @@ _folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
-    """What inkloop run prints."""
+    """The print of `inkloop run`."""
     return prints.printed(name, *overrides).dataset
 
 

@@ -11,7 +11,7 @@ from inkloop.fmu_writer.targets import platforms_in
 from support.fmus.foreign_run import HEADERS
 
 MACHO_LABELS = {"__mh_dylib_header", "___dso_handle"}
-"""What zig's linker writes into every library for macOS: places in its header, not functions."""
+"""Symbols that zig's linker writes into every library for macOS: places in its header, not functions."""
 
 
 def declared(fmi: str) -> set[str]:

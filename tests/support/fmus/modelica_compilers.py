@@ -1,4 +1,4 @@
-"""What compilers of others make of the Modelica library: files read, models compiled, models run, messages."""
+"""Results of third-party compilers on the Modelica library: files read, models compiled, models run, messages."""
 
 from __future__ import annotations
 

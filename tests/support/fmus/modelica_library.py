@@ -56,7 +56,7 @@ class Simulation:
 
 
 def reference_folder(model: str) -> Path:
-    """Where the reference results of a model lie, by its name after `InkLoop.`, as in the Modelica Standard Library."""
+    """Path of the reference results of a model, by its name after `InkLoop.`, as in the Modelica Standard Library."""
     return _REFERENCES / model.replace(".", "/")
 
 
@@ -90,7 +90,7 @@ def rows_of(run: Simulation, signals: Sequence[str]) -> list[tuple[float, ...]]:
 
 
 _session = cache(rumoca.Session)
-"""What all models share: it reads the library once."""
+"""Session shared by all models: it reads the library once."""
 
 
 @cache

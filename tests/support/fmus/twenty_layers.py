@@ -25,7 +25,7 @@ HAS_QEMU = pytest.mark.skipif(
 
 
 def runner(target: Target) -> list[str] | None:
-    """What goes before a program for a target, to run it on this machine; None: nothing here does."""
+    """Command prefix that runs a program of a target on this machine; None: nothing here does."""
     if target.name == fmpy.platform_tuple:
         return []
     if target.name == "aarch64-linux" and QEMU and AARCH64_LIBRARIES.is_dir():

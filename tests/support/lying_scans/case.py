@@ -12,7 +12,7 @@ from support.lying_scans.profiler import Profiler
 
 @dataclass(frozen=True)
 class Must:
-    """What the prints of a case must reach; heights against the target [um], NaN: nothing is asked.
+    """Required results of the prints of a case; heights against the target [um], NaN: no requirement.
 
     mae: mean over seeds; highest, lowest: of the worst seed; stop_by: last layer at which the print may stop instead of
     ending too high (inf: at any, but it must not be done); untrusted_by: last layer at which it may become untrusted;

@@ -30,7 +30,7 @@ SATELLITE_REACH = 2  # cells
 
 @dataclass(frozen=True)
 class Plant:
-    """How droplets fall.
+    """Behaviour of droplets.
 
     variation: a droplet lacks up to this share, evenly distributed; volume: of all droplets; volume_loss: share that is
     lost until the nominal end of the print; volume_right: by how much more the right half along x gets than the left;
@@ -113,7 +113,7 @@ def substrate(plant: Plant, shape: tuple[int, int], done: float) -> FloatMap:
 
 
 def _places(far: int, near: int) -> int:
-    """How many cells are so far away."""
+    """Number of cells at this distance."""
     return 1 if far == 0 else 4 if near in (0, far) else 8
 
 
@@ -142,7 +142,7 @@ def _displaced(falling: FloatMap, plant: Plant) -> FloatMap:
 
 
 def _bled(height: FloatMap, amount: FloatMap) -> FloatMap:
-    """What each cell gains and loses where `amount` of a droplet runs down each of its walls [um]."""
+    """Gain and loss of each cell where `amount` of a droplet runs down each of its walls [um]."""
     nx, ny = height.shape
     around = continued(height, 1)
     change = np.zeros(around.shape)

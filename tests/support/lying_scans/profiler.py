@@ -33,7 +33,7 @@ TURNS: Mapping[str, Callable[[Any], Any]] = {
 
 @dataclass(frozen=True)
 class Profiler:
-    """What is wrong with the scans; nothing if not given.
+    """Errors of the scans; none if not given.
 
     shift: the reading of cell (i, j) is the surface at (i, j) + shift; drift: what is added to it until the nominal end
     of the print; shift_std: of each scan; rotation [degrees], magnification, shear: the place is moved about the grid's
@@ -96,7 +96,7 @@ def read(profiler: Profiler, surface: FloatMap, layer: int, done: float, rng: np
 
 
 def shown(profiler: Profiler, scans: Sequence[Scan]) -> Scan:
-    """What is handed over as the last of all scans so far: the one it should be, another, or a turned one."""
+    """The scan returned as the last of all scans so far: the right one, another, or a turned one."""
     layer = len(scans) - 1
     if profiler.frozen_from is not None:
         layer = min(layer, profiler.frozen_from - 1)

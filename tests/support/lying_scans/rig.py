@@ -39,7 +39,7 @@ MakeController: TypeAlias = Callable[[Job], Component]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a print left.
+    """Result of a print.
 
     error: (nx, ny) height above the substrate less target [um]; mae, highest, lowest: of it over the part's cells [um];
     layers: printed; ending: "done", "stopped" (nothing more is commanded, though not done) or "layers_max";

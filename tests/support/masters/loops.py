@@ -1,4 +1,4 @@
-"""What masters of others are given to run: the loop of three FMUs, and the same print as one block with scalars."""
+"""Loops for masters of others: the loop of three FMUs, and the same print as one block with scalars."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Loop:
         return [scalar for port in self.ports for scalar in system.part(self.part).scalars(port)]
 
     def layers_of(self, run: Any) -> Any:
-        """What the ports showed in a run of ours, (layers, numbers)."""
+        """Values of the ports in a run of ours, (layers, numbers)."""
         return np.column_stack([run[port].values[1:].reshape(run.sizes["layer"] - 1, -1) for port in self.ports])
 
 

@@ -46,7 +46,7 @@ class Master:
 
 
 def layers_by(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float, folder: Path) -> Any:
-    """What a master prints, (layers, numbers); fewer layers where it does not get that far in time."""
+    """Output of a master, (layers, numbers); fewer layers if it does not get that far in time."""
     system = replace(loop.system_of(scenario_in(folder), fmi, folder), step_s=step_s)
     found: dict[int, Any] = {0: None}
     for printed, numbers in islice(master.run(loop, system, algorithm, folder), round(TIME_MAX_S / step_s)):

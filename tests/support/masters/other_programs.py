@@ -11,7 +11,7 @@ from typing import Protocol
 
 
 class Program(Protocol):
-    """What pip or Maven Central brings."""
+    """Programs installed by pip or from Maven Central."""
 
     @property
     def version(self) -> str: ...

@@ -44,7 +44,7 @@ TESTER_PRESENT = b"\x3e\x00"
 
 @dataclass
 class Scan:
-    """What a scan of one node found. wrong: exchanges that ISO 14229-1 does not allow."""
+    """Findings of a scan of one node. wrong: exchanges that ISO 14229-1 does not allow."""
 
     node: Node
     asked: int = 0
@@ -83,7 +83,8 @@ def is_suppressed(request: bytes) -> bool:
 
 def demanded(node: Node, request: bytes) -> int | None:
     """The negative code that ISO 14229-1 demands (figures 5 and 6: service, shortest length, sub-function, length,
-    range), None where the state of the node decides."""
+    range), None where the state of the node decides.
+    """
     service, kind = request[0], request[1] & ~SUPPRESS if len(request) > 1 else 0
     if service not in SERVICES[node]:
         return NOT_SUPPORTED
@@ -106,7 +107,7 @@ def demanded(node: Node, request: bytes) -> int | None:
 
 
 def objection(node: Node, request: bytes, answer: bytes | None) -> str | None:
-    """What is wrong with an answer, None if it is right."""
+    """The error of an answer, None if it is right."""
     expected = demanded(node, request)
     if answer is None:
         return None if is_suppressed(request) and expected is None else "an answer is demanded"
@@ -128,7 +129,7 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
     with _client(channel, node) as client:
 
         class IsoTpSocket:
-            """What the scanner needs of a socket, on can-isotp; scapy itself sees to it that one request waits."""
+            """Socket functions that the scanner needs, on can-isotp; scapy itself ensures that one request waits."""
 
             closed = False
 
@@ -177,7 +178,7 @@ def by_caringcaribou(channel: str, request_id: int, answer_id: int, identifiers:
 
 
 def _caringcaribou(channel: str, *words: str) -> str:
-    """What it prints. Raises CalledProcessError."""
+    """The output of the scanner. Raises CalledProcessError."""
     bus = {"CAN_INTERFACE": "slcan", "CAN_CHANNEL": channel, "CAN_BITRATE": "500000"}
     command = [sys.executable, "-m", "caringcaribou.caringcaribou", "uds", *words]
     return subprocess.run(command, env=os.environ | bus, check=True, capture_output=True, text=True).stdout

@@ -32,5 +32,5 @@ TURNS = (
     lambda m: m[::-1], lambda m: m[:, ::-1], lambda m: m[::-1, ::-1], lambda m: m.T, lambda m: np.rot90(m, 1),
     lambda m: np.rot90(m, 3), lambda m: np.rot90(m, 2).T,
 )  # fmt: skip
-"""What the scan would be if it were mirrored or turned; the last four on square grids."""
+"""Transforms of a mirrored or turned scan; the last four on square grids."""
 SPREAD = 6  # of the unknowns: variance of the spot

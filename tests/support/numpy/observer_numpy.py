@@ -115,7 +115,7 @@ class Observer:
             self.doubt_volume(s, layer)
 
     def back(self, g: Any) -> tuple[Any, Any]:
-        """Where on the scan the reading of each cell lies."""
+        """Place on the scan of each cell's reading."""
         o = self.setup
         linear = np.eye(2) + g[2:6].reshape(2, 2) / o.half
         inner = np.stack([o.i - o.half[0] - g[0], o.j - o.half[1] - g[1]])
@@ -271,7 +271,7 @@ class Observer:
         return s
 
     def figures(self, s: State) -> dict[str, Any]:
-        """What is reported, by the names of `EstimateFigures`."""
+        """Reported figures, by the names of `EstimateFigures`."""
         o = self.setup
         std = min(c.DROPLET_STD * np.sqrt(s.early), c.MODEL_MAX)
         if s.early <= c.OTHER_DROPLETS:

@@ -14,7 +14,7 @@ from support.numpy import observer_constants as c
 
 @dataclass
 class State:
-    """What is known after a scan, as in surface_estimate.h; surprised: scans in a row."""
+    """Knowledge after a scan, as in surface_estimate.h; surprised: scans in a row."""
 
     height: Any
     variance: Any
@@ -134,7 +134,8 @@ def upper_misfit(squares: Any) -> float:
 class Setup:
     """`noise`: of a reading [m^2], None where it is learnt; `model`: "scale", "full" or "off"; least, most: volume;
 
-    steps: variance of the rounding of a reading [m^2]."""
+    steps: variance of the rounding of a reading [m^2].
+    """
 
     def __init__(
         self, job: Job, noise: float | None = None, model: str = "scale", *, registered: bool = True, flat: bool = True,

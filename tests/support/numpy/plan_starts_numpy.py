@@ -1,4 +1,4 @@
-"""What is done to plans as the horizon recedes, stated in NumPy to check controller/core/planner/plan_starts.c."""
+"""Changes of plans as the horizon recedes, in NumPy, to check controller/core/planner/plan_starts.c."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ SHARES = {(0, 1): 7 / 16, (1, -1): 3 / 16, (1, 0): 5 / 16, (1, 1): 1 / 16}  # Fl
 
 
 def droplet_height(ink: Ink) -> float:
-    """What a droplet adds to its nine cells [m]."""
+    """Heights that a droplet adds to its nine cells [m]."""
     return ink.h1 + 4.0 * ink.h2 + 4.0 * ink.h3
 
 

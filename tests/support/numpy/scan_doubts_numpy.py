@@ -20,7 +20,7 @@ def cost_of(o: Setup, s: State, scan: Any, valid: Any, expected: Any, even: Any,
 
 
 def reading_of(o: Setup, s: State, height: Any) -> Any:
-    """What the sensor reads of a surface by what is believed of it."""
+    """Readings of a surface by the sensor with the believed geometry."""
     if not s.is_displaced:
         return height
     g = seen(s)

@@ -77,7 +77,7 @@ class Look:
 
 
 class View:
-    """What a displaced sensor reads on some cells, linear in the unknowns about x."""
+    """Readings of a displaced sensor on some cells, linear in the unknowns about x."""
 
     def __init__(self, setup: Setup, look: Look, cells: Any, spread: float, share: Any) -> None:
         self.setup, self.data, self.cells, self.step = setup, look, cells, c.SLOPE_STEP
@@ -204,7 +204,7 @@ def smooth_sums(o: Setup, look: Look, cells: Any, misfit: Any) -> tuple[Any, Any
 
 
 def fitted(o: Setup, look: Look, x: Any, covariance: Any) -> Fit:
-    """What was found of datum and shares (not their changes)."""
+    """Fitted datum and shares (not their changes)."""
     if o.model == "off":
         return Fit(look.state.share, look.state.share_covariance, x[:6], covariance[:6, :6], np.ones(2))
     return Fit(np.clip(x[6:], *c.SHARE_RANGE), covariance[6:, 6:], x[:6], covariance[:6, :6], np.ones(2))

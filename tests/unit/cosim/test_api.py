@@ -1,4 +1,4 @@
-"""What `import inkloop` offers: print, read, and errors in terms of Python."""
+"""The public names of `import inkloop`: print, read, and errors in terms of Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user may get wrong: each input ends with a message on place, finding and remedy, and writes nothing."""
+"""Errors in inputs of a user: each ends with a message on place, finding and remedy, and writes nothing."""
 
 from __future__ import annotations
 

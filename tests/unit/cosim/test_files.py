@@ -1,4 +1,6 @@
-"""What has to outlive a power failure is synced before its name is, and its name before anything continues."""
+"""Files that must outlive a power failure are synced before their names are, and the names before anything
+continues.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What input may ask of the machine is bounded, and the figures come from the system."""
+"""Limits of the resources that input may request; the figures come from the system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of scenarios, results and plans."""
+"""Views of scenarios, results and plans in a notebook."""
 
 from __future__ import annotations
 

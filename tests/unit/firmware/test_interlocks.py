@@ -1,4 +1,4 @@
-"""What the nodes of the bench enforce by themselves, by their own time stamps."""
+"""Interlocks that the nodes of the bench enforce by themselves, by their own time stamps."""
 
 from __future__ import annotations
 

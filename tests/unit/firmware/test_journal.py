@@ -1,4 +1,4 @@
-"""What a node knows after a power failure: every step is done, not begun, or reported as unknown."""
+"""Knowledge of a node after a power failure: every step is done, not begun, or reported as unknown."""
 
 from __future__ import annotations
 

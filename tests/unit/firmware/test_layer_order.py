@@ -1,4 +1,4 @@
-"""Invariants of the layer cycle of the bench's nodes: what follows what, and that nothing happens twice."""
+"""Invariants of the layer cycle of the bench's nodes: order of the steps, and nothing happens twice."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def bench(request: pytest.FixtureRequest) -> Any:
 
 
 def everything(bench: NodeBench) -> Any:
-    """What must not change when a request is refused or repeated."""
+    """State that must not change when a request is refused or repeated."""
     states = [bench.state(node) for node in range(bench.count)]
     journals = [bench.journal(node) for node in range(bench.count)]
     return states, journals, bench.surface.copy().tobytes(), bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)

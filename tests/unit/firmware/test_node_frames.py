@@ -148,7 +148,7 @@ def test_extended_and_remote_frames_are_those_of_others(bench: NodeBench, kind: 
 
 
 def answers(bench: NodeBench) -> list[bytes]:
-    """What the node sends by ISO-TP now."""
+    """ISO-TP answers that the node sends now."""
     found = []
     while frame := bench.sent():
         if frame.arbitration_id == REQUEST_ID + 1:

@@ -1,4 +1,4 @@
-"""What a microcontroller can run: no memory taken, no global state, no operating system, the numbers of the DBC."""
+"""Limits of a microcontroller: no memory taken, no global state, no operating system, the numbers of the DBC."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def bus() -> Iterator[slcanBus]:
 
 
 def sent(bus: slcanBus) -> bytes:
-    """What the bus has written since, taken off the loop; a read ends after its time, even with bytes left."""
+    """Bytes that the bus has written since, taken off the loop; a read ends after its time, even with bytes left."""
     port, found = bus.serialPortOrig, b""
     while port.in_waiting:
         found += port.read(port.in_waiting)

@@ -1,4 +1,4 @@
-"""What a node accepts of the supervised frames on its bus: MasterAlive and StopRequest, whole, damaged and repeated."""
+"""Acceptance of the supervised frames on a node's bus: MasterAlive and StopRequest, whole, damaged and repeated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire of the emulator: which frames are hit, and what becomes of them."""
+"""The wire of the emulator: frames that faults hit, and the effects on them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class FaultyWire:
         self.c.probe_pass(way, ctypes.c_uint32(frame.arbitration_id), frame.data, ctypes.c_uint8(len(frame.data)))
 
     def taken(self) -> list[Frame | bytes]:
-        """What came out: frames, and lines in place of frames."""
+        """Output: frames, and lines in place of frames."""
         found: list[Frame | bytes] = []
         for k in range(self.c.probe_count()):
             one = self.c.probe_taken(k).contents

@@ -98,7 +98,7 @@ def surfaces(loaded: ctypes.CDLL, it: Case) -> list[Any]:
 
 
 def increments(loaded: ctypes.CDLL, it: Case, inks: int = 2, unit: Any = None) -> list[Any]:
-    """What is added, squares and what the cell's own droplet leaves, of the whole layer; and the surface after it."""
+    """Increments, their squares and the cell's own share, of the whole layer; and the surface after it."""
     nx, ny = it.height.shape
     after = np.zeros_like(it.height)
     adds, squares, own, scratch = (np.full((n, nx, ny), np.nan) for n in (3 * inks if unit is None else inks, 1, 1, 2))

@@ -83,7 +83,7 @@ def test_the_library_says_when_its_version_was_made() -> None:
 
 
 def shortcomings(path: Path, text: str) -> list[str]:
-    """What a file lacks: the place and name of one class, a description, a documentation."""
+    """Missing parts of a file: the place and name of one class, a description, a documentation."""
     name = qualified(path)
     short = name.rpartition(".")[2]
     place = f"within {name.rpartition('.')[0]};\n" if "." in name else "within ;\n"

@@ -14,8 +14,8 @@ from inkloop.component import BoolMap, FloatMap
 class Divergence:
     """Root mean squares over the part [m]; NaN where no cell can be compared.
 
-    growth: of what was added since the scan before, over cells seen in both; surface: of the heights, over cells seen.
-    Growth distinguishes a device that fails from one that is slightly off in every layer, and needs no datum.
+    growth: of the height added since the scan before, over cells seen in both; surface: of the heights, over cells
+    seen. Growth distinguishes a device that fails from one that is slightly off in every layer, and needs no datum.
     """
 
     growth: float = math.nan
@@ -40,7 +40,8 @@ class ScannedLayer:
 
 
 def start_surface(assumed: FloatMap, measured: FloatMap, valid: BoolMap) -> FloatMap:
-    """The surface to begin on: the scan of layer 0, and where it saw nothing `assumed`, raised by what it is off by.
+    """The start surface: the scan of layer 0, and on cells that it did not see `assumed`, raised by its mean
+    difference.
 
     All (nx, ny), heights [m]; `assumed` itself where no cell was seen.
     """

@@ -43,7 +43,7 @@ class FollowedPlant:
         self._initialize()
 
     def begin_on(self, surface: FloatMap) -> None:
-        """Start again on another surface, at the present layer; patterns that are on their way are kept."""
+        """Start again on another surface, at the present layer; patterns not yet deposited are kept."""
         old, self._plant = self._plant, self._make_plant(replace(self._job, height_start=surface))
         old.terminate()
         self.start_surface = surface
@@ -81,7 +81,7 @@ class FollowedPlant:
             self.surfaces[layer] = np.array(values[HEIGHT], np.float64)
 
     def forget_before(self, layer: int) -> None:
-        """Surfaces of layers before this one are not wanted any more."""
+        """Discard surfaces of layers before this one."""
         self.surfaces = {number: surface for number, surface in self.surfaces.items() if number >= layer}
 
     def terminate(self) -> None:

@@ -81,7 +81,7 @@ class Shadow:
         """Take a new command, deposit what has been printed, compare what has been scanned. Raises ComponentError."""
         if bool(inputs.get(LAYER_UNKNOWN, False)):
             self._unknown = int(inputs[LAYERS_PRINTED])
-        self._look(inputs)  # a scan of layer 0 is the surface to begin on: before the layer that it was waited for with
+        self._look(inputs)  # a scan of layer 0 is the start surface, so it comes before the layer that waited for it
         self._plant.take_command(inputs)
         self._plant.follow(int(inputs[LAYERS_PRINTED]), step_ns)
         self._look(inputs)
@@ -92,7 +92,7 @@ class Shadow:
         self._plant.terminate()
 
     def save(self) -> bytes:
-        """What was compared last, surfaces and patterns on their way, the plant's own state. Raises ComponentError."""
+        """The last comparison, surfaces and patterns not yet used, the plant's own state. Raises ComponentError."""
         state: dict[str, NDArray[Any]] = {
             "compared": np.array([self._reference, self._compared, self._unknown, self._status], np.int64),
             "divergence": np.array([self._divergence.growth, self._divergence.surface]),

@@ -33,9 +33,9 @@ CONTRACT = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Bake:
-    """What a block prints. parts: by role its model and parameters; own: start values of the block's parameters.
+    """Content of a block. parts: by role its model and parameters; own: start values of the block's parameters.
 
-    intervals: of height that the region of ink A has room for on a cell.
+    intervals: most height intervals of the region of ink A on a cell.
     """
 
     title: str

@@ -1,8 +1,8 @@
-"""Results as other programs read them: bitmaps of the layers for print heads, surfaces as meshes and height maps."""
+"""Results for other programs: bitmaps of the layers for print heads, surfaces as meshes and height maps."""
 
 BITMAP_FORMATS = ("tiff", "png", "bmp")
-"""What `inkloop export-layers` writes."""
+"""Formats that `inkloop export-layers` writes."""
 DROP_SPLITS = ("planes", "bits")
-"""How drops of several sizes become bitmaps of one bit: a bitmap for each size, or for each bit of the level."""
+"""Forms of drops of several sizes in bitmaps of one bit: a bitmap for each size, or for each bit of the level."""
 MESH_FORMATS = ("stl", "glb")
 MAP_FORMATS = ("sdf", "x3p", "tiff", "npy")

@@ -34,8 +34,8 @@ def write(
     """Write the folder whole or not at all; returns the manifest's entries of the files.
 
     form: one of BITMAP_FORMATS; layers: numbers from 1; passes: separate them; split: one of DROP_SPLITS, None for
-    planes where there are drops of several sizes; on_layer: called for each written layer. Raises OSError, also where
-    `out` is there already.
+    planes where there are drops of several sizes; on_layer: called for each written layer. Raises OSError, also if
+    `out` exists.
     """
     split = split or ("planes" if patterns.levels > 1 else None)
     files: list[dict[str, Any]] = []

@@ -1,6 +1,6 @@
 """Bitmaps of one bit a pixel, in TIFF, PNG and BMP.
 
-All of them alike: the first row is y = 0, the first column x = 0, a set bit is a droplet and is shown black on white.
+In all of them the first row is y = 0, the first column x = 0, and a set bit is a droplet, shown black on white.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def encode(droplets: BoolMap, pitch: float, form: str, title: str) -> bytes:
 
 
 def stored_pitch(pitch: float, form: str) -> float:
-    """The pitch that the resolution of a format gives [m]."""
+    """The pitch that a format can store [m]."""
     return pitch if form == "tiff" else 1.0 / round(1.0 / pitch)
 
 
@@ -62,7 +62,7 @@ def _tiff(rows: NDArray[np.bool_], pitch: float, title: str) -> bytes:
 
 
 def _min_is_white(tiff: bytes) -> bytes:
-    """The same bits with the meaning that a set one is black; Pillow would turn every pixel by itself for that."""
+    """The same bits with the meaning that a set one is black; Pillow would invert every pixel for that."""
     content = bytearray(tiff)
     directory = struct.unpack_from("<I", content, 4)[0]
     for number in range(struct.unpack_from("<H", content, directory)[0]):

@@ -1,4 +1,4 @@
-"""Patterns to be jetted: those of a run, or those that an open loop plans for a scenario."""
+"""Patterns to be jetted: those of a run, or the plan of an open loop for a scenario."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ OPEN_LOOP = "OpenLoop"
 
 @dataclass(frozen=True, eq=False)
 class Patterns:
-    """What layers 1, 2, ... jet. pattern: (layers, nx, ny), 0 none, 1 A, 2 B; drop_level: the same shape, None for 1.
+    """Patterns of layers 1, 2, ... pattern: (layers, nx, ny), 0 none, 1 A, 2 B; drop_level: the same shape, None for 1.
 
-    origin: what the patterns are of, for a person; pitch [m]; unknown_layers: those of a run that were aborted, so that
-    what of their pattern was jetted is unknown.
+    origin: their source, for a person; pitch [m]; unknown_layers: aborted layers of a run, of which an unknown part was
+    jetted.
     """
 
     origin: str
@@ -51,7 +51,7 @@ class Patterns:
 
     @property
     def levels(self) -> int:
-        """The most drops that a droplet of any layer has."""
+        """Largest number of drops in a droplet of any layer."""
         return 1 if self.drop_level is None else max(1, int(self.drop_level[self.pattern > 0].max(initial=1)))
 
     def colours(self, layer: int) -> tuple[int, ...]:
@@ -86,7 +86,7 @@ def of_run(result: Result, source: str) -> Patterns:
 def of_open_loop(scenario: Scenario) -> Patterns:
     """The patterns of the scenario's open-loop run, without a plant: that controller uses no scan.
 
-    It is a component of the scenario, or of the first comparison run that has one; otherwise it has no options.
+    The controller is that of the scenario, or of the first comparison run that has one; otherwise it has no options.
     """
     origin, job, options = _open_loop(scenario)
     controller = catalog.make(OPEN_LOOP, job, options)
@@ -109,7 +109,7 @@ def of_open_loop(scenario: Scenario) -> Patterns:
 
 
 def _open_loop(scenario: Scenario) -> tuple[str, Any, dict[str, Any]]:
-    """What the open loop is of, its job and its options."""
+    """Origin, job and options of the open loop."""
     title = scenario.tables.title
     runs = [scenario, *(scenario.variant(name) for name in scenario.tables.compare)]
     for run in runs:

@@ -20,7 +20,7 @@ class Separation:
     """Sites (nx, ny) that one bitmap of a layer jets. number: of the pass in the order of jetting, from 1.
 
     colour: of the cells of the pass, see `contract.pass_colour`, None for all cells; drop: "", "d2" for the sites with
-    drops of that size, "b1" for that bit of the level; drops: how many each set pixel stands for.
+    drops of that size, "b1" for that bit of the level; drops: number of drops of a set pixel.
     """
 
     number: int
@@ -32,7 +32,7 @@ class Separation:
 
     @property
     def title(self) -> str:
-        """What the bitmap is of, for a person."""
+        """Title of the bitmap, for a person."""
         return ", ".join(filter(None, (f"pass {self.number}", f"ink {self.ink}", self.drop)))
 
     def name(self, layer: int) -> str:
@@ -49,10 +49,10 @@ def separations(
     split: str | None,
     colours: tuple[int, ...],
 ) -> Iterator[Separation]:
-    """Bitmaps of a layer, those without a droplet included: every layer has the same ones.
+    """Bitmaps of a layer, empty ones included: every layer has the same set.
 
-    pattern: (nx, ny), 0 none, 1 A, 2 B; drop_level: (nx, ny) drops of each droplet, None for one; levels: the most that
-    there are; split: one of DROP_SPLITS, None for single drops; colours: in the order of jetting, none for one pass.
+    pattern: (nx, ny), 0 none, 1 A, 2 B; drop_level: (nx, ny) drops of each droplet, None for one; levels: their
+    maximum; split: one of DROP_SPLITS, None for single drops; colours: in the order of jetting, none for one pass.
     """
     i, j = np.indices(pattern.shape)
     drops = np.ones_like(pattern) if drop_level is None else drop_level

@@ -49,7 +49,7 @@ def _size(map_: HeightMap) -> str:
 
 
 def _reading(map_: HeightMap, form: str) -> str:
-    """What a reader has to know of the file."""
+    """Conventions of the file for its reader."""
     pixel = f"pixel_um = {map_.dx * UM_PER_M:.12g}"
     floor = f"closed body over the centres of the cells, floor at z = {mesh.floor_of(map_) * UM_PER_M:g} µm"
     return {

@@ -1,4 +1,4 @@
-"""Writing an .ssp: the system's structure, its parameters, its FMUs, and the scenario that it came from."""
+"""Write an .ssp: the system's structure, its parameters, its FMUs, and the scenario that it was made from."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from inkloop.files import replaced
 
 STRUCTURE = "SystemStructure.ssd"
 SCENARIO = "extra/org.inkloop/scenario.toml"
-"""Path of the embedded scenario, which holds what an .ssd cannot: the part, the run, components outside."""
+"""Path of the embedded scenario, with the content that an .ssd cannot express: the part, the run, components
+outside."""
 
 
 def write(system: System, version: str, out: Path) -> None:

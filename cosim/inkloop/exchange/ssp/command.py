@@ -41,7 +41,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
 
 
 def next_step(to: str, out: Path, step_s: float) -> str:
-    """What runs the file or folder that was written, in one line."""
+    """How to run the file or folder that was written, in one line."""
     jar = "java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=."
     return {
         "ssp": f"inkloop run {out} prints it; in another tool import it, communication step {step_s:g} s",
@@ -51,7 +51,7 @@ def next_step(to: str, out: Path, step_s: float) -> str:
 
 
 def _fmi(options: argparse.Namespace) -> str:
-    """The version of FMI that is asked for, where the format knows it. Raises ScenarioError."""
+    """The requested version of FMI, if the format supports it. Raises ScenarioError."""
     wanted = options.fmi or (VERSIONS[options.ssp] if options.to == "ssp" else "2")
     if wanted == "3" and (options.to != "ssp" or options.ssp == "1.0"):
         what = "SSP 1.0" if options.to == "ssp" else options.to
@@ -61,7 +61,7 @@ def _fmi(options: argparse.Namespace) -> str:
 
 
 def _set_platforms(system: System, platforms: Sequence[str]) -> None:
-    """Of the FMUs that are ours; those of others stay as they are. Raises FmuError."""
+    """Compile our FMUs for the platforms; those of others stay as they are. Raises FmuError."""
     for part in system.parts:
         members = unpack(part.file)
         if DEFINITION in members:
@@ -71,7 +71,7 @@ def _set_platforms(system: System, platforms: Sequence[str]) -> None:
 def write_folder(system: System, to: str, out: Path) -> None:
     """Write the FMUs of a system and, in the same new folder, the files of "osp" or "maestro"; all of them or nothing.
 
-    Raises ScenarioError, FileExistsError where something is at `out`.
+    Raises ScenarioError, FileExistsError if `out` exists.
     """
     if to == "osp":
         texts = {osp.FILE: osp.structure(system).decode()}

@@ -1,4 +1,4 @@
-"""Names of SSP: namespaces as ElementTree writes them, and which element of which variable a scalar's name means."""
+"""Names of SSP: namespaces as ElementTree writes them, and variable and element of a scalar's name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SSD = f"{{{_NAMESPACE}Description}}"
 SSV = f"{{{_NAMESPACE}ParameterValues}}"
 
 Places: TypeAlias = Mapping[str, tuple[str, int]]
-"""Name in the .ssp -> variable in inkloop, and the element of it that is meant."""
+"""Name in the .ssp -> variable in inkloop, and the index of its element."""
 
 
 def places(description: FmuDescription) -> dict[str, tuple[str, int]]:

@@ -1,7 +1,7 @@
-"""What OMSimulator needs in an .ssd beyond the standard: identifiers as names, and the master and its step size.
+"""Requirements of OMSimulator on an .ssd beyond the standard: identifiers as names, and the master and its step size.
 
-It takes names of systems and components only in the form of `IDENTIFIER`, and does not know what kind a system is
-without its annotation (schema/oms.xsd of its sources). Other tools skip the annotation of a type that they do not know.
+Names of systems and components must match `IDENTIFIER`, and a system needs an annotation with its kind (schema/oms.xsd
+of its sources). Other tools skip annotations of unknown types.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ TYPE = "org.openmodelica"
 NAMESPACE = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 MASTER = "oms-ma"
 """Its master of fixed steps, which steps all components from the same outputs (Jacobi)."""
-_TOLERANCE = "0.0001"  # of its solvers for algebraic loops, of which there are none; its schema asks for it
+_TOLERANCE = "0.0001"  # of the solvers for algebraic loops, of which there are none; required by the schema
 
 
 def identifier(text: str) -> str:
-    """The text with `_` in place of all that an identifier cannot hold; `system_` before one that begins otherwise."""
+    """The text with `_` in place of each character that an identifier cannot hold; `system_` before one that begins
+    otherwise.
+    """
     name = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")
     return name if IDENTIFIER.fullmatch(name) else f"system_{name}".rstrip("_")
 
 
 def refused(names: Iterable[str]) -> list[str]:
-    """The names that it refuses."""
+    """The names that OMSimulator rejects."""
     return [name for name in names if not IDENTIFIER.fullmatch(name)]
 
 

@@ -113,7 +113,7 @@ def _value(text: str, variable: Variable, factor: float) -> Value:
 
 
 def _joined(description: FmuDescription, name: str, parts: Mapping[int, list[Value]]) -> Any:
-    """One value, or the whole array: elements that no set names keep their start value."""
+    """One value, or the whole array: elements that no set gives keep their start value."""
     variable = description.variables[name]
     if not variable.dimensions:
         return parts[0][0]

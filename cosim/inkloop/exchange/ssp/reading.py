@@ -1,8 +1,8 @@
-"""Running a system of others in our master: an .ssp laid over a scenario.
+"""Run a system of others in our master: an .ssp laid over a scenario.
 
-The scenario states what no .ssd can: the part, the run, components that are no FMU. It stands in the .ssp where inkloop
-wrote it, or is named with it. The FMUs, parameters and connections of the .ssp replace those that the scenario
-gives for components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
+The scenario adds what an .ssd cannot express: the part, the run, components that are no FMU. An .ssp written by inkloop
+contains it; for any other it is named with it. The FMUs, parameters and connections of the .ssp replace those that the
+scenario gives for components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ __all__ = ["SUFFIX", "scenario_of"]
 def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Path | None = None) -> Scenario:
     """The scenario of an .ssp; job: the scenario file that it is laid over, default the one in it.
 
-    Raises ScenarioError with all that is wrong with the .ssp, or then with the scenario.
+    Raises ScenarioError with all errors of the .ssp, or else of the scenario.
     """
     errors: list[str] = []
     try:
@@ -136,7 +136,7 @@ def _described(path: Path, sources: Mapping[str, str], errors: list[str]) -> dic
 def _grid_errors(
     known: Mapping[str, FmuDescription], text: str, overrides: Mapping[str, Any], job: Path | None
 ) -> list[str]:
-    """Where FMUs are of another grid than what is printed, a sentence for each grid."""
+    """Errors of FMUs whose grid differs from that of the print, a sentence for each grid."""
     try:
         document = tomlkit.parse(text)
     except TOMLKitError:

@@ -131,7 +131,7 @@ def _connections(system: System) -> Iterator[ET.Element]:
 
 def _add_connector(parent: ET.Element, name: str, kind: str, part: Part, variable: Variable, port: str) -> None:
     connector = add(parent, "ssd:Connector", name=name, kind=kind)
-    if variable.type != "Enumeration":  # whose items are those of the FMU
+    if variable.type != "Enumeration":  # the items are those of the FMU
         unit = variable.unit if variable.type.startswith(("Real", "Float")) and is_known(variable.unit) else None
         add(connector, f"ssc:{variable.type}", unit=unit)
     for size in part.shape(port):

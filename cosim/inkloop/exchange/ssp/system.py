@@ -25,7 +25,7 @@ from inkloop.scenario.file import Scenario
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 CONTROLLER = "LayerController"
 PYTHON_CONTROLLER = "LayerMpc"
-"""The FMU stands in for the controller of this kind in Python, where it has all of its options."""
+"""Kind of the Python controller that the FMU replaces, where it has all of its options."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Part:
 class Wire:
     """From an output to an input, each (part, port), "" for the outside, whose port has the name of the signal.
 
-    transfer: what happens on the way, units included; gain and offset: the same without the units.
+    transfer: conversion on the way, units included; gain and offset: the same without the units.
     """
 
     source: tuple[str, str]
@@ -66,7 +66,9 @@ class Wire:
 
 @dataclass(frozen=True)
 class System:
-    """The system of a scenario; times in seconds. name: an identifier; outside: what is no FMU, with the reason."""
+    """The system of a scenario; times in seconds. name: an identifier; outside: components that are no FMU, with the
+    reason.
+    """
 
     name: str
     title: str
@@ -105,7 +107,7 @@ class System:
 def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     """The system of a scenario; its FMUs for FMI `fmi` ("2": scalars, "3": arrays) are written to `folder`.
 
-    Raises ScenarioError where nothing of it is an FMU or a wire cannot be expressed.
+    Raises ScenarioError if it has no FMU or a wire cannot be expressed.
     """
     parts: dict[str, Part] = {}
     outside: dict[str, str] = {}
@@ -133,7 +135,7 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
 
 
 def _part(name: str, kind: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
-    """The part that a component becomes, or why it stays outside."""
+    """The part of a component, or the reason why it stays outside."""
     if kind == PYTHON_CONTROLLER:
         return _controller(name, job, options, fmi, folder)
     if kind in catalog.FMU_MODELS:
@@ -227,7 +229,7 @@ def _form_errors(system: System) -> Iterator[str]:
 
 
 def _stop_s(scenario: Scenario, parts: Mapping[str, Part]) -> float:
-    """When a print ought to be over: thrice the nominal layers and five, three steps for each."""
+    """Time at which a print should be over: thrice the nominal layers and five, three steps for each."""
     limits, job = scenario.tables.run, scenario.job()
     if limits.time_max_s is not None:
         return limits.time_max_s

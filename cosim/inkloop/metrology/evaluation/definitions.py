@@ -1,4 +1,4 @@
-"""The parameters by symbol, and the words of the options: light enough for parsers and for the tables of a scenario."""
+"""The parameters by symbol, and the names of the options; importable without the code that computes them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ F_OPERATIONS: Mapping[FOperation, str] = {
     "form": "least-squares polynomial of second order",
     "target": "target height, then the mean",
 }
-"""What is taken off the heights."""
+"""F-operations: the form that is subtracted from the heights."""
 FilterOrder: TypeAlias = Literal[0, 1]
 Axis: TypeAlias = Literal["x", "y"]
 Group: TypeAlias = Literal["areal", "profile", "form", "volume"]

@@ -23,11 +23,11 @@ ALPHA = sqrt(log(2.0) / pi)
 STEPS_MIN = 4
 """Steps in a cutoff, from which on the sampled weights pass half of a wave of that length (to 0.4 %)."""
 _RIDGE = 1e-11
-"""Of the second moments: where the used cells lie on one line, the slope across it is taken as zero."""
+"""Share of the second moments: if the used cells lie on one line, the slope across it is taken as zero."""
 
 
 def cutoff_error(used: BoolMap, steps: tuple[float, float], cutoff: float, axis: Axis | None = None) -> str | None:
-    """Why a cutoff [m] does not fit the cells that count, along one axis or both."""
+    """The reason why a cutoff [m] does not fit the cells that count, along one axis or both."""
     axes = (0, 1) if axis is None else ("xy".index(axis),)
     narrowest = min((np.ptp(np.nonzero(used)[axis]) + 1) * steps[axis] for axis in axes)
     widest_step, text = max(steps[axis] for axis in axes), f"a filter of {cutoff * UM_PER_M:g} µm"
@@ -97,7 +97,7 @@ class _Moments:
         return sums
 
     def _kernel(self, axis: int, power: int) -> NDArray[np.float64]:
-        """Weights at their places of a cyclic convolution, which finds the neighbour at a lag in reverse."""
+        """Weights in the layout of a cyclic convolution, which finds the neighbour at a lag in reverse."""
         lag, kernel = self._lags[axis], np.zeros(self._size[axis])
         half = lag.size // 2
         weights = np.exp(-pi * (lag / ALPHA) ** 2) * lag**power
@@ -112,7 +112,9 @@ def _reduced(
     slope: list[NDArray[np.float64]],
     second: dict[tuple[int, int], NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The normal equations of a plane with its slopes eliminated: what is left determines the constant term."""
+    """The normal equations of a plane with its slopes eliminated: the remaining equation determines the constant
+    term.
+    """
     ridge = _RIDGE * total
     xx = second[0, 0] + ridge
     if len(first) == 1:

@@ -23,9 +23,9 @@ from inkloop.metrology.evaluation.surface import CELLS_MIN, Found, Refusal, refu
 EDGE = 2
 """Cells around the part that are no substrate: droplets reach there (assumed)."""
 CENTRE = 2.0 / 3.0
-"""Of the largest distance to the edge, from which on a cell is in the central third of its face (ISO 5436-1)."""
+"""Share of the largest distance to the edge above which a cell is in the central third of its face (ISO 5436-1)."""
 STANDS_OUT = 3.0
-"""Standard deviations of the distances to the two planes of a step, below which it is none (assumed)."""
+"""Least step, in standard deviations of the distances to its two planes (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Step:
 
 
 def step(inner: Points, substrate: Points | Refusal, target: NDArray[np.float64] | None) -> Step | Refusal:
-    """The step from the substrate to the inner cells of the top; target: heights that these shall have, if known."""
+    """The step from the substrate to the inner cells of the top; target: their nominal heights, if known."""
     if isinstance(substrate, Refusal):
         return substrate
     if inner.z.size < CELLS_MIN:

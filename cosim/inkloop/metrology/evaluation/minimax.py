@@ -1,7 +1,7 @@
 """The best fit in the sense of Chebyshev: factors of given terms with the smallest largest distance.
 
 Minimum zone planes, steps, circles and walls are such fits. The linear program is solved on few of the points; those
-that the solution misses most join them until it misses none, so that its size does not depend on that of the map.
+with the largest errors are added until none exceeds the zone, so that its size does not depend on that of the map.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _JOIN = 8
-"""Points of each side that join at a time."""
+"""Points of each side added at a time."""
 _EXACT = 1e-9
-"""Of the zone: what a solution may miss."""
+"""Tolerance of a solution, as a share of the zone."""
 _ROUNDS = 200
 
 

@@ -30,7 +30,7 @@ WALLS = ("wall_angle_ls", "wall_angle_mz")
 ROUND = 0.2
 """Roundness as a share of the radius beyond which an outline is no circle (assumed; a square has 0.37)."""
 LEVELS = np.linspace(0.2, 0.8, 13)
-"""Shares of the step height at which the wall is looked at: rounded edges are outside (assumed)."""
+"""Shares of the step height at which the wall is evaluated: rounded edges are outside (assumed)."""
 _ROUNDS = 50
 
 Line = NDArray[np.float64]

@@ -35,7 +35,7 @@ ROUGHNESS = ("Ra", "Rq", "Rp", "Rv", "Rz", "Rt")
 
 @dataclass(frozen=True)
 class Profiles:
-    """What profiles were evaluated; evaluation and section length [m], `sections` 0 for primary profiles."""
+    """The profiles evaluated; evaluation and section length [m], `sections` 0 for primary profiles."""
 
     axis: Axis
     count: int
@@ -52,7 +52,7 @@ class Profiles:
 
 
 def profile_parameters(surface: Surface, axis: Axis, l_filter: float | None = None) -> tuple[Found, Profiles | None]:
-    """The P-parameters, or with an L-filter [m] the R-parameters, and what they were evaluated on.
+    """The P-parameters, or with an L-filter [m] the R-parameters, and their profiles.
 
     surface: as `evaluated` returns it for this axis.
     """

@@ -4,8 +4,8 @@
     Sal: the shortest lag at which f falls to 0.2        Str = Sal / the longest lag, along a ray, at which it first
     does Std: the direction of the lay, at a right angle to that in which the angular spectrum has its maximum
 
-A lag counts while at least a quarter of the cells have a partner. The spectrum is the Fourier transform of f under a
-Hann window that is round, so that the shape of the mask leaves no trace in it.
+A lag counts if at least a quarter of the cells have a partner. The spectrum is the Fourier transform of f under a round
+Hann window, so that it does not depend on the shape of the mask.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, refuse
 from inkloop.units import UM_PER_M
 
 DECAY = 0.2
-"""Of the autocorrelation (default of ISO 25178-3)."""
+"""Level of the autocorrelation (default of ISO 25178-3)."""
 PAIRS_MIN = 0.25
 """Share of the cells that must have a partner at a lag (assumed)."""
 PROMINENCE = 2.0
-"""Of the angular spectrum over its mean; below it no direction stands out. A Gaussian texture of Str 0.5 has it."""
+"""Least ratio of the maximum of the angular spectrum to its mean for a direction. A Gaussian texture of Str 0.5 has
+it."""
 RAYS = 180
 """Directions over half a turn: one degree."""
 STEPS_MIN = 5

@@ -1,4 +1,4 @@
-"""What is evaluated: a map, the part on it, and what is known of its substrate and its target."""
+"""Subject of an evaluation: a map, the part on it, its substrate and its target."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 
 SUPPORT = 0.2
-"""Share of the step at which cells outside the part are something printed, and no substrate (assumed)."""
+"""Share of the step above which cells outside the part are printed, not substrate (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
     """A map with the cells of the part (None: all of them).
 
-    target: height that the part shall have; start: surface that was printed on, both (m, n) [m] where known;
-    droplets: that landed. Raises HeightMapError for maps of another shape.
+    target: nominal height of the part; start: surface before the print, both (m, n) [m] where known; droplets: number
+    of droplets. Raises HeightMapError for maps of another shape.
     """
 
     map_: HeightMap
@@ -52,11 +52,11 @@ class Subject:
 
     @property
     def cells(self) -> BoolMap:
-        """The cells that were asked for."""
+        """The cells to evaluate."""
         return asked_cells(self.map_, self.mask)
 
     def substrate(self) -> Points | Refusal:
-        """The surface that was printed on; of a map the cells around the part, without outliers."""
+        """The surface before the print; for a map the cells around the part, without outliers."""
         if self.start is not None:
             return self._points(self.start, np.isfinite(self.start))
         around = self._plane_around()
@@ -104,7 +104,7 @@ class Subject:
         }
 
     def _surroundings(self, height: float) -> Refusal | None:
-        """Why the part has no free wall: what stands around it."""
+        """The reason why the part has no free wall: its surroundings."""
         below = self.substrate_heights()
         if isinstance(below, Refusal) or not self._around.any():
             return Refusal(f"no cell with a height lies more than {EDGE} cells outside the mask")

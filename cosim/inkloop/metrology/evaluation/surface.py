@@ -1,4 +1,4 @@
-"""The surface that is evaluated: the cells that count, and their heights after the filters and the F-operation.
+"""Preparation of a surface: the cells that count, and their heights after the filters and the F-operation.
 
 The order is that of ISO 25178-3: S-filter, F-operation, L-filter. Heights are counted from their mean.
 """
@@ -21,14 +21,14 @@ from inkloop.metrology.height_map import HeightMap
 
 CELLS_MIN = 50
 MISSING_MAX = 0.2
-"""Share of cells without a height beyond which no figure is given (assumed)."""
+"""Share of cells without a height above which parameters have no value (assumed)."""
 _FLAT = 1e-12
-"""Of the range of heights before the F-operation: what is left below it is rounding, and has no shape."""
+"""Share of the range of heights before the F-operation, below which the remaining heights are rounding."""
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """No figure rather than a wrong one: the reason, a clause without a full stop."""
+    """The reason why a parameter has no value, a clause without a full stop."""
 
     reason: str
 
@@ -38,13 +38,13 @@ Found: TypeAlias = Mapping[str, float | Refusal]
 
 
 def refused(symbols: Iterable[str], reason: str) -> Found:
-    """All of the parameters without a figure."""
+    """All of the parameters without a value."""
     return dict.fromkeys(symbols, Refusal(reason))
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Heights z (m, n) [m], 0 where they do not count; used: cells that count; mask: cells that were asked for."""
+    """Heights z (m, n) [m], 0 where they do not count; used: cells that count; mask: cells to evaluate."""
 
     z: FloatMap
     used: BoolMap
@@ -54,7 +54,7 @@ class Surface:
 
     @property
     def heights(self) -> FloatMap:
-        """(N,) those that count."""
+        """(N,) heights of the cells that count."""
         return np.asarray(self.z[self.used], np.float64)
 
 
@@ -67,7 +67,9 @@ def asked_cells(map_: HeightMap, mask: BoolMap | None) -> BoolMap:
 
 
 def cells_refusal(used: BoolMap, mask: BoolMap) -> Refusal | None:
-    """Why too few cells count: fewer than CELLS_MIN, or more than MISSING_MAX of the mask without a height."""
+    """The reason why too few cells count: fewer than CELLS_MIN, or more than MISSING_MAX of the mask without a
+    height.
+    """
     count, asked = int(used.sum()), int(mask.sum())
     if count < CELLS_MIN:
         return Refusal(f"{count} cells have a height; needs {CELLS_MIN}: take a larger mask or map")
@@ -87,9 +89,9 @@ def evaluated(
     target: FloatMap | None = None,
     axis: Axis | None = None,
 ) -> Surface | Refusal:
-    """The surface after its treatment, or why there is none.
+    """The surface after its treatment, or the reason why there is none.
 
-    target: (m, n) [m], taken off by the F-operation "target"; axis: filters act along this one only, for profiles.
+    target: (m, n) [m], subtracted by the F-operation "target"; axis: filters act along this one only, for profiles.
     Raises HeightMapError for a mask of another shape.
     """
     how, asked = treatment or Treatment(), asked_cells(map_, mask)

@@ -27,7 +27,7 @@ PRINTED_UNITS: Mapping[str, str] = {"um": "µm", "deg": "°"}
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a surface: `value` in SI, NaN where it was refused for `reason`, else "".
+    """A parameter of a surface: `value` in SI, or NaN with the `reason` why it has none.
 
     symbol: as of ISO, or a key; name: in plain words; unit: of the value, "m", "m3", "rad" or "1".
     """
@@ -68,8 +68,8 @@ def parameters(
     """The parameters of a surface in the order of DEFINITIONS, by default the areal ones of ISO 25178-2.
 
     heights: (m, n) [m], NaN where there is none; mask: (m, n), cells of the part, None: all; pitch [m]; groups:
-    "areal", "form", "volume"; treatment: filters and F-operation, without one the plane is taken off; target, start:
-    (m, n) [m], the heights that the part shall have, and those that were printed on; droplets: that landed. Raises
+    "areal", "form", "volume"; treatment: filters and F-operation, by default the plane is subtracted; target, start:
+    (m, n) [m], nominal heights of the part, and heights before the print; droplets: number of droplets. Raises
     HeightMapError for maps of different shapes.
     """
     subject = Subject(HeightMap(heights, pitch, pitch), mask, target, start, droplets)
@@ -104,7 +104,7 @@ def evaluate(subject: Subject, wanted: Evaluation) -> tuple[Parameter, ...]:
 def found_on_profiles(
     subject: Subject, axis: Axis, treatment: Treatment | None = None
 ) -> tuple[Found, Profiles | None]:
-    """The P-parameters of rows along an axis, or with an L-filter the R-parameters, and what they were evaluated on."""
+    """The P-parameters of rows along an axis, or with an L-filter the R-parameters, and their profiles."""
     how = treatment or Treatment()
     surface = evaluated(subject.map_, subject.mask, how, target=subject.target, axis=axis)
     if isinstance(surface, Refusal):
@@ -113,7 +113,7 @@ def found_on_profiles(
 
 
 def rows(found: Found, chosen: Iterable[str] | None = None) -> tuple[Parameter, ...]:
-    """The parameters that were looked for, or those of them that are chosen, in the order of DEFINITIONS."""
+    """The parameters computed, or the chosen ones of them, in the order of DEFINITIONS."""
     wanted = set(found if chosen is None else chosen)
     return tuple(_row(symbol, found[symbol]) for symbol in DEFINITIONS if symbol in wanted & found.keys())
 

@@ -1,4 +1,4 @@
-"""What is done to the heights before they are evaluated, and which parameters are wanted."""
+"""Treatment of heights before their evaluation, and the choice of parameters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Treatment:
         return f"taken off: {F_OPERATIONS[self.f_operation]}; {self._filters(self.s_filter, self.l_filter)}"
 
     def of(self, group: Group) -> str:
-        """What is done before the parameters of a group are evaluated: form keeps its form, a volume its heights."""
+        """Treatment before the parameters of a group: form keeps its form, a volume its heights."""
         if group == "form":
             return f"nothing taken off; {self._filters(self.s_filter, None)}"
         return "nothing taken off; no filter" if group == "volume" else str(self)

@@ -1,4 +1,4 @@
-"""What a page shows of a run and its comparison runs, as plain values for JSON: texts, tables, figures and maps."""
+"""Content of a page for a run and its comparison runs, as plain values for JSON: texts, tables, figures and maps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inkloop.results.evaluated_surface import parameters_of, subject_of
 from inkloop.results.result import Result
 
 PARAMETERS = ("Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr")
-"""Of ISO 25178-2: those that need no filter and no shape of the part."""
+"""Parameters of ISO 25178-2 that need no filter and no shape of the part."""
 ENDS = {
     "done": "The controller ended the print",
     "layers_max": "The print ended at `layers_max` of the scenario",
@@ -33,8 +33,8 @@ def content(
 ) -> dict[str, Any]:
     """The content of a page for runs by name, the run itself first.
 
-    layer_maps: of each run; known: layers of each run that the page has already, without which it gets all; cells: of
-    each final error map at most.
+    layer_maps: of each run; known: layers of each run that the page already has; cells: of each final error
+    map at most.
     """
     main, summary = next(iter(runs.values())), Summary.of(runs)
     labelled = {name: result.dataset for name, result in runs.items()}
@@ -64,7 +64,7 @@ def content(
 
 
 def state(result: Result) -> str:
-    """How far a run is, in one sentence."""
+    """Progress of a run, in one sentence."""
     layers = result.dataset.sizes["layer"] - 1
     return f"{ENDS.get(result.stop_reason, result.stop_reason)}: {layers} layer{'' if layers == 1 else 's'}."
 

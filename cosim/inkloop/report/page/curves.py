@@ -1,4 +1,4 @@
-"""Curves of several runs as figures of Plotly: errors and droplets by layer, and how final errors are distributed."""
+"""Curves of several runs as figures of Plotly: errors and droplets by layer, and the distribution of final errors."""
 
 from __future__ import annotations
 
@@ -121,5 +121,5 @@ def _numbers(values: Any) -> list[float | None]:
 
 
 def plain(text: str) -> str:
-    """A text of the user for Plotly, which knows some markup: nothing in it is any."""
+    """A text of the user for Plotly, which interprets some markup: all of it is escaped."""
     return html.escape(text, quote=False)

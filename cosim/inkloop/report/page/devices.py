@@ -1,4 +1,4 @@
-"""What a log of devices says of each node."""
+"""State of each node by a log of devices."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 LOG_LINES = 40
-"""The last ones, which a page shows."""
+"""Number of last lines shown on a page."""
 
 
 def devices(log: Path) -> dict[str, Any] | None:

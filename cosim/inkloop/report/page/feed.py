@@ -1,4 +1,4 @@
-"""What the live page shows at the moment: the newest content of a run folder, and its changes for each page."""
+"""Present content of the live page: the newest content of a run folder, and its changes for each page."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from inkloop.report.page.page import MAPS_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
 LOOKS_PER_STATE = 8
-"""Looks at the files for one at the lock of the run, which a run that begins at that moment would find taken."""
+"""Looks at the files per look at the lock of the run, which must not block a run that begins at that moment."""
 ROOM = 1.5
-"""Layers that a page has room for, for each that the scenario needs at least: the last ones are not full."""
+"""Room for layers on a page, relative to the least number that the scenario needs: the last layers are not full."""
 
 
 class Source(Protocol):
@@ -34,7 +34,7 @@ class Feed:
     """The newest content of `source`; `version` grows with each change.
 
     state: a sentence on a run that has not ended; log: of its devices, a file that may not exist; layers: expected for
-    each run. A page gets the layers that it does not have yet, whatever it missed in between.
+    each run. A page gets all layers that it does not have yet, even after missed changes.
     """
 
     def __init__(self, source: Source, state: Callable[[], str], log: Path, layers: int) -> None:

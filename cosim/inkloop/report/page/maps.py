@@ -1,4 +1,4 @@
-"""The maps of a run as a page holds them: means of blocks of cells, in whole steps of 0.01 um, layer by layer.
+"""The maps of a run in a page: means of blocks of cells, in whole steps of 0.01 um, layer by layer.
 
 A stack of layers goes into the page as differences from layer to layer in the smallest whole-number type that holds
 them, deflated and in base64. Each height that the page shows differs from that of the block by half a step at most.
@@ -59,9 +59,9 @@ class Blocks:
 
 
 class PartMeans:
-    """Means over blocks of cells. Of a block that contains cells of the part, only those count.
+    """Means over blocks of cells; in a block that contains cells of the part, over those only.
 
-    So the error on the edge of the part is that of the part. part: blocks that contain cells of it.
+    So errors on the edge of the part are those of the part. part: blocks that contain cells of it.
     """
 
     def __init__(self, mask: BoolMap, block: int) -> None:
@@ -76,7 +76,7 @@ class PartMeans:
 
 
 class LayerMaps:
-    """Heights and droplets of a run by layer in blocks; `extend` adds the layers that a dataset has more."""
+    """Heights and droplets of a run by layer in blocks; `extend` adds the new layers of a dataset."""
 
     def __init__(self, run: xr.Dataset, block: int) -> None:
         self._means = PartMeans(run["mask"].values.astype(bool), block)
@@ -88,7 +88,7 @@ class LayerMaps:
         self.extend(run)
 
     def extend(self, run: xr.Dataset) -> None:
-        """Take the maps from the last known layer on: that one may have been scanned since."""
+        """Read the maps from the last known layer on, which may have been scanned since."""
         first = max(0, len(self.heights) - 1)
         heights, droplets = list(self.heights[:first]), list(self.droplets[:first])
         for layer in range(first, run.sizes["layer"]):
@@ -123,7 +123,7 @@ class LayerMaps:
         }
 
     def _droplets(self, pattern: NDArray[Any]) -> NDArray[np.int8]:
-        """What was jetted in each cell, 0, 1 (A) or 2 (B); of larger blocks the share of cells with a droplet [%]."""
+        """Droplet of each cell, 0, 1 (A) or 2 (B); for larger blocks the share of cells with a droplet [%]."""
         if self.blocks.block == 1:
             return np.asarray(pattern, np.int8)
         cells = self.blocks.sums(np.ones(pattern.shape))
@@ -136,7 +136,7 @@ def step_um(run: xr.Dataset) -> float:
 
 
 def final_errors(run: xr.Dataset, cells: float) -> dict[str, Any]:
-    """Target minus final height over the part, in blocks of its own: as many as `cells`, more than those of a layer."""
+    """Target minus final height over the part, in blocks of its own: at most `cells`, more than those of a layer."""
     block = block_for(run, cells)
     means = PartMeans(run["mask"].values.astype(bool), block)
     error = means.of((run["target_height"] - run[HEIGHT][-1]).values) * (UM_PER_M / step_um(run))

@@ -1,7 +1,7 @@
 """Write the page of a run: style, scripts and content in one file that loads nothing, or as parts that a server sends.
 
-A Content-Security-Policy allows the scripts of the page by their hashes and nothing else: whatever a title, a label or
-a scenario holds, none of it runs. Plotly needs styles of its own and pictures that it makes itself.
+A Content-Security-Policy allows the scripts of the page by their hashes and nothing else: no text in a title, a label
+or a scenario can run. Plotly needs styles of its own and pictures that it makes itself.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from inkloop.results.result import Result
 
 FILE = "report.html"
 SCRIPTS = ("maps.js", "charts.js", "page.js")
-"""Ours, in the order in which they run; Plotly runs before them."""
+"""Scripts of this package, in the order in which they run; Plotly runs before them."""
 FILE_BYTES_MAX = 25_000_000
 OTHERS_BYTES = 6_500_000
-"""Of a file: Plotly, 4.8 MB, style, scripts, texts and curves."""
+"""Bytes of a file besides the maps: Plotly, 4.8 MB, style, scripts, texts and curves."""
 MAPS_BYTES_MAX = FILE_BYTES_MAX - OTHERS_BYTES
 PACKED_SHARE = 0.5
-"""Bytes in base64 for a byte of differences: what rough layers take (measured); smooth ones take less."""
+"""Bytes in base64 per byte of differences in rough layers (measured); smooth layers have fewer."""
 
 
 def write(path: Path, runs: Mapping[str, Result], log: Path) -> None:
@@ -74,13 +74,13 @@ def standalone(content_: Mapping[str, Any]) -> str:
 
 
 def served() -> str:
-    """The page that loads its scripts and its content from where it comes from."""
+    """The page that loads its scripts and its content from its server."""
     sources = ["plotly.js", *SCRIPTS]
     return _page(LIVE_SOURCES, [f'<script src="{source}"></script>' for source in sources])
 
 
 LIVE_SOURCES = "script-src 'self'; connect-src 'self'"
-"""What the live page may load, in addition to `POLICY`."""
+"""Sources that the live page may load, in addition to `POLICY`."""
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data: blob:; style-src 'unsafe-inline'"
 
 

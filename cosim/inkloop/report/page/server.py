@@ -1,7 +1,7 @@
 """Serve the live page on this machine: the page, its scripts, the content, and a stream of events.
 
-An event says that there is something new; the page then asks for what it does not have. A slow page misses events, not
-layers and delays no other: the process that prints does not know of any of this.
+An event reports a change; the page then requests the content that it lacks. A slow page misses events, not layers and
+delays no other: the process that prints does not know of any of this.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from inkloop.report.page.feed import Feed
 
 HOST = "127.0.0.1"
 HOSTS = (HOST, "localhost")
-"""Names under which a browser may ask; another one is that of a site that has itself resolved to this machine."""
+"""Host names in a valid request; any other belongs to a site that resolves itself to this machine."""
 LOOK_S = 0.25
-"""Between two looks at the files of the run."""
+"""Seconds between two looks at the files of the run."""
 END_S, GRACE_S = 2, 1
-"""For connections and for streams that are open when the server ends."""
+"""Seconds for open connections and streams when the server ends."""
 DIGITS = 9
-"""Of a number of layers that a page may say it has."""
+"""Largest number of digits in a number of layers sent by a page."""
 
 
 class Events:
-    """Tells all pages that are open of each change of a feed."""
+    """Notifies all open pages of each change of a feed."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed

@@ -59,7 +59,7 @@ def reproduce(options: argparse.Namespace, console: Terminal) -> int:
 def write(
     folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, object], pictures: Sequence[str]
 ) -> None:
-    """Write the table (.txt, .md, .csv), the pictures and how they came about. Raises ResultError."""
+    """Write the table (.txt, .md, .csv), the pictures and their origin. Raises ResultError."""
     rows = [row for part in parts.values() for row in part.rows]
     text = io.StringIO()
     page = Terminal(text, width=140)

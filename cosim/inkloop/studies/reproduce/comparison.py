@@ -20,8 +20,8 @@ class Row:
     """One figure of a paper.
 
     where: its table, figure or section; printed: None where the paper prints no number; ours, with the standard
-    deviation over prints as `scatter`; within: largest difference at which it counts as reproduced, None where the two
-    cannot be compared, for example printed on another plant; remark: why it differs, or how it was read.
+    deviation over prints as `scatter`; within: largest difference of a reproduced figure, None if the two cannot be
+    compared, for example printed on another plant; remark: reason of a difference, or method of reading.
     """
 
     where: str
@@ -35,7 +35,7 @@ class Row:
 
     @property
     def reproduced(self) -> str:
-        """Whether ours is the printed figure; "-" where nothing is to be compared."""
+        """Whether the figure is reproduced; "-" if it cannot be compared."""
         if self.printed is None or self.within is None:
             return "-"
         if abs(self.ours - self.printed) <= self.within:

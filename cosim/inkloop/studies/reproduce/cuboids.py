@@ -1,4 +1,4 @@
-"""The cuboid of Table II (Lu, Zheng, Mishra 2015), in 8 x 8 and 9 x 9 droplets, and how far it grows sideways."""
+"""The cuboid of Table II (Lu, Zheng, Mishra 2015), in 8 x 8 and 9 x 9 droplets, and its lateral growth."""
 
 from __future__ import annotations
 

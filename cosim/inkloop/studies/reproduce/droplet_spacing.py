@@ -25,7 +25,7 @@ RIBS = (
 
 
 def find(quick: bool) -> Part:
-    """One layer of 9 x 9 droplets at each spacing: how uneven its inner 5 x 5 cells are."""
+    """Unevenness of the inner 5 x 5 cells of one layer of 9 x 9 droplets at each spacing."""
     factors = SWEEP[::6] if quick else SWEEP
     rows, found = [], []
     for gamma in factors:

@@ -1,4 +1,6 @@
-"""Liquid bodies once more, by triangles and scikit-fem: what the paper does in MATLAB, and a peer of our kernel."""
+"""Liquid bodies by finite elements with scikit-fem: the method of the paper, which uses MATLAB, to compare with our
+kernel.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ NEWTON_MAX, NEWTON_TOLERANCE, RUN_AWAY = 40, 1e-9, 1e3
 
 
 def is_installed() -> bool:
-    """Whether there is scikit-fem, which `pip install inkloop[reproduce]` brings."""
+    """Whether scikit-fem is installed (`pip install inkloop[reproduce]`)."""
     try:
         import skfem  # noqa: F401
     except ImportError:
@@ -93,7 +95,7 @@ def solve(
     load = skfem.LinearForm(_one).assemble(basis)
     pressure, steps = 0.0, 1 if form == "linear" else NEWTON_MAX
     for step in range(steps):
-        linear = form == "linear" or step == 0  # the linear form's surface is where Newton begins
+        linear = form == "linear" or step == 0  # Newton's method begins from the linear form's surface
         stiffness = skfem.BilinearForm(_laplace if linear else _tangent)
         residual = skfem.LinearForm(_slope if linear else _curvature)
         before = basis.interpolate(values)

@@ -11,7 +11,7 @@ GIVEN = "t_dep is a given value, not a result"
 
 
 def time_scales(quick: bool) -> Part:
-    """Table 1, and the numbers that the text argues with."""
+    """Table 1, and the dimensionless numbers in the text."""
     ink = Liquid()
     where, text = "Table 1", "the paper calls it small and gives no number"
     return Part(

@@ -1,4 +1,4 @@
-"""How edges shrink layer by layer: section III-C, and the domes of Fig. 8, 21 and 22 (Lu, Zheng, Mishra 2015)."""
+"""Shrinkage of edges layer by layer: section III-C, and the domes of Fig. 8, 21 and 22 (Lu, Zheng, Mishra 2015)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ADDITIVE = "the traditional model: sum of caps 413 µm wide and 4.4 µm high; th
 
 
 def find(quick: bool) -> Part:
-    """All of it takes a moment; quick or not."""
+    """All comparisons; they take a moment, quick or not."""
     line = _layers(
         LayerDeposition(heights=((H1 / UM_PER_M, H2 / UM_PER_M, 0.0),)), np.ones((LINE, 1), dtype=np.int32), LAYERS
     )

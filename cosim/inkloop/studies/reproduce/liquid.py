@@ -1,4 +1,6 @@
-"""What a jetted liquid is: its time scales and numbers, and whether a droplet is at rest before the next one comes."""
+"""Properties of a jetted liquid: its time scales and numbers, and whether a droplet is at rest before the next one
+comes.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,7 @@ class Liquid:
         return self.viscosity / math.sqrt(self.density * self.surface_tension * self.diameter)
 
     def objections(self) -> list[str]:
-        """Why the quasi-static model would not hold for this liquid, a sentence each; none if it does.
+        """Reasons why the quasi-static model does not hold for this liquid, a sentence each; none if it does.
 
         The limits, a tenth for Bond and 1 for Ohnesorge, are assumed; the paper asks for "much smaller than 1" and
         "low".

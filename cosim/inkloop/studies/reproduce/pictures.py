@@ -87,7 +87,7 @@ def square(surface: FineSurface) -> Figure:
 
 
 def square_walls(profiles: Mapping[str, tuple[FloatMap, FloatMap, float]]) -> Figure:
-    """End and side walls as a profiler sees them, to scale; dotted the nominal part of ten even layers."""
+    """End and side walls as measured by a profiler, to scale; dotted the nominal part of ten even layers."""
     figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
     for number, axes in enumerate(figure.subplots(2, 1, sharex=True)):
         for colour, (name, shown) in zip(COLOURS, profiles.items(), strict=False):

@@ -1,4 +1,4 @@
-"""Whether a pattern is found again from the surface that it made (Lu, Zheng, Mishra 2015, IV-C)."""
+"""Recovery of a pattern from the surface that it made (Lu, Zheng, Mishra 2015, IV-C)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CONTROLLERS: Mapping[str, tuple[str, dict[str, object]]] = {
 
 
 def find(quick: bool) -> Part:
-    """How many of 50 (quick: 10) random patterns each controller finds again."""
+    """Number of patterns that each controller recovers, of 50 (quick: 10) random ones."""
     count = 10 if quick else COUNT
     rows = []
     for name, (kind, options) in CONTROLLERS.items():
@@ -46,7 +46,7 @@ def _finds_again(kind: str, options: dict[str, object], seed: int) -> bool:
 
 
 def first_pattern(kind: str, job: Job, options: dict[str, object], height: FloatMap) -> NDArray[np.int32]:
-    """What a controller commands on a surface; no droplet if it takes the print for done."""
+    """First pattern that a controller commands on a surface; no droplet if it considers the print done."""
     controller = catalog.make(kind, job, options)
     scan = {
         MEASURED_HEIGHT: height,

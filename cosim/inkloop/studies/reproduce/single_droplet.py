@@ -37,7 +37,7 @@ FLOOR = (
 )
 FITTED = "22 points were chosen so that the printed errors come out: a possible cause, no reproduction"
 COARSE_OUTLINE = 22
-"""Points of an outline on the circle with which the printed errors come out: found by trial."""
+"""Points of an outline on the circle that reproduce the printed errors: found by trial."""
 ANOTHER_COMPUTER = "on one core of this computer; the paper used another, with MATLAB"
 PARABOLOID = "the linear form has a different surface on this base: its centre is 0.834 µm higher, whatever the mesh"
 

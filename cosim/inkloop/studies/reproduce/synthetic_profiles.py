@@ -1,7 +1,7 @@
-"""Profiles as a profilometer would measure them around drops that fall on cured ones: the experiment of Wu and Chiu.
+"""Synthetic profiles of a profilometer around drops that fall on cured ones: the experiment of Wu and Chiu.
 
 The paper prints no profiles. These come from its own model with its own coefficients, or from drops that rest under
-surface tension, with volumes that vary and heights that are read with noise; both amounts are assumed.
+surface tension, with random volumes and noise of the heights; both amounts are assumed.
 """
 
 from __future__ import annotations

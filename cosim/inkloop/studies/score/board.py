@@ -24,15 +24,15 @@ SEEDS = (1, 2, 3)
 FOLDER = Path(__file__).parent
 METRICS = ("mean_error", "mae", "rms", "std", "highest", "layers", "droplets")
 HIGH_UM = 5.0
-"""A cell this far above the target is more than the unevenness of single droplets (assumed)."""
+"""Least height of a cell above the target beyond the unevenness of single droplets (assumed)."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """A controller of the board.
 
-    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets'
-    volume in the proportions of Lu et al., Table I; note: text, what it knows.
+    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets' volume
+    in the proportions of Lu et al., Table I; note: text, its knowledge.
     """
 
     name: str
@@ -63,7 +63,7 @@ ENTRIES = (
     Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink given to superposition"),
 )
 AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
-"""Entries that a user's controller is compared with."""
+"""Entries compared with a user's controller."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Score:
         return max(self.figures["highest"]) * UM_PER_M
 
     def ends_above(self, open_loop: Score) -> bool:
-        """Whether a cell ends higher than all that the open loop prints, and more than `HIGH_UM` above the target."""
+        """Whether a cell ends higher than every cell of the open loop, and more than `HIGH_UM` above the target."""
         return is_above(self.highest_um, open_loop.highest_um)
 
 
@@ -114,7 +114,7 @@ def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
 
 
 def overrides_of(entry: Entry) -> dict[str, Any]:
-    """What puts a controller into the scenario of a plant."""
+    """Overrides that put a controller into the scenario of a plant."""
     options = {f"components.controller.{name}": value for name, value in entry.options.items()}
     return {"components.controller.kind": entry.kind, **options}
 

@@ -63,7 +63,7 @@ def _scored(
     pictures: Sequence[str],
     console: Terminal,
 ) -> int:
-    """Print all, then write and show the tables of what is complete."""
+    """Print all, then write and show the tables of complete plants."""
     found, interrupted = _all(entries, plants, seeds, console)
     complete = [one for one in found if one.plant in {other.plant for other in found if other.entry is OPEN_LOOP}]
     if complete:

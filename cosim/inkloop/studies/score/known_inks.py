@@ -1,4 +1,4 @@
-"""Inks of a plant as a controller may know them: its volume only, one droplet, or the best fit to many layers."""
+"""Inks of a plant at three levels of knowledge: its volume only, one droplet, or the best fit to many layers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ Pattern = NDArray[np.int32]
 
 
 def surfaces(scenario: Scenario, patterns: Sequence[Pattern]) -> Iterator[FloatMap]:
-    """What the printer of a scenario makes of patterns, without controller and sensor: the start, then each layer [m].
+    """Surfaces of patterns printed by the printer of a scenario, without controller and sensor: the start, then each
+    layer [m].
 
     Raises ScenarioError, ComponentError.
     """
@@ -39,9 +40,9 @@ def surfaces(scenario: Scenario, patterns: Sequence[Pattern]) -> Iterator[FloatM
 
 
 def single_droplet(scenario: Scenario) -> Ink:
-    """What one droplet on flat ground leaves on its own cell, and on its side and corner neighbours, their means.
+    """Mean heights that one droplet on flat ground adds to its own cell, and to its side and corner neighbours.
 
-    This is all that a model which adds droplets up, without flow, knows of a plant.
+    A model without flow, which adds droplets up, knows nothing else of a plant.
     """
     grid = scenario.tables.grid
     i, j = grid.nx // 2, grid.ny // 2

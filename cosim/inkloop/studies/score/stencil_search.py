@@ -1,4 +1,4 @@
-"""A controller that looks one layer ahead with a stencil of any reach, to judge a stencil by its closed loop."""
+"""A controller that plans one layer ahead with a stencil of any reach, to judge a stencil by its closed loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Pattern = NDArray[np.int32]
 Cell = tuple[int, int]
 
 GAIN_M = 1e-12
-"""By which a change must lower the objective: above rounding, far below a droplet."""
+"""Least decrease of the objective by a change: above rounding, far below a droplet."""
 
 
 class StencilSearch:

@@ -34,7 +34,7 @@ def by_version(scores: Sequence[Score]) -> dict[str, list[Score]]:
 
 
 def how_to_cite(version: str, seeds: Sequence[int]) -> str:
-    """One sentence that makes a table comparable."""
+    """One sentence for citing a table."""
     return (
         f"inkloop {__version__}, score board {version} (plants {fingerprint(version)}), seeds "
         f"{', '.join(map(str, seeds))}; cite inkloop (CITATION.cff) and the papers of the plants."
@@ -148,7 +148,7 @@ def spreadsheet(scores: Sequence[Score], seeds: Sequence[int]) -> str:
 
 
 def picture(scores: Sequence[Score]) -> Figure:
-    """Rms of each controller on each plant, coloured by how it compares with the open loop, by version."""
+    """Rms of each controller on each plant, coloured by the ratio to the open loop, by version."""
     versions = by_version(scores)
     count = len({score.entry.name for score in scores})
     figure = Figure(figsize=(WIDTH_IN, len(versions) * (1.0 + 0.26 * count) + 0.3), layout="constrained")

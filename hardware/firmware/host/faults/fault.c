@@ -3,7 +3,7 @@
 #include "inkloop.h"
 #include "random.h"
 
-enum { FIRST_STREAM = 100, STEP_DOWNLOAD = 8 /* after those of StepKind */, STEP_UPLOAD };
+enum { FIRST_STREAM = 100, STEP_DOWNLOAD = 8 /* first random stream, after those of StepKind */, STEP_UPLOAD };
 enum { FLOW_CONTROL = 0x3, FIRST_ISOTP_ID = INKLOOP_HEAD_REQUEST_FRAME_ID };
 enum { LAST_ISOTP_ID = INKLOOP_PROFILER_ANSWER_FRAME_ID, POSITIVE = 0x40, NEGATIVE = 0x7F };
 
@@ -27,7 +27,7 @@ void faults_arm(Faults *faults, Bench *bench) {
             faults->fault[k].armed = is_reached(&faults->fault[k], bench_node(bench, node));
 }
 
-/* Counts one that fits; whether it is hit, or one of the `in_a_row` before it was. */
+/* Counts an event that matches; returns whether it is hit, or one of the `in_a_row` before it was. */
 static bool is_hit(Fault *fault, uint32_t id, uint32_t in_a_row) {
     const int32_t place = (int32_t)(fault->seen[id % STANDARD_IDS]++ & INT32_MAX);
     fault->fitting++;
@@ -55,7 +55,7 @@ static bool is_supervised(uint32_t id) {
            (id >= INKLOOP_HEAD_STATUS_FRAME_ID && id <= INKLOOP_PROFILER_STATUS_FRAME_ID);
 }
 
-/* Whose frame it is, either way; ANY for those of no single node. */
+/* Node of a frame, either way; ANY for frames of no single node. */
 static int32_t node_of(uint32_t id) {
     if (id >= FIRST_ISOTP_ID && id <= LAST_ISOTP_ID)
         return (int32_t)((id - FIRST_ISOTP_ID) / 2);

@@ -1,4 +1,4 @@
-/* A requested fault: which, on which frames or at which step, how often. Text:
+/* A requested fault: its kind, the frames or the step that it hits, and its frequency. Text:
  *
  *     KIND[:key=value,...]     loss:probability=1e-3    burst:id=0x640,nth=40    reboot:node=head,step=pass,layer=2
  *
@@ -15,7 +15,7 @@
 #include "can_frame.h"
 
 typedef enum {
-    FAULT_LOSS, /* frames on their way */
+    FAULT_LOSS, /* faults of frames on the wire */
     FAULT_BURST,
     FAULT_CORRUPTION,
     FAULT_DUPLICATION,
@@ -25,10 +25,10 @@ typedef enum {
     FAULT_MALFORMED_LINE,
     FAULT_STUCK_COUNTER,
     FAULT_BAD_CHECK,
-    FAULT_LATE_ANSWER, /* answers of a node */
+    FAULT_LATE_ANSWER, /* faults of a node's answers */
     FAULT_REPEATED_ANSWER,
     FAULT_SHORT_MAP,
-    FAULT_REBOOT, /* nodes, masters and adapters */
+    FAULT_REBOOT, /* faults of nodes, masters and adapters */
     FAULT_DEATH,
     FAULT_HANG,
     FAULT_BROKEN,
@@ -40,19 +40,20 @@ typedef enum {
 
 typedef enum { TO_NODES, FROM_NODES, WAYS } Way;
 
-enum { END_SWITCHES = 8 /* part, after those of the defects of a world */ };
+enum { END_SWITCHES = 8 /* parts, after those of the defects of a world */ };
 enum { ANY = -1, FAULTS_MAX = 16, STANDARD_IDS = CAN_ID_MAX + 1 };
 
 typedef struct {
     FaultKind kind;
-    double probability;  /* of each frame; 0: once, at the nth */
-    uint32_t nth, count; /* from the nth that fits, this many in a row; nth 0: the first, an event at once */
-    uint32_t frames; /* how long: frames that overtake a delayed one, MasterAlive frames of a death; 0: without end */
+    double probability; /* probability for each frame; 0: once, at the nth */
+    /* first match that is hit, and number of hits in a row; nth 0: the first, an event at once */
+    uint32_t nth, count;
+    uint32_t frames; /* duration: frames that overtake a delayed one, MasterAlive frames of a death; 0: without end */
     int32_t way, id, node, service, byte, part;
-    int32_t layer, pass, step; /* it waits until a node is in such a step; ANY: it does not wait */
+    int32_t layer, pass, step; /* node state that arms the fault; ANY: armed from the start */
     int32_t seed;
 
-    uint32_t number; /* its place among the faults */
+    uint32_t number; /* index among the faults */
     bool armed, over;
     uint32_t fitting, left, hits;
     uint32_t seen[STANDARD_IDS];
@@ -63,16 +64,16 @@ typedef struct {
     uint32_t count;
 } Faults;
 
-/* Arms the faults that waited for a step that a node is in now. Call once per turn. */
+/* Arms the faults whose step a node is in now. Call once per turn. */
 void faults_arm(Faults *faults, Bench *bench);
 
-/* Whether a frame on its way is hit. */
+/* Whether the fault hits a frame on the wire. */
 bool fault_hits_frame(Fault *fault, Way way, const CanFrame *frame);
 
-/* Whether an answer of a node is hit. */
+/* Whether the fault hits an answer of a node. */
 bool fault_hits_answer(Fault *fault, int node, const uint8_t *answer, size_t length);
 
-/* Whether an event is due; `frame`: one that came from an adapter, NULL in a turn without. */
+/* Whether an event is due; `frame`: a frame from an adapter, NULL in a turn without. */
 bool fault_happens(Fault *fault, const CanFrame *frame);
 
 #endif

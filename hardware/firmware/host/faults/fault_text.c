@@ -23,7 +23,7 @@ static const char *const PART_NAMES[] = {
 
 typedef struct {
     const char *name;
-    const char *const *choices; /* NULL: a number */
+    const char *const *choices; /* names of the values; NULL: a number */
     size_t at;
     double least, most;
 } KeyOf;
@@ -69,7 +69,7 @@ static bool read_probability(Fault *fault, const char *text) {
     return rest != text && *rest == '\0' && fault->probability > 0.0 && fault->probability <= 1.0;
 }
 
-/* -1: no such key; 0: not a value for it; 1: read. */
+/* -1: unknown key; 0: invalid value; 1: read. */
 static int read_pair(Fault *fault, const char *name, const char *value) {
     if (strcmp(name, "probability") == 0)
         return read_probability(fault, value);
@@ -128,7 +128,7 @@ static bool next_word(const char **text, const char *ends, char word[WORD]) {
 }
 
 bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
-    char name[WORD] = "", value[WORD] = ""; /* a word that is too long is not read */
+    char name[WORD] = "", value[WORD] = ""; /* empty if a word is too long */
     if (!next_word(&text, ":", name) || !read_kind(fault, name)) {
         snprintf(why, room, "no fault is called %s", name);
         return false;

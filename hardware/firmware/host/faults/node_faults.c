@@ -37,7 +37,7 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
     case FAULT_DEATH:
         die(faulty, fault->node, fault->frames);
         break;
-    case FAULT_HANG: /* its outputs stay as they are, until the watchdog bites */
+    case FAULT_HANG: /* its outputs stay as they are until the watchdog expires */
         faulty->node[fault->node].dead = true;
         break;
     case FAULT_BROKEN:
@@ -72,7 +72,7 @@ void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now)
             happen(faulty, &faulty->faults->fault[k], now);
 }
 
-/* An answer of which the first frame is yet to be sent. */
+/* Spoils an answer before its first frame is sent. */
 static void spoil(NodeFaults *faulty, int node, Fault *fault) {
     FaultyNode *one = &faulty->node[node];
     Isotp *link = &faulty->frames[node].link;
@@ -89,7 +89,7 @@ static void spoil(NodeFaults *faulty, int node, Fault *fault) {
         link->sending.state = ISOTP_SEND_IDLE;
 }
 
-/* The late answer goes first, the new one after it. */
+/* Sends the late answer first, the new one after it. */
 static void let_late_one_go(FaultyNode *one, Isotp *link) {
     uint8_t newer[ISOTP_LENGTH_MAX];
     const uint16_t length = link->sending.length;

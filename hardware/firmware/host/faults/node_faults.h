@@ -9,8 +9,8 @@
 /* One node with its end of the bus. */
 typedef struct {
     bool dead;
-    uint32_t revives_after; /* MasterAlive frames; 0: never */
-    bool is_late;           /* `kept` was held back, and goes out before the next answer; else it is sent again */
+    uint32_t revives_after; /* MasterAlive frames until the node revives; 0: never */
+    bool is_late;           /* `kept` was held back, and is sent before the next answer; else it is sent again */
     size_t kept_length;
     uint8_t kept[ISOTP_LENGTH_MAX];
 } FaultyNode;
@@ -21,23 +21,23 @@ typedef struct {
     Hub *hub;
     NodeFrames *frames; /* BENCH_NODES */
     FaultyNode node[BENCH_NODES];
-    int master_adapter; /* where the last MasterAlive came from */
+    int master_adapter; /* adapter of the last MasterAlive */
     uint32_t intrusions;
     uint8_t intruder_counter;
 } NodeFaults;
 
 void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub, NodeFrames *frames);
 
-/* Power for a node: at the start, and after a fault. */
+/* Powers up a node: at the start, and after a fault. */
 void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now);
 
-/* Makes all events happen that are due; `frame`: the one that has just come from an adapter, NULL once per turn. */
+/* Executes all events that are due; `frame`: the frame that has just come from an adapter, NULL once per turn. */
 void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now);
 
-/* Does what `node_frames_tick` does, with faulty answers; not for a dead node. */
+/* Replaces `node_frames_tick`, with faulty answers; not for a dead node. */
 void node_faults_tick(NodeFaults *faulty, int node, uint32_t now);
 
-/* The MasterAlive of a second master that follows `frame`, if one does. */
+/* The MasterAlive of a second master that follows `frame`, if any. */
 bool node_faults_intrude(NodeFaults *faulty, const CanFrame *frame, CanFrame *other);
 
 #endif

@@ -1,4 +1,4 @@
-/* The wire between adapters and nodes: every frame passes it, either way, and through every fault in turn. */
+/* The wire between adapters and nodes: every frame in either direction passes through every fault in turn. */
 #ifndef INKLOOP_WIRE_FAULTS_H
 #define INKLOOP_WIRE_FAULTS_H
 
@@ -6,7 +6,7 @@
 
 enum { HELD_FRAMES = 64 };
 
-/* The takers of frames; `line`: bytes that an adapter writes in place of a frame. */
+/* Receivers of frames; `line`: bytes that an adapter writes in place of a frame. */
 typedef struct {
     void *context;
     void (*frame)(void *context, Way way, const CanFrame *frame);
@@ -17,19 +17,19 @@ typedef struct {
     CanFrame frame;
     Way way;
     uint32_t behind; /* frames of its direction that still overtake it; 0: the place is free */
-    uint32_t next;   /* fault that it meets next */
+    uint32_t next;   /* index of its next fault */
 } HeldFrame;
 
 typedef struct {
     Faults *faults;
     WireEnds ends;
     HeldFrame held[HELD_FRAMES];
-    uint8_t counter[STANDARD_IDS]; /* of the supervised frame before */
+    uint8_t counter[STANDARD_IDS]; /* counter of the last supervised frame */
 } WireFaults;
 
 void wire_faults_init(WireFaults *wire, Faults *faults, const WireEnds *ends);
 
-/* Takes a frame; it comes out at once, later, twice, altered, or never. */
+/* Takes a frame; it is delivered at once, later, twice, altered, or never. */
 void wire_faults_pass(WireFaults *wire, Way way, const CanFrame *frame);
 
 #endif

@@ -29,7 +29,7 @@ def rough(job: Job, seed: int) -> Any:
 
 
 def footprint(job: Job, i: int, j: int) -> Any:
-    """What a droplet adds to the part on flat ground."""
+    """Heights that a droplet adds to the part on flat ground."""
     added = np.zeros((job.nx, job.ny))
     for di, dj in np.ndindex(3, 3):
         added[i + di - 1, j + dj - 1] = (INK.h1, INK.h2, INK.h3)[abs(di - 1) + abs(dj - 1)]

@@ -1,4 +1,4 @@
-"""What the layers of a print show about the ink, and what is not caused by the ink."""
+"""Learning of the ink from the layers of a print, and disturbances that are not caused by the ink."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ OUTSIDE = (3, 4)  # cell of the part that the profiler reads as if it were outsi
 
 
 def is_limit_passed(ledger: Any, least: float = LEAST) -> Any:
-    """Where droplets of the least volume have built more than the target and one more layer."""
+    """Cells where droplets of the least volume have built more than the target and one more layer."""
     return least * ledger > TARGET + LAYER
 
 

@@ -34,12 +34,12 @@ def hook(nx: int = 22, ny: int = 22) -> Job:
 
 
 Show = Callable[[list[Any]], Any]
-"""What is shown of all scans so far."""
+"""The scan shown, by all scans so far."""
 
 
 @dataclass(frozen=True)
 class Lie:
-    """What is shown, and how it is told; begins: the first layer whose scan is wrong."""
+    """The scan shown, and its transform; begins: the first layer whose scan is wrong."""
 
     show: Show
     reason: UntrustedReason

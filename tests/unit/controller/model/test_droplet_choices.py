@@ -1,4 +1,4 @@
-"""What may be jetted where: regions over the horizon, drop sizes, dead nozzles."""
+"""Droplets allowed on each cell: regions over the horizon, drop sizes, dead nozzles."""
 
 from __future__ import annotations
 

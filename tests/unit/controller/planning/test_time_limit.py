@@ -71,7 +71,7 @@ def found(limit: float, of: HorizonProblem | None = None) -> FoundPlan:
 
 
 def looks() -> float:
-    """How many looks at the stopwatch there were; this is one."""
+    """Number of looks at the stopwatch so far, this one included."""
     look = library().stopwatch_seconds
     look.restype = ctypes.c_double
     return float(look())

@@ -78,7 +78,7 @@ def values_of(problem: HorizonProblem, plan: IntPlan) -> dict[str, float]:
 
 
 def chance_of(problem: HorizonProblem, before: Any, pattern: Any) -> Any:
-    """What the last droplets leave to chance [um], each from the layer model with that droplet alone."""
+    """Uncertainty of the last droplets [um], each from the layer model with that droplet alone."""
     share = np.sqrt(3.0) * problem.droplet_std * UM_PER_M
     chance = np.full(pattern.shape, share * min(kind.h1 for kind in problem.kinds))
     for cell in zip(*np.nonzero(pattern), strict=True):

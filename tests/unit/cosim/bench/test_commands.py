@@ -1,4 +1,4 @@
-"""What the actions on a bench are given; no bus is there."""
+"""Arguments of the actions on a bench; without a bus."""
 
 from __future__ import annotations
 

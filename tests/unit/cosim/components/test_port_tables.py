@@ -1,4 +1,4 @@
-"""Which variables of an FMU stand behind which ports: values there and back, and error messages."""
+"""Mapping of an FMU's variables to ports: values in both directions, and error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a variable of an FMU takes, and the words with which it refuses the rest; conversions between units."""
+"""Values that a variable of an FMU accepts, and messages for the others; conversions between units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hangs in the air: found by geometry, held by support, or left out."""
+"""Overhangs: found by geometry, held by support, or left out."""
 
 from __future__ import annotations
 

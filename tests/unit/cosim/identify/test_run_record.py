@@ -1,4 +1,4 @@
-"""What a run tells of an ink: its scans, or the surfaces of a run without a profiler, from one layer on."""
+"""Data of a run for identification: its scans, or the surfaces of a run without a profiler, from one layer on."""
 
 from __future__ import annotations
 

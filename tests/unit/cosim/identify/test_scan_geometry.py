@@ -1,4 +1,4 @@
-"""Where displaced scans read the surface, against the profiler of the rig; x and y differ in everything."""
+"""Places of displaced readings, against the profiler of the rig; x and y differ in everything."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ BACK = {
     "turned by 270": "turned by 90 degrees",
     "transposed and turned": "transposed and turned by 180 degrees",
 }
-"""What the profiler of the rig does to the scans, and what brings them back."""
+"""Transforms of the scans by the profiler of the rig, and their inverses."""
 OBLONG = ("mirrored in x", "mirrored in y", "turned by 180")
 PLANTS = {
     "no flow": Plant(flows=False),

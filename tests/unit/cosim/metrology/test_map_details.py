@@ -1,4 +1,4 @@
-"""Headers, keys and bounds of maps one by one: what each of them means, and where a limit begins."""
+"""Headers, keys and bounds of maps one by one: their meaning, and the exact limits."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def fine(heights: Any) -> HeightMap:
 
 
 AT_HOME = Registration(-100e-6, -100e-6)
-"""Where the first pixel of `fine` lies."""
+"""Place of the first pixel of `fine`."""
 
 
 def test_placed_map_says_how_much_of_the_part_it_shows() -> None:

@@ -1,4 +1,4 @@
-"""What an environment is made with: weights, options of controllers, components that may stand in it, pictures."""
+"""Options of an environment: weights, options of controllers, allowed components, pictures."""
 
 from __future__ import annotations
 

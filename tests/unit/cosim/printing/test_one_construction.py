@@ -39,7 +39,7 @@ def once(*names: str) -> dict[str, int]:
 
 @pytest.fixture
 def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
-    """What happens how often, by name."""
+    """Number of calls, by name."""
     found: dict[str, Counter[str]] = {}
 
     def count(place: Any, name: str, what: str, key: Callable[..., str]) -> None:

@@ -47,7 +47,7 @@ class Kept:
 
 
 class Loop:
-    """What a print asks of a scenario; `parts` are the components of the newest print."""
+    """The interface of a scenario for a print; `parts` are the components of the newest print."""
 
     def __init__(
         self, *, saves: bool = True, fails_ns: int | None = None, events: tuple[Event, ...] = (), **limits: Any

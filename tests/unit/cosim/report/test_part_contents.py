@@ -1,4 +1,4 @@
-"""What is said and drawn of a part before its print, worked out by hand for a block on legs."""
+"""Report and picture of a part before its print, worked out by hand for a block on legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in the pictures of a run: each line, bar and label against the figures that it shows."""
+"""Content of the pictures of a run: each line, bar and label against its figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a checkpoint holds, and when a run can be resumed from it."""
+"""Content of a checkpoint, and conditions for resuming a run from it."""
 
 from __future__ import annotations
 

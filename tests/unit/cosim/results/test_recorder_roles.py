@@ -1,4 +1,4 @@
-"""What a recorder keeps of each component, and to which layer it belongs, step by step with values made up by hand."""
+"""Values that a recorder keeps of each component, and their layers, step by step with values made up by hand."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def number(value: float) -> np.ndarray:
 
 
 def seen(events: list[Event], layer: int, time_ns: int = 0) -> float:
-    """What `a` gets at its open input x, whose start value is 1."""
+    """Value of `a` at its open input x, whose start value is 1."""
     return float(Manipulator(events, PARTS).inputs("a", {}, time_ns, layer)["x"])
 
 

@@ -1,4 +1,4 @@
-"""What is printed and ours side by side, and what the reproductions stand on."""
+"""Published and computed figures side by side, and the basis of the reproductions."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ NOT_PRINTED_OR_PUT_IN = {
     "Table 1": "t_dep, at 8 kHz",
     "IV-C: recoverability": "LayerMpc, one layer ahead",
 }
-"""Where no row of the page may be called reproduced, or one of them: no paper prints the figure, or it was put in."""
+"""Places of which no row, or one row, may count as reproduced: no paper prints the figure, or it was an input."""
 
 
 def rows_of_the_page() -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""What holds a part with overhangs: refused without a word about it, held by ink B, or printed as far as it stands."""
+"""Support of a part with overhangs: required in the file, held by ink B, or printed as far as it stands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the bus process sends is sorted; once it has ended, or says nothing any more, every call raises its message."""
+"""Frames of the bus process are sorted; once it has ended, or is silent, every call raises its message."""
 
 from __future__ import annotations
 

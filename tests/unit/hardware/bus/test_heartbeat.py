@@ -27,7 +27,7 @@ class Loop:
         self.silences: list[float] = []
 
     def run(self, seconds: float, word: Enables | None) -> list[MasterAlive]:
-        """What was sent meanwhile."""
+        """Frames sent meanwhile."""
         before = len(self.sent)
         until = self.now + seconds
         while self.now < until - STEP / 2:

@@ -1,4 +1,4 @@
-"""The parts of the bus process: what crosses the pipes, what does not wait, what a killed run leaves on disk."""
+"""The parts of the bus process: messages over the pipes, calls that do not wait, and the disk after a killed run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When an adapter may be opened again, and what else on the bus keeps everything disabled; without a bus."""
+"""Conditions for opening an adapter again, and others on the bus that keep everything disabled; without a bus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person is told of a node, and what the commands of a person ask of which nodes; the rig is a double."""
+"""Reports of nodes to a person, and requests by the commands of a person; the rig is a double."""
 
 from __future__ import annotations
 

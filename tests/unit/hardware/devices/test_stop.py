@@ -1,4 +1,4 @@
-"""The stop request of a person, on a bus without a kernel: what is sent, and who confirmed it."""
+"""The stop request of a person, on a bus without a kernel: its frames, and the nodes that confirmed it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the doctor assesses frames, clocks, journals, interfaces and ports: one rule a test, no bus."""
+"""Assessment of frames, clocks, journals, interfaces and ports by the doctor: one rule a test, no bus."""
 
 from __future__ import annotations
 

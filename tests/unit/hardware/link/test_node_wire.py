@@ -21,7 +21,7 @@ STATUS = replace(IDLE_HEAD, node=Node.CURE, lamp_on=True, state=State.CURING)
 
 
 class Bench:
-    """What a wire needs of the supervision: one lamp that is on, by an injected clock."""
+    """Supervision as a wire needs it: one lamp that is on, by an injected clock."""
 
     codec = CODEC
 

@@ -1,4 +1,4 @@
-"""Services of a peer: which blocks go and come, what is repeated, and which message answers which request."""
+"""Services of a peer: blocks in both directions, repeats, and matching of messages to requests."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def peer(block: int = 24) -> Any:
 
 
 def pieces(made: Any, *data: bytes, end: bytes = b"") -> None:
-    """What an upload brings, block by block, and the record of its end."""
+    """Blocks of an upload, and the record of its end."""
     made._client.transfer_data.side_effect = [
         SimpleNamespace(service_data=SimpleNamespace(parameter_records=piece)) for piece in data
     ]

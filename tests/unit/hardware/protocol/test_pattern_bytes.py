@@ -18,7 +18,7 @@ from support.benches import node_bench
 
 
 def decoded(coded: bytes) -> bytes:
-    """What a node makes of run-length coded cells."""
+    """Run-length coded cells as a node decodes them."""
     cells, at = bytearray(), 0
     while at < len(coded):
         head = coded[at]

@@ -1,4 +1,4 @@
-"""What is made of the frames of a traffic log: whole messages, requests with their answers, patterns and maps."""
+"""Exchanges from the frames of a traffic log: whole messages, requests with their answers, patterns and maps."""
 
 from __future__ import annotations
 

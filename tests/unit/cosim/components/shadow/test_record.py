@@ -1,4 +1,4 @@
-"""What a run on devices leaves behind: whose surface is judged, and what the shadow reports layer by layer."""
+"""Records of a run on devices: the surface that is judged, and the shadow's report layer by layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a foreign .ssp may hold and what not: all its errors at once."""
+"""Valid and invalid content of a foreign .ssp: all its errors at once."""
 
 from __future__ import annotations
 

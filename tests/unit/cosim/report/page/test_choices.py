@@ -1,4 +1,4 @@
-"""What a user chooses on the page and reads there: cells, layers, inks, and the scale of the errors."""
+"""Choices of a user on the page and the values shown: cells, layers, inks, and the scale of the errors."""
 
 from __future__ import annotations
 
