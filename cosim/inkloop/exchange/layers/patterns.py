@@ -19,6 +19,7 @@ from inkloop.contract import (
     PATTERN,
     SIGNALS,
     STATUS,
+    VALID,
     PassOrder,
     pass_colours,
 )
@@ -93,6 +94,7 @@ def of_open_loop(scenario: Scenario) -> Patterns:
     shape = (job.nx, job.ny)
     inputs: dict[str, Any] = {port.name: SIGNALS[port.name].port(shape).start_value() for port in controller.inputs}
     inputs |= {LAYERS_PRINTED: np.asarray(0, np.int32), LAYERS_SCANNED: np.asarray(0, np.int32)}
+    inputs[VALID] = np.ones(shape, np.bool_)  # a scan of flat ground
     controller.initialize(0, inputs)
     patterns: list[NDArray[np.integer]] = []
     try:
