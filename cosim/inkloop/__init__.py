@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from inkloop.fmu.reading import describe
     from inkloop.fmu_writer.export import export_fmu, find_fmu
     from inkloop.printing.api import load, run
-    from inkloop.printing.environment import LayerEnv
+    from inkloop_lab.environment.layer_env import LayerEnv
     from inkloop.results.result import Result
     from inkloop.scenario.file import Scenario
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "inkloop.printing.api": ("run", "load"),
-    "inkloop.printing.environment": ("LayerEnv",),
+    "inkloop_lab.environment.layer_env": ("LayerEnv",),
     "inkloop.scenario.file": ("Scenario",),
     "inkloop.results.result": ("Result",),
     "inkloop.component": ("Component", "Port", "Job", "Ink", "Status"),

@@ -19,9 +19,9 @@ from pydantic import BaseModel, ValidationError
 
 from inkloop.cli import main, parser
 from inkloop.components import catalog
-from inkloop.identify.log_folder import PrintTable
+from inkloop_lab.identify.log_folder import PrintTable
 from inkloop.results.result import Result
-from inkloop.studies.sweep.study import Study
+from inkloop_lab.sweep.study import Study
 from inkloop.tables import schema
 from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop

@@ -12,8 +12,8 @@ import pytest
 from tools.figures import environment_times, gallery, identified_ink, own_part, pages, wider_stencil
 
 import inkloop
-from inkloop.models import LayerDeposition
-from inkloop.studies.score.board import SEEDS
+from inkloop_lab.models import LayerDeposition
+from inkloop_lab.score.board import SEEDS
 from support.toys import toy_result
 
 

@@ -38,7 +38,7 @@ PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
     *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
     "inkloop.studies",
-    *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
+    *("inkloop_lab.identify.picture", "inkloop.exchange.job.target_picture"),
     *("inkloop_controller.planning.plan_picture", "inkloop_controller.planning.layer_plan"),
 )
 DOORS = {
@@ -50,10 +50,10 @@ DOORS = {
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
-    **dict.fromkeys(("dask", "distributed"), ("inkloop.studies.sweep.cluster",)),
-    "optuna": ("inkloop.studies.sweep.optimise",),
+    **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.cluster",)),
+    "optuna": ("inkloop_lab.sweep.optimise",),
     "gymnasium": tuple(f"inkloop.printing.{name}" for name in ("environment", "spaces", "target_offset")),
-    "skfem": ("inkloop.studies.reproduce.finite_elements",),
+    "skfem": ("inkloop_lab.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),
     **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),

@@ -10,7 +10,7 @@ from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
 import inkloop
 from inkloop.scenario.class_path import classes_from
-from inkloop.studies.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints
+from inkloop_lab.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints
 from inkloop.units import MS_PER_S
 
 PAGE = DOCS / "how-to" / "learn-a-policy.md"

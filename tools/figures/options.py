@@ -17,7 +17,7 @@ from inkloop.components.port_tables import PortTable
 from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.metrology.map_folder import MapFolder
-from inkloop.studies.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
+from inkloop_lab.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable
 from inkloop.tables.part_images import HeightMapTable, StackTable

@@ -18,7 +18,7 @@ from inkloop.components.fmu_kind import FmuFile, FmuModel
 from inkloop.components.fmu_parameters import CONTROLLER
 from inkloop.components.kind import Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
-from inkloop.components.policy import PREFIX
+from inkloop_lab.policies.policy import PREFIX
 from inkloop.components.python_class import PythonClass
 from inkloop.components.shadow import options as shadow_options
 from inkloop.components.shadow.options import ShadowKind

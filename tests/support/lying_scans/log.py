@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import PrintRecord
 from inkloop.units import M_PER_UM
 from support.lying_scans.parts import PITCH_UM
 from support.lying_scans.plant import Plant, printed

@@ -50,11 +50,11 @@ UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
 OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
 NO_FACTORS = {
     "cosim/inkloop/geometry/mesh.py": "OPEN_MAX is a share of columns",
-    "cosim/inkloop/identify/droplet_volume.py": "SINGULAR is a share of an information",
-    "cosim/inkloop/identify/expected_increments.py": "the share of a width below which a variance is rounding",
-    "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
+    "lab/inkloop_lab/identify/droplet_volume.py": "SINGULAR is a share of an information",
+    "lab/inkloop_lab/identify/expected_increments.py": "the share of a width below which a variance is rounding",
+    "lab/inkloop_lab/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
-    "cosim/inkloop/studies/reproduce/finite_elements.py": "tolerances of a solver and of an area",
+    "lab/inkloop_lab/reproduce/finite_elements.py": "tolerances of a solver and of an area",
     "cosim/inkloop/tables/slices.py": "EDGE is a share of a pitch",
     "hardware/inkloop_hardware/mapped/mapped_bus.py": "the share by which a reading may differ",
     "hardware/inkloop_hardware/protocol/codec.py": "the share of a step that is rounding",

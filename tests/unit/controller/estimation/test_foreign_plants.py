@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop.models.volume_area_deposition import VolumeAreaDeposition
+from inkloop_lab.models.volume_area_deposition import VolumeAreaDeposition
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 

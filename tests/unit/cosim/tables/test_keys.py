@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
-from inkloop.identify.log_folder import PrintTable
+from inkloop_lab.identify.log_folder import PrintTable
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable
 from inkloop.tables.ink_file import DropletTable
