@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from inkloop.units import MS_PER_S
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import carry_out
 from inkloop_lab.sweep.journal import RUNS_FOLDER, Journal
@@ -15,7 +16,6 @@ from inkloop_lab.sweep.local import LocalProcesses
 from inkloop_lab.sweep.plan import PointsPlan
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Order, Record
-from inkloop.units import MS_PER_S
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "cuboid.toml"
 PRINTS, WORKERS = 60, 2

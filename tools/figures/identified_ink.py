@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from rich.table import Table
 from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
+from inkloop.printing.print import Print
+from inkloop.report.formats import PNG
+from inkloop.scenario.file import Scenario
+from inkloop.units import M_PER_UM, UM_PER_M
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.command import tables
 from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
@@ -28,10 +32,6 @@ from inkloop_lab.identify.volume_area_coefficients import (
     height_differences,
 )
 from inkloop_lab.models import DropletVolumes, LayerDeposition, VolumeAreaDeposition
-from inkloop.printing.print import Print
-from inkloop.report.formats import PNG
-from inkloop.scenario.file import Scenario
-from inkloop.units import M_PER_UM, UM_PER_M
 
 HERE = DOCS / "how-to"
 PAGE = HERE / "identify-an-ink.md"

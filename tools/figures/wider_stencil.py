@@ -8,12 +8,12 @@ from dataclasses import replace
 from tools.figures.pages import DOCS, Texts, read_json, table, write_json
 
 from inkloop.component import Ink
+from inkloop.units import M_PER_UM, UM_PER_M
 from inkloop_lab.identify.candidates import candidates, conserving
 from inkloop_lab.identify.cross_validation import Comparison, compare
 from inkloop_lab.models import LayerDeposition
 from inkloop_lab.score.board import OURS, SEEDS, Entry, load, prints
 from inkloop_lab.score.known_inks import identified, layers_of
-from inkloop.units import M_PER_UM, UM_PER_M
 
 PAGE = DOCS / "how-to" / "identify-an-ink.md"
 RECORD = DOCS / "how-to" / "wider-stencil.json"

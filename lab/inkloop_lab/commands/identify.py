@@ -60,8 +60,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Identify, show and write; the exit code."""
-    from inkloop_lab.identify import command
     from inkloop.scenario.class_path import classes_from
+    from inkloop_lab.identify import command
 
     source = options.sources[0]
     with classes_from(Path(source).parent):

@@ -10,11 +10,11 @@ from typing import Any
 import tomlkit
 
 from inkloop.components import catalog, devices
-from inkloop_lab.policies.policy import free_seat
 from inkloop.contract import LAYER_COMMAND, has_port
 from inkloop.errors import ScenarioError
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop_lab.policies.policy import free_seat
 
 FREE = f"{free_seat.__module__}:{free_seat.__name__}"
 _UNUSED = ("compare", "literature", "metrology")

@@ -1,4 +1,4 @@
-"""`inkloop.LayerEnv`: a scenario whose controller's place is free, with the interface of Gymnasium."""
+"""`inkloop_lab.LayerEnv`: a scenario whose controller's place is free, with the interface of Gymnasium."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap, Job, Values
 from inkloop.components import catalog
-from inkloop_lab.policies.policy import ActionCode, Observation, PolicyController, observation_of
 from inkloop.contract import HEIGHT, LAYERS_SCANNED, MEASURED_HEIGHT
 from inkloop.errors import InkloopError
 from inkloop.master.master import Master, StopReason, Turns
-from inkloop_lab.policies.controller_policy import ControllerPolicy
-from inkloop_lab.environment.freed_scenario import FreedScenario
-from inkloop_lab.environment.surface_frame import frame
 from inkloop.results.metrics import surface_error
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S, UM_PER_M
+from inkloop_lab.environment.freed_scenario import FreedScenario
+from inkloop_lab.environment.surface_frame import frame
+from inkloop_lab.policies.controller_policy import ControllerPolicy
+from inkloop_lab.policies.policy import ActionCode, Observation, PolicyController, observation_of
 
 if TYPE_CHECKING:
     import gymnasium
@@ -40,7 +40,7 @@ else:
             """Stands for Gymnasium's class where that is not installed."""
 
             def __new__(cls, *options: object, **more: object) -> Any:
-                raise InkloopError("inkloop.LayerEnv needs gymnasium; pip install 'inkloop[env]'")
+                raise InkloopError("inkloop_lab.LayerEnv needs gymnasium; pip install 'inkloop[env]'")
 
 
 SEEDS = 2**31

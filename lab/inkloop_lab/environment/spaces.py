@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, MultiBinary, MultiDiscrete
 
-from inkloop_lab.policies.policy import MASK, TARGET, ActionCode
 from inkloop.contract import MEASURED_HEIGHT, VALID
+from inkloop_lab.policies.policy import MASK, TARGET, ActionCode
 
 HEIGHT_MAX_M = 1.0
 """Bound of heights: no print is as high (assumed)."""

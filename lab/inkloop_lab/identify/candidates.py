@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize_scalar
 
 from inkloop.component import Ink
-from inkloop.errors import IdentificationError
+from inkloop.units import PL_PER_M3, UM_PER_M
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.ink_regression import identify_ink
 from inkloop_lab.identify.one_step import Marks, Model, predictions
 from inkloop_lab.identify.print_record import PrintRecord, first_guess
@@ -22,7 +23,6 @@ from inkloop_lab.models import (
     VolumeAreaDeposition,
     YoungLaplaceDeposition,
 )
-from inkloop.units import PL_PER_M3, UM_PER_M
 
 Records: TypeAlias = Sequence[PrintRecord]
 Cells: TypeAlias = Sequence[Marks]

@@ -16,7 +16,13 @@ from rich.table import Table
 
 from inkloop.component import Ink
 from inkloop.components.catalog import DEPOSITION_MODELS, kinds
-from inkloop.errors import IdentificationError
+from inkloop.report.terminal import Terminal
+from inkloop.results.result import RESULT_FILE, Result
+from inkloop.scenario.file import Scenario
+from inkloop.suggest import near, nearest
+from inkloop.tables.schema import Inks
+from inkloop.units import UM_PER_M
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.candidates import words
 from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
 from inkloop_lab.identify.identification import Identification, identify
@@ -26,12 +32,6 @@ from inkloop_lab.identify.picture import save
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.run_record import read_run
 from inkloop_lab.identify.volume_area_coefficients import NAMES
-from inkloop.report.terminal import Terminal
-from inkloop.results.result import RESULT_FILE, Result
-from inkloop.scenario.file import Scenario
-from inkloop.suggest import near, nearest
-from inkloop.tables.schema import Inks
-from inkloop.units import UM_PER_M
 
 
 def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.candidates import Candidate
 from inkloop_lab.identify.one_step import Marks, Model, Score, predictions, score
 from inkloop_lab.identify.print_record import PrintRecord, first_guess

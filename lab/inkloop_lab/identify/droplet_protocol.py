@@ -13,7 +13,7 @@ from scipy.ndimage import convolve
 from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.surface_filter import start_surface
 

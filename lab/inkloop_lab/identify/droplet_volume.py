@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS
 

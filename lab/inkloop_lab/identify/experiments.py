@@ -20,11 +20,11 @@ from inkloop.components import catalog
 from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, PATTERN, STATUS, contract_ports, has_port
 from inkloop.errors import ScenarioError
 from inkloop.fmu import describe
+from inkloop.printing.print import Print
+from inkloop.scenario.file import Scenario
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.run_record import record_of
-from inkloop.printing.print import Print
-from inkloop.scenario.file import Scenario
 
 KIND = "inkloop_lab.identify.experiments:Experiment"
 MARGIN = 4  # empty cells around the layers: the outer ones show the noise of the scans

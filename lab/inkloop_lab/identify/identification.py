@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from inkloop.component import Ink
-from inkloop.errors import IdentificationError
+from inkloop.units import UM_PER_M
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.candidates import candidates, conserving
 from inkloop_lab.identify.cross_validation import Comparison, compare
 from inkloop_lab.identify.droplet_protocol import ProtocolEstimate, identify_by_protocol
@@ -19,7 +20,6 @@ from inkloop_lab.identify.scan_geometry import ScanGeometry
 from inkloop_lab.identify.scan_registration import Registered, register
 from inkloop_lab.identify.volume_area_coefficients import VolumeAreaEstimate, identify_volume_area
 from inkloop_lab.models import LayerDeposition
-from inkloop.units import UM_PER_M
 
 DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.droplet_volume import Freedom, droplet_volumes, improved_heights
 from inkloop_lab.identify.print_record import PrintRecord, first_guess
 from inkloop_lab.identify.scan_geometry import GeometryFit, ScanGeometry

@@ -18,9 +18,8 @@ from pydantic import Field, ValidationError
 
 from inkloop.component import FloatMap
 from inkloop.contract import PassOrder
-from inkloop.errors import HeightMapError, IdentificationError
+from inkloop.errors import HeightMapError
 from inkloop.files import TomlError, read_toml_text, toml_tables
-from inkloop_lab.identify.print_record import PrintRecord
 from inkloop.limits import filled
 from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import Datum
@@ -30,6 +29,8 @@ from inkloop.metrology.registration import Registration
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Position, Table
 from inkloop.units import M_PER_UM
+from inkloop_lab.errors import IdentificationError
+from inkloop_lab.identify.print_record import PrintRecord
 
 DESCRIPTION = "print.toml"
 LAYERS_MOST = 100_000

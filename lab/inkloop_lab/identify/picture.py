@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from inkloop_lab.identify.cross_validation import Comparison
-from inkloop_lab.identify.identification import Identification
 from inkloop.report import plot
 from inkloop.report.plot import WIDTH_IN
 from inkloop.units import UM_PER_M
+from inkloop_lab.identify.cross_validation import Comparison
+from inkloop_lab.identify.identification import Identification
 
 SHOWN = 4  # models, the best ones
 BINS = 60

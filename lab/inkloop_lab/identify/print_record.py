@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.contract import pass_colours
-from inkloop.errors import IdentificationError
 from inkloop.metrology.datum import Datum, level, reference_cells
 from inkloop.units import UM_PER_M
+from inkloop_lab.errors import IdentificationError
 
 CELLS_MIN = 20  # differences for a standard deviation to 16 % (assumed enough)
 

@@ -8,10 +8,10 @@ import numpy as np
 import tomlkit
 
 from inkloop.contract import HEIGHT, MEASURED_HEIGHT, PATTERN, VALID, PassOrder
-from inkloop.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
 from inkloop.results.result import Result
 from inkloop.tables.schema import Process
+from inkloop_lab.errors import IdentificationError
+from inkloop_lab.identify.print_record import PrintRecord
 
 
 def read_run(folder: Path) -> PrintRecord:

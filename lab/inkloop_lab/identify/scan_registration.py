@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
 from inkloop_lab.identify.print_record import PrintRecord, first_guess
 from inkloop_lab.identify.scan_geometry import ScanGeometry

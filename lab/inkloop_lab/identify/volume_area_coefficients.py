@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.special import stdtrit
 
-from inkloop.errors import IdentificationError
+from inkloop.units import UM_PER_M
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.one_step import rms
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.surface_filter import start_surface
 from inkloop_lab.models import VolumeAreaDeposition
-from inkloop.units import UM_PER_M
 
 NAMES = ("mv_plus", "mv_minus", "ma_plus", "ma_minus")
 GROUP = 3  # samples that are averaged (Wu, Chiu 2024, section IV)

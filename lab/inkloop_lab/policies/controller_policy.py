@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Status
-from inkloop_lab.policies.policy import ActionCode, Observation
 from inkloop.contract import (
     DROP_LEVEL,
     LAYER_COMMAND,
@@ -19,6 +18,7 @@ from inkloop.contract import (
     VALID,
 )
 from inkloop.errors import ComponentError
+from inkloop_lab.policies.policy import ActionCode, Observation
 
 STEP_NS = 1
 

@@ -28,14 +28,12 @@ TARGET, MASK = "target", "mask"
 Observation: TypeAlias = Mapping[str, NDArray[Any]]
 """`measured_height`, `target` [m] as float64, `valid`, `mask` as int8, 0 or 1; each (nx, ny)."""
 
-PREFIX = "env:"
-"""Begin of a kind "env:module:Class" that must be a policy."""
 DROP_LEVELS_MAX = 255
 """Whole drops of a droplet, at most (`drop_level` of the deposition models)."""
 
 
 class Policy(Protocol):
-    """The interface that a class needs to act in `inkloop.LayerEnv`, and to control a print.
+    """The interface that a class needs to act in `inkloop_lab.LayerEnv`, and to control a print.
 
     It is made with the job, and options by keyword, as `Class(job, *, option=default)`. An attribute `drop_levels` is
     the largest number of drops that it puts on a cell (1 if it has none).
@@ -162,16 +160,16 @@ class PolicyController:
 
 
 def policy_controller(kind: str, job: Job, policy: Any) -> PolicyController:
-    """The controller that goes by a policy. Raises ValueError if it has no method act."""
+    """The controller that goes by a policy, for the kind "env:module:Class". Raises ValueError without a method act."""
     if not callable(getattr(policy, "act", None)):
         raise ValueError(f"kind is {kind!r}, whose class has no method act(observation)")
     return PolicyController(job, policy.act, int(getattr(policy, "drop_levels", 1)))
 
 
 def free_seat(job: Job, *, drop_levels: int = 1) -> PolicyController:
-    """A controller whose actions come from outside, set as `act`; `inkloop.LayerEnv` sits there."""
+    """A controller whose actions come from outside, set as `act`; `inkloop_lab.LayerEnv` sits there."""
 
     def no_action(observation: Observation) -> ArrayLike:
-        raise ComponentError("the controller's place is free; step an inkloop.LayerEnv, which acts there")
+        raise ComponentError("the controller's place is free; step an inkloop_lab.LayerEnv, which acts there")
 
     return PolicyController(job, no_action, drop_levels)

@@ -7,9 +7,9 @@ import numpy as np
 from inkloop.component import FloatMap
 from inkloop.report import layer_curves
 from inkloop.results.result import Result
+from inkloop.units import UM_PER_M
 from inkloop_lab.reproduce import prints
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 PITCH_UM = 263.256
 PRINTED = {"open loop": (18.5, 8.7), "paper's search": (22.3, 4.4)}

@@ -6,9 +6,9 @@ from functools import partial
 
 from inkloop.report.layer_curves import cross_section
 from inkloop.report.surface_picture import surfaces
+from inkloop.units import UM_PER_M
 from inkloop_lab.reproduce import prints
 from inkloop_lab.reproduce.comparison import Part, Row, Step
-from inkloop.units import UM_PER_M
 
 FIGURES = {
     0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),

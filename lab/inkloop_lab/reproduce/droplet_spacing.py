@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop.units import UM_PER_M
 from inkloop_lab.models import YoungLaplaceDeposition
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 DIAMETER, HEIGHT = 413e-6, 4.4e-6
 """The measured cap of Fig. 18."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from inkloop.units import US_PER_S
 from inkloop_lab.reproduce import line_on_a_step, single_droplet, square
 from inkloop_lab.reproduce.comparison import Paper, Part, Row, Step
 from inkloop_lab.reproduce.liquid import Liquid
-from inkloop.units import US_PER_S
 
 GIVEN = "t_dep is a given value, not a result"
 

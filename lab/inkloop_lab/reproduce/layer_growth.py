@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop.units import UM_PER_M
 from inkloop_lab.models import LayerDeposition, SuperpositionDeposition
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 H1, H2 = 4.4, 0.6
 R = H1 * H2 / (H1 + H2)

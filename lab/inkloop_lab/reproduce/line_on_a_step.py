@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from inkloop.units import UM_PER_M
 from inkloop_lab.models import YoungLaplaceDeposition
 from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 CELLS, EDGE = 11, 6
 """The layer below covers the cells with j < EDGE."""

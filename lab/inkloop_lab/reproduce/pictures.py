@@ -10,9 +10,9 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
-from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop.report.plot import COLOURS, WIDTH_IN, outside_legend
 from inkloop.units import UM_PER_M
+from inkloop_lab.models.young_laplace_deposition import FineSurface
 
 MARKS = ("o", "s", "^", "D", "v")
 

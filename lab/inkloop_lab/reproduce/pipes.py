@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from inkloop.report.solid_picture import solids
+from inkloop.units import UM_PER_M
 from inkloop_lab.reproduce import prints
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 WHERE = "Fig. 13, 14: pipe junction"
 BY_EYE = 'the paper shows pictures: "visible deformation near the edge" open loop, "no visible deformation" closed loop'

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from inkloop.component import FloatMap, Job
 from inkloop.components import catalog
 from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, PATTERN, VALID
+from inkloop.units import NS_PER_S
 from inkloop_lab.models import LayerDeposition
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import NS_PER_S
 
 SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
 FOUND = 1e-15

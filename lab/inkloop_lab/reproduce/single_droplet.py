@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop.units import MS_PER_S, UM_PER_M
 from inkloop_lab.models import YoungLaplaceDeposition
 from inkloop_lab.reproduce import finite_elements, pictures
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import MS_PER_S, UM_PER_M
 
 VOLUME, ANGLE, RADIUS_UM, CENTRE_UM = 30e-15, np.pi / 4, 35.1999, 14.5803
 """30 pl at 45 degrees: base radius and height of the cap."""

@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop.units import UM_PER_M
 from inkloop_lab.models import YoungLaplaceDeposition
 from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Part, Row
-from inkloop.units import UM_PER_M
 
 SIDE, MARGIN, LAYERS, PAPER_S = 25, 2, 10, 900.0
 SHORT_OF_IT = (

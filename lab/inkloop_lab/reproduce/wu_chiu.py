@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop.units import UM_PER_M
 from inkloop_lab.identify.volume_area_coefficients import (
     NAMES,
     VolumeAreaEstimate,
@@ -15,7 +16,6 @@ from inkloop_lab.models import VolumeAreaDeposition
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Paper, Part, Row, Step
 from inkloop_lab.reproduce.synthetic_profiles import NOISE, PITCH, PIXELS, experiments, liquid
-from inkloop.units import UM_PER_M
 
 GAINED_VOLUME = np.array([[1.65, 8.96, 3.93], [5.02, 63.46, 5.00], [2.34, 7.94, 1.71]])
 GAINED_AREA = np.array([[10.05, 21.07, 9.94], [0.0, np.nan, 0.0], [10.09, 18.59, 9.57]])

@@ -15,10 +15,10 @@ from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_lab.score import PLANTS, VERSIONS
-from inkloop_lab.score.known_inks import identified, single_droplet
 from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
+from inkloop_lab.score import PLANTS, VERSIONS
+from inkloop_lab.score.known_inks import identified, single_droplet
 
 SEEDS = (1, 2, 3)
 FOLDER = Path(__file__).parent

@@ -16,6 +16,7 @@ from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
+from inkloop.suggest import nearest
 from inkloop_lab.score import PLANTS, tables
 from inkloop_lab.score.board import (
     AGAINST,
@@ -29,7 +30,6 @@ from inkloop_lab.score.board import (
     overrides_of,
     prints,
 )
-from inkloop.suggest import nearest
 
 
 def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
-from inkloop_lab.identify.ink_regression import identify_ink
-from inkloop_lab.identify.print_record import PrintRecord
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
+from inkloop_lab.identify.ink_regression import identify_ink
+from inkloop_lab.identify.print_record import PrintRecord
 
 STEP_NS = NS_PER_S
 LAYERS, COVERAGE = 8, 0.7

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Job
-from inkloop_lab.models import LayerDeposition
 from inkloop.units import M_PER_UM
+from inkloop_lab.models import LayerDeposition
 
 Pattern = NDArray[np.int32]
 Cell = tuple[int, int]

@@ -15,8 +15,8 @@ from rich.text import Text
 from inkloop import __version__
 from inkloop.report.plot import WIDTH_IN
 from inkloop.report.terminal import number_table
-from inkloop_lab.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
+from inkloop_lab.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 
 CAPTION = "rms error over the part in µm, mean over the seeds; score: geometric mean of rms over that of the open loop"
 HIGHEST = (

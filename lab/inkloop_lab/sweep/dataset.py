@@ -19,11 +19,11 @@ from inkloop.errors import ResultError
 from inkloop.files import reason_of, replaced
 from inkloop.results import netcdf
 from inkloop.results.attributes import CONVENTIONS, Meaning, variable
+from inkloop.units import GIGA, UNITS
 from inkloop_lab.sweep.figures import METRICS
 from inkloop_lab.sweep.journal import Journal
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Record
-from inkloop.units import GIGA, UNITS
 
 if TYPE_CHECKING:
     import xarray as xr

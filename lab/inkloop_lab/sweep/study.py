@@ -15,12 +15,12 @@ from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.suggest import near, nearest
+from inkloop.tables.messages import sentence
 from inkloop_lab.sweep.distributions import KINDS, Distribution, distribution
 from inkloop_lab.sweep.override_check import errors_of_values
 from inkloop_lab.sweep.sampling import BALANCED, LEAST, SOBOL_INDICES, Samples, sampled
 from inkloop_lab.sweep.tables import SampleTable, StudyFile
-from inkloop.suggest import near, nearest
-from inkloop.tables.messages import sentence
 
 PRINTS_MAX = 1_000_000
 """Prints of a study; more would take a processor at least a day even for the smallest part."""

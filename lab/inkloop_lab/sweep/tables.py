@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from inkloop_lab.sweep.figures import METRICS, Expression
 from inkloop.tables.shapes import Table
+from inkloop_lab.sweep.figures import METRICS, Expression
 
 Metric = Literal["mean_error", "mae", "rms", "std", "min", "max", "layers", "droplets", "mismatch"]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]

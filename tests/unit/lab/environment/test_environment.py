@@ -39,7 +39,7 @@ CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 BASELINES = ("OpenLoop", "ErrorDiffusion", "StochasticGreedy")
 
 
-def played(env: inkloop.LayerEnv, policy: Any, seed: int) -> tuple[list[Any], float, dict[str, Any]]:
+def played(env: inkloop_lab.LayerEnv, policy: Any, seed: int) -> tuple[list[Any], float, dict[str, Any]]:
     """The surfaces after each layer, the sum of rewards, and the last info."""
     observation, info = env.reset(seed=seed)
     acting = policy(env)
@@ -58,7 +58,7 @@ def test_controller_of_the_scenario_prints_the_bits_of_a_run(case: str) -> None:
     scenario = inkloop.load(SCENARIOS / f"{name}.toml", {**overrides, "seed": 5})
     assert isinstance(scenario, inkloop.Scenario)
     run = print_part(scenario)
-    surfaces, _, info = played(inkloop.LayerEnv(scenario), lambda env: env.controller(), 5)
+    surfaces, _, info = played(inkloop_lab.LayerEnv(scenario), lambda env: env.controller(), 5)
     np.testing.assert_array_equal(surfaces, run.dataset["height"].values)
     assert info["stop_reason"] == run.stop_reason
 
@@ -67,7 +67,7 @@ def test_controller_of_the_scenario_prints_the_bits_of_a_run(case: str) -> None:
 def test_baseline_prints_the_bits_of_a_run(kind: str) -> None:
     text = CUBOID.read_text(encoding="utf-8").replace('kind = "LayerMpc"\nalpha = 0.8', f'kind = "{kind}"')
     run = print_part(inkloop.Scenario.of_text(text, str(CUBOID), {**NOISY, "seed": 7}))
-    surfaces, total, _ = played(inkloop.LayerEnv(CUBOID, NOISY), lambda env: env.controller(kind), 7)
+    surfaces, total, _ = played(inkloop_lab.LayerEnv(CUBOID, NOISY), lambda env: env.controller(kind), 7)
     np.testing.assert_array_equal(surfaces, run.dataset["height"].values)
     errors = [run.dataset[name].values for name in ("mae", "std")]
     objective = 0.8 * errors[0] + 0.2 * errors[1]
@@ -90,8 +90,8 @@ def test_checker_of_gymnasium_finds_nothing(name: str) -> None:
 def test_offset_of_nothing_is_the_controller_itself() -> None:
     """What the controller learns of the ink goes on from layer to layer, though each one is planned anew."""
     overrides = {**NOISY, **QUICK}
-    plain, _, _ = played(inkloop.LayerEnv(CUBOID, overrides), lambda env: env.controller(), 3)
-    env = inkloop.LayerEnv(CUBOID, overrides).offset_target()
+    plain, _, _ = played(inkloop_lab.LayerEnv(CUBOID, overrides), lambda env: env.controller(), 3)
+    env = inkloop_lab.LayerEnv(CUBOID, overrides).offset_target()
 
     class Steady:
         def act(self, observation: object) -> Any:
@@ -102,7 +102,7 @@ def test_offset_of_nothing_is_the_controller_itself() -> None:
 
 
 def test_offset_moves_rim_and_inside_alone() -> None:
-    env = inkloop.LayerEnv(CUBOID, {"components.printer.variation": 0.0}).offset_target("ErrorDiffusion")
+    env = inkloop_lab.LayerEnv(CUBOID, {"components.printer.variation": 0.0}).offset_target("ErrorDiffusion")
     env.reset(seed=1)
     plain = env.planned(np.zeros(2))
     env.reset(seed=1)
@@ -117,7 +117,7 @@ def test_offset_moves_rim_and_inside_alone() -> None:
 
 
 def test_offset_begins_each_print_with_a_new_controller() -> None:
-    env = inkloop.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
+    env = inkloop_lab.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
     heights = []
     for _ in range(2):
         env.reset(seed=1)
@@ -126,7 +126,7 @@ def test_offset_begins_each_print_with_a_new_controller() -> None:
 
 
 def test_time_that_runs_out_cuts_the_print_off() -> None:
-    env = inkloop.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
+    env = inkloop_lab.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
     observation, _ = env.reset(seed=1)
     _, _, terminated, truncated, info = env.step(observation["mask"])
     assert (terminated, truncated, info["stop_reason"]) == (False, True, "time_max")
@@ -136,7 +136,7 @@ def test_time_that_runs_out_cuts_the_print_off() -> None:
     ("name", "kind", "values"), [("cuboid", "MultiBinary", 2), ("two-materials", "MultiDiscrete", 3)]
 )
 def test_spaces_hold_what_is_observed_and_done(name: str, kind: str, values: int) -> None:
-    env = inkloop.LayerEnv(SCENARIOS / f"{name}.toml")
+    env = inkloop_lab.LayerEnv(SCENARIOS / f"{name}.toml")
     shape = (env.job.nx, env.job.ny)
     space = env.observation_space
     assert type(env.action_space).__name__ == kind
@@ -152,7 +152,7 @@ def test_spaces_hold_what_is_observed_and_done(name: str, kind: str, values: int
 
 
 def test_end_is_told_and_needs_a_reset() -> None:
-    env = inkloop.LayerEnv(CUBOID, {"run.layers_max": 1}, render_mode="rgb_array")
+    env = inkloop_lab.LayerEnv(CUBOID, {"run.layers_max": 1}, render_mode="rgb_array")
     with pytest.raises(inkloop.InkloopError, match=r"call reset\(\)"):
         env.step(np.zeros((12, 12), np.int8))
     observation, info = env.reset(seed=1)
@@ -169,7 +169,7 @@ def test_end_is_told_and_needs_a_reset() -> None:
 
 
 def test_invalid_action_changes_nothing() -> None:
-    env = inkloop.LayerEnv(CUBOID)
+    env = inkloop_lab.LayerEnv(CUBOID)
     observation, _ = env.reset(seed=1)
     action = np.zeros((12, 12), np.int32)
     action[3, 4] = 2
@@ -185,7 +185,7 @@ def test_invalid_action_changes_nothing() -> None:
 
 
 def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
-    env = inkloop.LayerEnv(CUBOID)
+    env = inkloop_lab.LayerEnv(CUBOID)
     _, first = env.reset(seed=4)
     _, second = env.reset()
     _, third = env.reset()
@@ -201,7 +201,7 @@ def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
 def test_environments_side_by_side_print_what_one_prints() -> None:
     pattern = np.zeros((12, 12), np.int8)
     pattern[2:-2, 2:-2] = 1
-    vector = inkloop.LayerEnv.vector(CUBOID, 2, NOISY)
+    vector = inkloop_lab.LayerEnv.vector(CUBOID, 2, NOISY)
     try:
         vector.reset(seed=11)
         for _ in range(3):
@@ -209,7 +209,7 @@ def test_environments_side_by_side_print_what_one_prints() -> None:
     finally:
         vector.close()
     for k in range(2):
-        env = inkloop.LayerEnv(CUBOID, NOISY)
+        env = inkloop_lab.LayerEnv(CUBOID, NOISY)
         env.reset(seed=11 + k)
         for _ in range(3):
             observation, reward, *_ = env.step(pattern)
@@ -220,18 +220,18 @@ def test_environments_side_by_side_print_what_one_prints() -> None:
 
 def test_devices_and_impossible_options_are_refused() -> None:
     with pytest.raises(inkloop.ScenarioError, match=r"is 'hardware\.printer', no model; LayerEnv needs"):
-        inkloop.LayerEnv(SCENARIOS / "bench.toml")
+        inkloop_lab.LayerEnv(SCENARIOS / "bench.toml")
     with pytest.raises(ValueError, match="alpha is 2"):
-        inkloop.LayerEnv(CUBOID, alpha=2.0)
+        inkloop_lab.LayerEnv(CUBOID, alpha=2.0)
     with pytest.raises(ValueError, match="render_mode is 'human'; needs 'rgb_array' or None"):
-        inkloop.LayerEnv(CUBOID, render_mode="human")
+        inkloop_lab.LayerEnv(CUBOID, render_mode="human")
 
 
 def test_missing_extra_is_named() -> None:
     """The name is there all the same, so that `from inkloop import *` works without the extra."""
     code = (
         "import sys; sys.modules['gymnasium'] = None\nimport inkloop\n"
-        "try:\n    inkloop.LayerEnv('case.toml')\nexcept inkloop.InkloopError as error:\n    print(error)\n"
+        "try:\n    inkloop_lab.LayerEnv('case.toml')\nexcept inkloop.InkloopError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "inkloop.LayerEnv needs gymnasium; pip install 'inkloop[env]'"
+    assert done.stdout.strip() == "inkloop_lab.LayerEnv needs gymnasium; pip install 'inkloop[env]'"

@@ -7,7 +7,7 @@ import pytest
 from tools.figures import identified_ink
 from tools.figures.pages import read_json
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.command import _share
 from inkloop_lab.identify.droplet_protocol import identify_by_protocol, motif_centres

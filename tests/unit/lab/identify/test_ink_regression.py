@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inkloop.errors import IdentificationError
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.expected_increments import expected_rates, expected_share
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
@@ -14,8 +16,6 @@ from inkloop_lab.identify.run_record import record_of
 from inkloop_lab.identify.surface_filter import start_surface
 from inkloop_lab.models import LayerDeposition, YoungLaplaceDeposition
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
-from inkloop.printing.run import print_part
-from inkloop.scenario.file import Scenario
 from support.logged_print import made_up, random_layers
 from support.places import SCENARIOS
 from support.prints import LITTLE_WORK

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.cross_validation import compare
 from inkloop_lab.identify.one_step import near_droplets, predictions, rms, score
 from inkloop_lab.identify.print_record import PrintRecord

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray
 
-from inkloop.errors import IdentificationError
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.run_record import record_of
 
 PROCESS = '[process]\npasses = 4\npass_order = "diagonal"\npass_rotation = 3\n'

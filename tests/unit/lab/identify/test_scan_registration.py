@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.errors import IdentificationError
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs, scan_registration
 from inkloop_lab.identify.identification import identify
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
@@ -21,8 +23,6 @@ from inkloop_lab.identify.run_record import record_of as record_of_run
 from inkloop_lab.identify.scan_geometry import TERMS, ScanGeometry
 from inkloop_lab.identify.scan_registration import register
 from inkloop_lab.identify.surface_filter import innovations
-from inkloop.printing.run import print_part
-from inkloop.scenario.file import Scenario
 from support.logged_print import random_layers
 from support.lying_scans.log import EVEN, logged
 from support.lying_scans.plant import CAP, WIDE, Plant

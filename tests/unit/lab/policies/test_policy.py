@@ -11,10 +11,10 @@ import pytest
 import inkloop
 from inkloop.component import Ink, Job
 from inkloop.components import catalog
-from inkloop_lab.policies.policy import ActionCode, PolicyController
 from inkloop.errors import ComponentError
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS
 from inkloop.testing import job as job_of_checks
+from inkloop_lab.policies.policy import ActionCode, PolicyController
 from support.places import SCENARIOS
 
 POLICY = (

@@ -9,6 +9,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.component import Ink
+from inkloop.units import UM_PER_M
 from inkloop_lab.score import PLANTS, VERSIONS, tables
 from inkloop_lab.score.board import (
     ENTRIES,
@@ -23,7 +24,6 @@ from inkloop_lab.score.board import (
     relative,
 )
 from inkloop_lab.score.known_inks import identified, single_droplet
-from inkloop.units import UM_PER_M
 from support.long_proofs import rest_is_long
 
 

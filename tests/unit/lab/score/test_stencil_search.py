@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
+from inkloop_controller import Criterion, Estimate, LayerMpc
 from inkloop_lab.models import LayerDeposition
 from inkloop_lab.score.board import load
 from inkloop_lab.score.stencil_search import StencilSearch
-from inkloop_controller import Criterion, Estimate, LayerMpc
 
 FAR_UM = (3.0, 0.5, 0.2, 0.3, 0.1, 0.05)
 

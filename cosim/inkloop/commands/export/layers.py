@@ -1,4 +1,4 @@
-"""`inkloop export-layers`."""
+"""`inkloop export layers`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SCENARIOS = (".toml", ".ssp")
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export-layers", help="write the droplet patterns of each layer as bitmaps, for print heads"
+        "layers", help="write the droplet patterns of each layer as bitmaps, for print heads"
     )
     parser.add_argument(
         "scenario",

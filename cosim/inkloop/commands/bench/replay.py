@@ -1,4 +1,4 @@
-"""`inkloop replay`."""
+"""`inkloop bench replay`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`inkloop export-ssp`."""
+"""`inkloop export ssp`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from inkloop.exchange.ssp import FORMATS, VERSIONS
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export-ssp", help="write a scenario as a system of FMUs for other tools: SSP, libcosim, Maestro"
+        "ssp", help="write a scenario as a system of FMUs for other tools: SSP, libcosim, Maestro"
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml)")
     parser.add_argument(

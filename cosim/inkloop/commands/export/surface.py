@@ -1,4 +1,4 @@
-"""`inkloop export-surface`."""
+"""`inkloop export surface`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inkloop.results import SURFACES
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export-surface", help="write a surface of a run as a mesh or a height map, for metrology tools"
+        "surface", help="write a surface of a run as a mesh or a height map, for metrology tools"
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder, as written by `inkloop run`")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""`inkloop export-job`."""
+"""`inkloop export job`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.commands.options import add_overrides, add_platforms, scenario_of, 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export-job", help="write a scenario as one FMU with scalar inputs and outputs, for tools without arrays"
+        "job", help="write a scenario as one FMU with scalar inputs and outputs, for tools without arrays"
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml)")
     parser.add_argument("--fmi", choices=("2", "3"), default="2", help="FMI version (default: 2)")

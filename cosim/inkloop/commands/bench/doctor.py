@@ -1,4 +1,4 @@
-"""`inkloop doctor`."""
+"""`inkloop bench doctor`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`inkloop bench`."""
+"""`inkloop bench emulate`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.commands.options import add_overrides, scenario_of, screen
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "bench", help="run the bench emulator: four nodes on a CAN bus of this machine"
+        "emulate", help="run the bench emulator: four nodes on a CAN bus of this machine"
     )
     parser.add_argument(
         "scenario",

@@ -1,4 +1,4 @@
-"""`inkloop schema`."""
+"""`inkloop export schema`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`inkloop export`."""
+"""`inkloop export fmu`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inkloop.commands.options import add_platforms, screen
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export", help="write one of inkloop's FMUs for a grid of your size"
+        "fmu", help="write one of inkloop's FMUs for a grid of your size"
     )
     parser.add_argument("model", metavar="MODEL", help="LayerDeposition, ProfileSensor, ...; an unknown name lists all")
     parser.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default: 3)")
