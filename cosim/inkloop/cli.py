@@ -26,16 +26,17 @@ from inkloop.commands import (
     validate,
     watch,
 )
+from inkloop.commands.bench.actions import ACTIONS
 from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError
 from inkloop.files import reason_of
 
 COMMANDS = (run, resume, validate, report, watch, compare, new, geometry, export, info, metrology, bench)
-"""The modules of inkloop's own commands, in the order of `inkloop --help`; `installed` finds those of other packages."""
+"""The modules of inkloop's own commands, in the order of `inkloop --help`; `installed` finds others."""
 RENAMED = {
     **{f"export-{part}": f"export {part}" for part in ("ssp", "job", "layers", "surface")},
     "schema": "export schema",
-    "device": f"bench {'|'.join(action.name for action in bench.ACTIONS)}",
+    "device": f"bench {'|'.join(action.name for action in ACTIONS)}",
     "doctor": "bench doctor",
     "replay": "bench replay",
 }

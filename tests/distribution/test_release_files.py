@@ -254,7 +254,7 @@ def test_wheel_exports_for_another_platform_or_names_the_extra(clean_root: Path)
     """A whole release has binaries for all platforms in each wheel; one for this platform only needs the extra."""
     (folder,) = (clean_root / "venv/lib").glob("python3.*/site-packages/inkloop_fmus/fmi3")
     platforms = describe(folder / "LayerDeposition.fmu").platforms
-    export = ("inkloop", "export", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu")
+    export = ("inkloop", "export", "fmu", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu")
     done = called(clean_root, *export)
     if "aarch64-linux" not in platforms:
         assert done.returncode != 0

@@ -8,6 +8,7 @@ from time import process_time
 import numpy as np
 from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
+import inkloop_lab
 from inkloop.scenario.class_path import classes_from
 from inkloop.units import MS_PER_S
 from inkloop_lab.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints

@@ -67,7 +67,10 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Ter
 
 
 def act(scenario: Scenario, action: str, console: Terminal, *, give_up: bool = False) -> int:
-    """One action of a person on the bench of a scenario. give_up: clear abandons the open layer. Raises HardwareError."""
+    """One action of a person on the bench of a scenario. Raises HardwareError.
+
+    give_up: `clear` abandons the open layer.
+    """
     bench = Bench(scenario.tables.bench)
     if action in ("stop", "release"):
         stop = importlib.import_module("inkloop_hardware.devices.stop")

@@ -1,4 +1,4 @@
-"""`inkloop replay`: a run on devices once more, from its traffic log and without a bus.
+"""`inkloop bench replay`: a run on devices once more, from its traffic log and without a bus.
 
 Controller, devices, links and services are those of a print; only the nodes' answers come from the log. What the
 master sends is compared with the log byte for byte, patterns and maps against the result of the run.

@@ -24,6 +24,8 @@ from inkloop.components.shadow.options import ShadowKind
 from inkloop.errors import FmuError
 from inkloop.suggest import nearest
 
+__all__ = ["DEPOSITION_MODELS", "MAPPED", "MAP_FOLDER", "PLAIN_PLANT", "kinds", "make"]
+
 GROUP = "inkloop.components"
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
 FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor", CONTROLLER)

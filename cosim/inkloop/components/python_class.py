@@ -91,7 +91,7 @@ class PythonClass:
         return Checked(self.entry.name, ports=Ports.of(first.component), construct=_Constructed(first, construct))
 
     def _component(self, job: Job, made: Any) -> Component:
-        """An object of the class as a component. Raises ValueError if it is none, no rule, and not what an adapter takes."""
+        """An object of the class as a component. Raises ValueError where it cannot become one."""
         if self.adapter is not None:
             return typing.cast(Component, self.adapter.load()(self.entry.name, job, made))
         if isinstance(made, Component):

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from inkloop.component import FloatMap, Job, Values
 from inkloop.components import catalog
 from inkloop.contract import HEIGHT, LAYERS_SCANNED, MEASURED_HEIGHT
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import InkloopError
-from inkloop.master.master import Master, StopReason, Turns
+from inkloop.master.master import Master, Turns
+from inkloop.master.roles import StopReason
 from inkloop.results.metrics import surface_error
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
@@ -130,10 +132,15 @@ class LayerEnv(Env):
             step_ns=round(limits.step_s * NS_PER_S),
             algorithm=limits.algorithm,
             observers=[self._surface],
-            events=self._scenario.events,
+            course=LayerCourse(
+                components,
+                layers_max=limits.layers_max,
+                events=self._scenario.events,
+                fed={connection.target for connection in self._scenario.connections},
+            ),
         )
         time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * NS_PER_S)
-        self._turns = self._master.turns(limits.layers_max, time_max_ns)
+        self._turns = self._master.turns(time_max_ns)
         reason = self._advance()
         self._objective = self._judged()
         return observation_of(self.job, self._inputs), self._info(reason)

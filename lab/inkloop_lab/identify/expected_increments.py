@@ -54,9 +54,9 @@ def expected_rates(
     """Growth per metre of each height of each material, and the sum of the squares of what the droplets add.
 
     height, variance: (nx, ny) of the surface before the layer [m], [m^2]; heights: (materials, 3, 6 or 10) as in
-    `inkloop_lab.models.LayerDeposition`, which give the widths; colours: of the passes. Returns (materials, heights, nx,
-    ny) [1], with which the growth is linear in the heights, and (nx, ny) [m^2]. Without variance this is the layer map
-    itself (Lu, Zheng, Mishra 2015, equations 3 to 7).
+    `models.LayerDeposition`, which give the widths; colours: of the passes. Returns (materials, heights, nx, ny) [1],
+    with which the growth is linear in the heights, and (nx, ny) [m^2]. Without variance this is the layer map itself
+    (Lu, Zheng, Mishra 2015, equations 3 to 7).
     """
     if not colours:
         return _rates_of_pass(height, variance, pattern, heights)

@@ -1,7 +1,7 @@
 """Results as other programs read them: bitmaps of the layers for print heads, surfaces as meshes and height maps."""
 
 BITMAP_FORMATS = ("tiff", "png", "bmp")
-"""What `inkloop export-layers` writes."""
+"""What `inkloop export layers` writes."""
 DROP_SPLITS = ("planes", "bits")
 """How drops of several sizes become bitmaps of one bit: a bitmap for each size, or for each bit of the level."""
 MESH_FORMATS = ("stl", "glb")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import inkloop
+import inkloop_lab
 from inkloop.printing.run import print_part
 from support.places import SCENARIOS
 from support.prints import LITTLE_WORK

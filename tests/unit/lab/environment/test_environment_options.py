@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import inkloop
+import inkloop_lab
 from inkloop_lab.environment import layer_env
 from inkloop_lab.environment.freed_scenario import FreedScenario
 from inkloop_lab.policies.policy import ActionCode
