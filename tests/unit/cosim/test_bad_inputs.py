@@ -92,7 +92,7 @@ COMMANDS = {
     "export fmu LayerDeposition --nx 0": "the grid is 0 x 9 cells; expected at least 1 x 1",
     "export fmu LayerDeposition --nx many": "2 argument --nx: is 'many'; expected a whole number",
     "export fmu LayerDeposition --fmi 4": "2 argument --fmi: invalid choice: '4' (choose from",
-    "export fmu LayerDeposition --fmi 2 --nx 50000 --ny 50000": "as FMI 2 of 50000 x 50000 cells needs about |choose a sma",
+    "export fmu LayerDeposition --fmi 2 --nx 50000 --ny 50000": "as FMI 2 of 50000 x 50000 cells needs about |choose a",
     "export ssp cube.toml --fmi 3": "--fmi 3: SSP 1.0 takes FMI 2 only; add --ssp 2.0, or leave --fmi out",
     "export job missing.toml": "missing.toml: |No such file or directory; known: cube.toml",
     "export layers cube.toml --layers 5-2": "--layers 5-2: expected A-B within layers 1 to 3, for example 1-3",
@@ -103,7 +103,7 @@ COMMANDS = {
     "score nope:Class": "nope:Class: 1 error|No module named 'nope'; looked for modules in",
     "score LayerMcp": "there is no controller 'LayerMcp'; |did you mean LayerMpc?",
     "bench status cube.toml": "it names none. Set interface and channel of [bench] in the scenario, or configure pyt",
-    "bench emulate cube.toml": "bench.interface and bench.channel are not set, |[bench]\n    interface = |or use --port N or -",
+    "bench emulate cube.toml": "bench.interface and bench.channel are not set, |[bench]\n    interface = |or use --p",
     "bench emulate cube.toml --port 0 --fault explode": "--fault explode: kind is 'explode'; expected 'loss', ",
     "metrology full/map.csv": "the unit of its heights; give unit (--unit): |its pixels; give pixel_um (--pixel-um), ",
     "sweep cube.toml": "is a scenario; name it in a study file, which has title = |scenario = ",
@@ -112,7 +112,7 @@ COMMANDS = {
     "geometry full/notes.txt": "notes.txt: has no row of numbers (lines read: 1); expected heights",
     "new cube": "cube.toml: |is there already and is not overwritten; choose another name",
     "new p --shape ball": "2 argument --shape: invalid choice: 'ball' (choose from 'combine', 'cuboid'",
-    "export schema --out full/notes.txt/x.json": "x.json: its folder cannot be made: a file is in the way; name another pl",
+    "export schema --out full/notes.txt/x.json": "x.json: its folder cannot be made: a file is in the way; name",
     "reproduce lou": "2 argument PAPER: invalid choice: 'lou' (choose from 'lu'",
 }
 """Command line -> pieces of the message, joined by |; an exit code other than 1 in front."""

@@ -151,7 +151,7 @@ def test_key_of_a_unit_gives_it_back(unit: str, key: str, factor: float) -> None
 
 KEY_OR_INPUT = re.compile(r"--\w+-um|1/um|nm[,|]\s?um|um, mm|write um")
 """Where `um` is what a user types, or a unit of FMI."""
-PAPERS = "inkloop.studies"
+PAPERS = "inkloop_lab"
 """Its tables are pages in Markdown and LaTeX."""
 
 
