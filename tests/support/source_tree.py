@@ -73,6 +73,14 @@ def imported(name: str) -> frozenset[str]:
     return frozenset(found)
 
 
+def public_names(module: str) -> list[str]:
+    """`__all__` of a module; no names if it has none."""
+    for node in parsed(modules()[module]).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return list(ast.literal_eval(node.value))
+    return []
+
+
 @cache
 def import_graph() -> dict[str, set[str]]:
     """Module -> modules of the project that it imports; the public API of a package stands on top of its modules."""

@@ -21,6 +21,7 @@ from support.source_tree import (
     is_below,
     modules,
     parsed,
+    public_names,
     room,
 )
 
@@ -138,14 +139,6 @@ def test_lab_takes_public_names_only() -> None:
     }
     assert taken
     assert not {pair for pair in taken if pair[1] not in {*public_names(str(pair[0])), "__version__"}}
-
-
-def public_names(module: str) -> list[str]:
-    """`__all__` of a module; no names if it has none."""
-    for node in parsed(modules()[module]).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-            return list(ast.literal_eval(node.value))
-    return []
 
 
 def test_master_knows_no_layer() -> None:

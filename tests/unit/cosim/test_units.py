@@ -95,7 +95,7 @@ def is_row(key: ast.expr, value: ast.expr) -> bool:
 
 
 def test_factors_between_units_stand_in_one_module() -> None:
-    folders = ("cosim", "controller", "hardware", "tools", "benchmarks")
+    folders = ("cosim", "controller", "hardware", "lab", "tools", "benchmarks")
     paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
     found = {path.relative_to(ROOT).as_posix(): sorted(set(own_factors(parsed(path)))) for path in paths}
     assert found.pop("cosim/inkloop/units.py")

@@ -229,9 +229,9 @@ def test_devices_and_impossible_options_are_refused() -> None:
 
 
 def test_missing_extra_is_named() -> None:
-    """The name is there all the same, so that `from inkloop import *` works without the extra."""
+    """The name is there all the same, so that `from inkloop_lab import *` works without the extra."""
     code = (
-        "import sys; sys.modules['gymnasium'] = None\nimport inkloop\n"
+        "import sys; sys.modules['gymnasium'] = None\nimport inkloop, inkloop_lab\n"
         "try:\n    inkloop_lab.LayerEnv('case.toml')\nexcept inkloop.InkloopError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -58,14 +58,10 @@ def test_policy_in_the_place_of_a_controller_keeps(check, module: str) -> None:
     check(lambda: catalog.make(f"env:{module}:Fill", job_of_checks(), {"share": 0.3}))
 
 
-def test_policy_prints_what_the_same_rule_prints(module: str) -> None:
+def test_policy_controls_a_print(module: str) -> None:
     text = (SCENARIOS / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
-
-    def printed(kind: str) -> inkloop.Result:
-        own = text.replace('kind = "LayerMpc"\nalpha = 0.8', f'kind = "{kind}"\nshare = 0.4')
-        return inkloop.run(inkloop.Scenario.of_text(own, "case.toml"))
-
-    result = printed(f"env:{module}:Fill")
+    own = text.replace('kind = "LayerMpc"\nalpha = 0.8', f'kind = "env:{module}:Fill"\nshare = 0.4')
+    result = inkloop.run(inkloop.Scenario.of_text(own, "case.toml"))
     assert result.metrics()["mae"] < 3e-6
     assert result.stop_reason == "done"
 
