@@ -39,6 +39,8 @@ RENAMED = {
     "device": f"bench {'|'.join(action.name for action in ACTIONS)}",
     "doctor": "bench doctor",
     "replay": "bench replay",
+    "export": "export fmu",
+    "bench": "bench emulate",
 }
 """Command of version 0.1.0 -> its name now."""
 EXIT_CODES = (
@@ -92,10 +94,10 @@ def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]
         if below is None or word.startswith("-"):
             return
         if word not in below.choices:
-            if above is whole and word in RENAMED:
-                above.error(f"`inkloop {word}` is now `inkloop {RENAMED[word]}`")
-            from inkloop.suggest import nearest
+            from inkloop.suggest import near, nearest
 
+            if words[0] in RENAMED and (above is whole or not near(word, below.choices)):
+                above.error(f"there is no command {word!r}; `inkloop {words[0]}` is now `inkloop {RENAMED[words[0]]}`")
             above.error(f"there is no command {word!r}; {nearest(word, below.choices)}")
         above = below.choices[word]
         below = above.get_default("parts")

@@ -152,7 +152,8 @@ def test_nearest_name_is_suggested_for_a_mistyped_part_of_a_command(capsys: pyte
 @pytest.mark.parametrize("old", RENAMED)
 def test_old_name_of_a_command_gives_the_new_one(old: str, capsys: pytest.CaptureFixture[str]) -> None:
     above, _, names = RENAMED[old].partition(" ")
-    assert f"`inkloop {old}` is now `inkloop {above} {names}`" in usage_of(old, CUBOID, capsys=capsys)
+    said = f"; `inkloop {old}` is now `inkloop {above} {names}`"
+    assert said in usage_of(*old.split(), CUBOID, capsys=capsys)
     assert {(above, name) for name in names.split("|")} <= set(commands())
 
 

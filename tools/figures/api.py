@@ -50,7 +50,7 @@ def texts() -> Texts:
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
     lines += ["## The lab", "", "From `inkloop_lab`.", "", *_entries(inkloop_lab, inkloop_lab.__all__)]
-    lines += ["## For packages that build on inkloop", "", BUILD_ON, "", table(("module", "names"), _public_modules())]
+    lines += ["## For packages that build on inkloop", "", BUILD_ON, table(("module", "names"), _public_modules())]
     text = "\n".join(lines).rstrip("\n") + "\n"
     return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
 
