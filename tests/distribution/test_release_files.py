@@ -50,7 +50,8 @@ def whole_wheel() -> dict[str, bytes]:
     fmi2 = zipped({"binaries/linux64/A.so": ELF, "binaries/win64/A.dll": PE})
     fmi3 = zipped({"binaries/x86_64-linux/A.so": ELF, "binaries/x86_64-windows/A.dll": PE})
     return {
-        **{f"inkloop/{name}.so": ELF for name in ("geometry/libinkloop_columns", "models/libinkloop_models")},
+        "inkloop/geometry/libinkloop_columns.so": ELF,
+        "inkloop_lab/models/libinkloop_models.so": ELF,
         "inkloop_controller/libinkloop_core.so": ELF,
         "inkloop_hardware/inkloop_bench_nodes": ELF,
         "inkloop_fmus/fmi2/A.fmu": fmi2,
