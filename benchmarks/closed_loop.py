@@ -9,7 +9,7 @@ from rich.table import Table
 
 from benchmarks.prints import OPEN_LOOP, OURS, SCENARIOS, Case, Metrics, Wanted, column, figures, printed
 from benchmarks.target_table import Figure, table
-from inkloop.studies.score import board
+from inkloop_lab.score import board
 
 PITCH_UM = 263.256
 IN_CELLS = ("shift_x", "shift_y", "shift_std", "spot_radius")

@@ -11,8 +11,8 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
-from inkloop.studies.reproduce import finite_elements, square
 from inkloop.units import MS_PER_S, UM_PER_M
+from inkloop_lab.reproduce import finite_elements, square
 
 PITCH_UM, RADIUS_UM, VOLUME_UM3, ELEMENT_UM, PER_PITCH = 42.3, 35.1999, 30e3, 5.0, 8
 RAYS, STEP = 64, 0.25

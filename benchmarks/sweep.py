@@ -8,14 +8,14 @@ from pathlib import Path
 
 from rich.table import Table
 
-from inkloop.studies.sweep.bundle import Bundle
-from inkloop.studies.sweep.engine import carry_out
-from inkloop.studies.sweep.journal import RUNS_FOLDER, Journal
-from inkloop.studies.sweep.local import LocalProcesses
-from inkloop.studies.sweep.plan import PointsPlan
-from inkloop.studies.sweep.study import Study
-from inkloop.studies.sweep.task import Order, Record
 from inkloop.units import MS_PER_S
+from inkloop_lab.sweep.bundle import Bundle
+from inkloop_lab.sweep.engine import carry_out
+from inkloop_lab.sweep.journal import RUNS_FOLDER, Journal
+from inkloop_lab.sweep.local import LocalProcesses
+from inkloop_lab.sweep.plan import PointsPlan
+from inkloop_lab.sweep.study import Study
+from inkloop_lab.sweep.task import Order, Record
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "cuboid.toml"
 PRINTS, WORKERS = 60, 2

@@ -9,9 +9,10 @@
     inkloop.load("runs/mine")                                           # a Result; of a .toml file, a Scenario
 
 `run`, `load`, `Scenario` and `Result` print and read. A class of your own needs `Component`, `Port`, `Job`, `Ink`
-and `Status` to take part. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. `LayerEnv` is a scenario
-as an environment to learn in. All errors derive from `InkloopError`. Only these names are public (`inkloop.__all__`);
-anything else may change. The controller is in `inkloop_controller`. docs/reference/api.md lists all public names.
+and `Status` to take part. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. All errors derive from
+`InkloopError`. These names are public (`inkloop.__all__`); so are, for packages that build on inkloop, the modules of
+its floor and every name in the `__all__` of a module. Anything else may change. The controller is in
+`inkloop_controller`, studies in `inkloop_lab`. docs/reference/api.md lists all public names.
 """
 
 from importlib import import_module
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
         FmuError,
         GeometryError,
         HeightMapError,
-        IdentificationError,
         InkloopError,
         ResultError,
         ScenarioError,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from inkloop.fmu.reading import describe
     from inkloop.fmu_writer.export import export_fmu, find_fmu
     from inkloop.printing.api import load, run
-    from inkloop.printing.environment import LayerEnv
     from inkloop.results.result import Result
     from inkloop.scenario.file import Scenario
 
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "inkloop.printing.api": ("run", "load"),
-    "inkloop.printing.environment": ("LayerEnv",),
     "inkloop.scenario.file": ("Scenario",),
     "inkloop.results.result": ("Result",),
     "inkloop.component": ("Component", "Port", "Job", "Ink", "Status"),
@@ -50,7 +48,7 @@ _MODULES = {
     "inkloop.fmu_writer.export": ("find_fmu", "export_fmu"),
     "inkloop.errors": (
         *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),
-        *("GeometryError", "HeightMapError", "IdentificationError", "ResultError"),
+        *("GeometryError", "HeightMapError", "ResultError"),
     ),
 }
 """Module -> public names that are imported from it when they are first used."""
@@ -62,11 +60,9 @@ __all__ = [
     "FmuError",
     "GeometryError",
     "HeightMapError",
-    "IdentificationError",
     "Ink",
     "InkloopError",
     "Job",
-    "LayerEnv",
     "Port",
     "Result",
     "ResultError",

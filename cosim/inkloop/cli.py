@@ -14,60 +14,35 @@ from typing import Any
 from inkloop.commands import (
     bench,
     compare,
-    device,
-    doctor,
     export,
-    export_job,
-    export_layers,
-    export_ssp,
-    export_surface,
     geometry,
-    identify,
     info,
+    installed,
     metrology,
     new,
-    replay,
     report,
-    reproduce,
     resume,
     run,
-    schema,
-    score,
-    sweep,
     validate,
     watch,
 )
+from inkloop.commands.bench.actions import ACTIONS
 from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError
 from inkloop.files import reason_of
 
-COMMANDS = (
-    run,
-    resume,
-    validate,
-    report,
-    watch,
-    compare,
-    new,
-    geometry,
-    schema,
-    export,
-    export_ssp,
-    export_job,
-    export_layers,
-    export_surface,
-    info,
-    metrology,
-    reproduce,
-    score,
-    sweep,
-    identify,
-    bench,
-    device,
-    doctor,
-    replay,
-)
-"""The modules of the commands, in the order of `inkloop --help`."""
+COMMANDS = (run, resume, validate, report, watch, compare, new, geometry, export, info, metrology, bench)
+"""The modules of inkloop's own commands, in the order of `inkloop --help`; `installed` finds others."""
+RENAMED = {
+    **{f"export-{part}": f"export {part}" for part in ("ssp", "job", "layers", "surface")},
+    "schema": "export schema",
+    "device": f"bench {'|'.join(action.name for action in ACTIONS)}",
+    "doctor": "bench doctor",
+    "replay": "bench replay",
+    "export": "export fmu",
+    "bench": "bench emulate",
+}
+"""Command of version 0.1.0 -> its name now."""
 EXIT_CODES = (
     "exit codes: 0 done; 1 an error, or a check that failed; 2 wrong arguments; 3 prints of a sweep failed; "
     "4 the print was stopped, as the scans do not show what was printed; 130 interrupted with Ctrl-C"
@@ -95,24 +70,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
-    return _parser()[0]
+    """The parser of the whole command line, with the commands of all installed packages."""
+    return _parser([])[0]
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:
     """The options of a command; ends the program with the usage of that command where they are wrong."""
-    whole, commands = _parser()
+    whole, commands = _parser(words)
     if not words:
         whole.error("name a command; `inkloop --help` lists them")
-    if not words[0].startswith("-") and words[0] not in commands.choices:
-        from inkloop.suggest import nearest
-
-        whole.error(f"there is no command {words[0]!r}; {nearest(words[0], commands.choices)}")
+    _check_names(whole, commands, words)
     options, unknown = whole.parse_known_args(words, argparse.Namespace(words=words))
     if unknown:
-        command = commands.choices[options.command_name]
+        command = options.parser
         command.error(f"unknown arguments: {' '.join(unknown)}{_suggestion(unknown, command.format_help())}")
     return options
+
+
+def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]) -> None:
+    """Ends the program where the words begin with no command, or with none of the parts of one."""
+    above, below = whole, commands
+    for word in words:
+        if below is None or word.startswith("-"):
+            return
+        if word not in below.choices:
+            from inkloop.suggest import near, nearest
+
+            if words[0] in RENAMED and (above is whole or not near(word, below.choices)):
+                above.error(f"there is no command {word!r}; `inkloop {words[0]}` is now `inkloop {RENAMED[words[0]]}`")
+            above.error(f"there is no command {word!r}; {nearest(word, below.choices)}")
+        above = below.choices[word]
+        below = above.get_default("parts")
 
 
 def _suggestion(unknown: Sequence[str], shown: str) -> str:
@@ -125,8 +113,11 @@ def _suggestion(unknown: Sequence[str], shown: str) -> str:
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
-def _parser() -> tuple[argparse.ArgumentParser, Any]:
-    """The parser of the whole command line, and its commands: `choices` has a parser for each name."""
+def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:
+    """The parser of the whole command line, and its commands: `choices` has a parser for each name.
+
+    words: where they begin with a command of inkloop, those of other packages are not looked for.
+    """
     whole = argparse.ArgumentParser(
         prog="inkloop", description="Closed-loop ink-jet 3D printing as a co-simulation.", epilog=EXIT_CODES
     )
@@ -139,12 +130,29 @@ def _parser() -> tuple[argparse.ArgumentParser, Any]:
     )
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND", dest="command_name")
     for module in COMMANDS:
-        one = module.add_parser(commands)
-        add_output(one)
-        one.register("type", int, whole_number)
-        one.register("type", float, number)
-        one.set_defaults(command=module.run)
+        _add(commands, module)
+    if words[:1] != ["--version"] and not (words and words[0] in commands.choices):
+        try:
+            for module in installed.commands(words[0] if words else "", commands.choices):
+                _add(commands, module)
+        except InkloopError as error:
+            whole.error(str(error))
     return whole, commands
+
+
+def _add(commands: Any, module: Any) -> None:
+    """Add the command of a module, with the parts of one that has some."""
+    one: argparse.ArgumentParser = module.add_parser(commands)
+    if parts := getattr(module, "PARTS", ()):
+        below = one.add_subparsers(title="commands", required=True, metavar="COMMAND")
+        for part in parts:
+            _add(below, part)
+        one.set_defaults(parts=below)
+        return
+    add_output(one)
+    one.register("type", int, whole_number)
+    one.register("type", float, number)
+    one.set_defaults(command=module.run, parser=one)
 
 
 class _Version(argparse.Action):

@@ -6,7 +6,6 @@ InkloopError
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
 ├── GeometryError    a part cannot be read from its file, or does not fit the grid
 ├── HeightMapError   a measured map cannot be read, or does not fit the grid as configured
-├── IdentificationError  the logged data are invalid or do not determine the requested ink
 └── ResultError      a run folder cannot be read or written
 """
 
@@ -16,7 +15,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-_PACKAGES = ("inkloop", "inkloop_controller", "inkloop_hardware")
+_PACKAGES = ("inkloop", "inkloop_controller", "inkloop_hardware", "inkloop_lab")
 
 
 class InkloopError(Exception):
@@ -51,10 +50,6 @@ class GeometryError(InkloopError):
 
 class HeightMapError(InkloopError):
     """A height map cannot be read or does not fit the grid; the message names the file."""
-
-
-class IdentificationError(InkloopError):
-    """Logged patterns and surfaces cannot be read, or do not determine the requested ink."""
 
 
 class ResultError(InkloopError):

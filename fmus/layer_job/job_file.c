@@ -14,7 +14,7 @@
  * each number of the variable, 64 bit   number of values, 64 bit   the values, 64 bit reals */
 static const char MAGIC[8] = {'I', 'n', 'k', 'J', 'o', 'b', '\r', '\n'};
 enum { LAYOUT = 1, CHECKED_FROM = 16, NAME_SIZE = 32, FINGERPRINT_SIZE = 16, WORD = 8 };
-static const char ADVICE[] = "export the job again (inkloop export-job)";
+static const char ADVICE[] = "export the job again (inkloop export job)";
 
 typedef struct {
     const unsigned char *at;

@@ -168,7 +168,7 @@ static Outcome read_file(Instance *instance) {
     char message[MESSAGE_SIZE];
     unsigned char *bytes = read_resource(instance->resources, "job.bin", &size, message, sizeof message);
     if (!bytes)
-        return refuse(instance, "%s; what the FMU prints is written by inkloop export-job", message);
+        return refuse(instance, "%s; what the FMU prints is written by inkloop export job", message);
     Outcome outcome = read_job(instance, bytes, size, instance->mark, &parts);
     free(bytes);
     if (outcome == ACCEPTED)

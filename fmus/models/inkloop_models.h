@@ -1,4 +1,4 @@
-/* The kernels of the deposition models behind plain arrays, for inkloop.models: one pass or one layer at a time, no
+/* The kernels of the deposition models behind plain arrays, for inkloop_lab.models: one pass or one layer at a time, no
  * FMI, no state between calls, any number of threads. A grid is nx * ny cells in C order; heights in metres. Arrays of
  * the caller are complete and checked before the call. */
 #ifndef INKLOOP_MODELS_H

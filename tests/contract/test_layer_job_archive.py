@@ -38,7 +38,7 @@ EVERY_FORM = pytest.mark.parametrize("form", FORMS, scope="module")
 def file(form, tmp_path_factory) -> Path:
     """The block of the cuboid, exported once per form; tests only read it."""
     path = tmp_path_factory.mktemp(form) / "cuboid.fmu"
-    assert main(["export-job", str(quick_cuboid()), "--fmi", form[3], "--out", str(path)]) == 0
+    assert main(["export", "job", str(quick_cuboid()), "--fmi", form[3], "--out", str(path)]) == 0
     return path
 
 
@@ -127,7 +127,7 @@ def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_pa
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     files = [tmp_path / f"{number}.fmu" for number in range(3)]
     for path, seed in zip(files, (1, 1, 2), strict=True):
-        command = ["export-job", str(quick_cuboid()), "--set", f"seed={seed}", "--out", str(path)]
+        command = ["export", "job", str(quick_cuboid()), "--set", f"seed={seed}", "--out", str(path)]
         assert main(command) == 0
     assert files[0].read_bytes() == files[1].read_bytes()
     guids = [ET.fromstring(zipfile.ZipFile(path).read("modelDescription.xml")).get("guid") for path in files]
@@ -211,7 +211,7 @@ def test_devices_have_no_place_in_a_block() -> None:
 
 
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:
-    with pytest.raises(FmuError, match="inkloop export-job SCENARIO"):
+    with pytest.raises(FmuError, match="inkloop export job SCENARIO"):
         export_fmu(MODEL, fmi="2", nx=9, ny=9, fixed=True, out=tmp_path / "it.fmu")
 
 

@@ -115,7 +115,7 @@ def test_file_that_is_not_the_blocks_own_is_refused_with_a_message(error, binary
 
 def test_missing_file_and_missing_folder_are_reported(binary, tmp_path) -> None:
     assert "job.bin cannot be read: No such file" in binary.refusal(str(tmp_path))
-    assert "inkloop export-job" in binary.refusal(str(tmp_path))
+    assert "inkloop export job" in binary.refusal(str(tmp_path))
     assert "the importer names no folder of resources" in binary.refusal(None)
     (tmp_path / "job.bin").mkdir()
     assert "cannot be read" in binary.refusal(str(tmp_path))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink
-from inkloop.models import (
+from inkloop_lab.models import (
     DropletVolumes,
     LayerDeposition,
     SuperpositionDeposition,

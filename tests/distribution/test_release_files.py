@@ -50,7 +50,8 @@ def whole_wheel() -> dict[str, bytes]:
     fmi2 = zipped({"binaries/linux64/A.so": ELF, "binaries/win64/A.dll": PE})
     fmi3 = zipped({"binaries/x86_64-linux/A.so": ELF, "binaries/x86_64-windows/A.dll": PE})
     return {
-        **{f"inkloop/{name}.so": ELF for name in ("geometry/libinkloop_columns", "models/libinkloop_models")},
+        "inkloop/geometry/libinkloop_columns.so": ELF,
+        "inkloop_lab/models/libinkloop_models.so": ELF,
         "inkloop_controller/libinkloop_core.so": ELF,
         "inkloop_hardware/inkloop_bench_nodes": ELF,
         "inkloop_fmus/fmi2/A.fmu": fmi2,
@@ -254,7 +255,7 @@ def test_wheel_exports_for_another_platform_or_names_the_extra(clean_root: Path)
     """A whole release has binaries for all platforms in each wheel; one for this platform only needs the extra."""
     (folder,) = (clean_root / "venv/lib").glob("python3.*/site-packages/inkloop_fmus/fmi3")
     platforms = describe(folder / "LayerDeposition.fmu").platforms
-    export = ("inkloop", "export", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu")
+    export = ("inkloop", "export", "fmu", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu")
     done = called(clean_root, *export)
     if "aarch64-linux" not in platforms:
         assert done.returncode != 0

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.identify.print_record import PrintRecord
-from inkloop.models import DropletVolumes
+from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.models import DropletVolumes
 
 PITCH = 263.256e-6
 CELL = "pitch_um = 263.256\nunit = 'um'\npixel_um = 263.256\n"

@@ -7,6 +7,7 @@ import xarray as xr
 
 from inkloop.component import Job
 from inkloop.components import catalog
+from inkloop.course.layer_course import LayerCourse
 from inkloop.master.master import Master
 from inkloop.master.wiring import check, contract_connections
 from inkloop.results.recorder import Recorder
@@ -45,8 +46,15 @@ def printed(
     wires = contract_connections(parts)
     assert check(parts, wires) == []
     recorder = Recorder(job(), parts)
-    master = Master(parts, wires, step_ns=step_ns, algorithm=algorithm, observers=[recorder])  # type: ignore[arg-type]
-    assert master.run(layers_max=50, time_max_ns=10_000 * SECOND) == "done"
+    master = Master(
+        parts,
+        wires,
+        step_ns=step_ns,
+        algorithm=algorithm,  # type: ignore[arg-type]
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=50),
+    )
+    assert master.run(time_max_ns=10_000 * SECOND) == "done"
     return recorder.dataset()
 
 

@@ -15,6 +15,7 @@ PACKAGES = {
     "inkloop": ROOT / "cosim" / "inkloop",
     "inkloop_controller": ROOT / "controller" / "inkloop_controller",
     "inkloop_hardware": ROOT / "hardware" / "inkloop_hardware",
+    "inkloop_lab": ROOT / "lab" / "inkloop_lab",
 }
 C_FOLDERS = (
     *(ROOT / "fmus", ROOT / "controller" / "core"),
@@ -36,7 +37,7 @@ def module_name(path: Path, root: Path) -> str:
 
 @cache
 def modules() -> dict[str, Path]:
-    """Every module of the three packages, by name."""
+    """Every module of the four packages, by name."""
     return {
         module_name(path, folder.parent): path for folder in PACKAGES.values() for path in sorted(folder.rglob("*.py"))
     }
@@ -70,6 +71,14 @@ def imported(name: str) -> frozenset[str]:
             full = [f"{node.module}.{alias.name}" for alias in node.names]
             found.update(entry if entry in modules() else str(node.module) for entry in full)
     return frozenset(found)
+
+
+def public_names(module: str) -> list[str]:
+    """`__all__` of a module; no names if it has none."""
+    for node in parsed(modules()[module]).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return list(ast.literal_eval(node.value))
+    return []
 
 
 @cache

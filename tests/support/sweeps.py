@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from inkloop.studies.sweep import dataset
-from inkloop.studies.sweep.bundle import Bundle
-from inkloop.studies.sweep.engine import carry_out
-from inkloop.studies.sweep.journal import Journal
-from inkloop.studies.sweep.optimise import OptimisePlan
-from inkloop.studies.sweep.plan import Plan, PointsPlan
-from inkloop.studies.sweep.report import sweep_of
-from inkloop.studies.sweep.study import Study
-from inkloop.studies.sweep.task import Record, Task
+from inkloop_lab.sweep import dataset
+from inkloop_lab.sweep.bundle import Bundle
+from inkloop_lab.sweep.engine import carry_out
+from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.optimise import OptimisePlan
+from inkloop_lab.sweep.plan import Plan, PointsPlan
+from inkloop_lab.sweep.report import sweep_of
+from inkloop_lab.sweep.study import Study
+from inkloop_lab.sweep.task import Record, Task
 from support.places import SCENARIOS
 
 SCENARIO = SCENARIOS / "cuboid.toml"

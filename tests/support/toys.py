@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from inkloop.component import Job, Port, Status, Values
+from inkloop.course.layer_course import LayerCourse
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.recorder import Recorder
@@ -206,8 +207,14 @@ def toy_result() -> Result:
     job = toy_job(layers=3)
     parts = toy_loop(job)
     recorder = Recorder(job, parts)
-    master = Master(parts, contract_connections(parts), step_ns=1_000_000_000, observers=[recorder])
-    reason = master.run(layers_max=10)
+    master = Master(
+        parts,
+        contract_connections(parts),
+        step_ns=1_000_000_000,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=10),
+    )
+    reason = master.run()
     return Result.of(
         recorder.dataset(),
         title="Block",

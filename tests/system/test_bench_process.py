@@ -166,7 +166,7 @@ def test_process_ends_with_its_parent(program: Path) -> None:
 
 def test_command_lists_the_faults_and_refuses_unknown_ones(tmp_path: Path) -> None:
     path = write(tmp_path, BLOCK + '\n[[bench.faults]]\nkind = "swap"\n')
-    words = [*COMMAND, "bench", str(path), "--port", "0", "--fault"]
+    words = [*COMMAND, "bench", "emulate", str(path), "--port", "0", "--fault"]
     running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]

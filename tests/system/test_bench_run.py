@@ -149,7 +149,7 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
             time.sleep(0.3)
         output, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 130, output
-        assert main(["device", str(path), "status", "--json", "--set", f"bench.channel={channel}"]) == 0
+        assert main(["bench", "status", str(path), "--json", "--set", f"bench.channel={channel}"]) == 0
         shown = capsys.readouterr()
         assert "1 unknown, needs a person" in shown.err
         head, *others = json.loads(shown.out)["nodes"]
@@ -167,14 +167,14 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         words = ["--set", f"bench.channel={channel}"]
         running = started("run", str(path), "--out", str(folder), *words)
         wait_for_word(folder / "bench.log", "pass 1", running)
-        assert main(["device", str(path), "stop", "--json", *words]) == 0
+        assert main(["bench", "stop", str(path), "--json", *words]) == 0
         assert "head: SAFE because of STOP_REQUEST" in json.loads(capsys.readouterr().out)["lines"]
         output, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 1
         assert "stop request" in output
-        assert main(["device", str(path), "release", *words]) == 0
+        assert main(["bench", "release", str(path), *words]) == 0
         time.sleep(1.0)  # for 300 ms the session of the ended run counts as another master
-        assert main(["device", str(path), "clear", *words]) == 0
+        assert main(["bench", "clear", str(path), *words]) == 0
 
 
 @pytest.mark.long
@@ -187,7 +187,7 @@ def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path
         wait_for_word(folder / "bench.log", "lamp on", running)
         running.kill()
         running.communicate()
-        assert main(["device", str(path), "clear", *words]) == 0
+        assert main(["bench", "clear", str(path), *words]) == 0
         assert main(["resume", str(folder)]) == 0
     assert_same_print(Result.load(folder), printed_with_fmus(path, {"part.height_um": 6.0}))
 
@@ -199,7 +199,7 @@ def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(
     path, exact = write(tmp_path), {"components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
     with emulated(path, exact) as (_, channel):
         for action in ("status", "home", "purge", "dry-run", "stop", "release", "clear"):
-            assert main(["device", str(path), action, "--set", f"bench.channel={channel}"]) == 0
+            assert main(["bench", action, str(path), "--set", f"bench.channel={channel}"]) == 0
         assert "nothing was jetted or lit" in capsys.readouterr().out
         bench = print_part(Scenario.load(path, {"bench.channel": channel, **exact}))
     assert_same_print(bench, printed_with_fmus(path, exact))
@@ -209,11 +209,11 @@ def test_bench_command_runs_until_it_is_interrupted_and_prints_what_to_type(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path)
-    running = started("bench", str(path), "--port", "0")
+    running = started("bench", "emulate", str(path), "--port", "0")
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
     channel = lines[0].partition(" on ")[2].partition(": ")[0]
-    second = main(["bench", str(path), "--port", channel.rpartition(":")[2]])
+    second = main(["bench", "emulate", str(path), "--port", channel.rpartition(":")[2]])
     running.send_signal(signal.SIGINT)
     running.communicate(timeout=PATIENCE_S)
     assert f"inkloop run {path} --set bench.interface=slcan --set bench.channel={channel}" in lines[2]
@@ -225,7 +225,7 @@ def test_bench_command_runs_until_it_is_interrupted_and_prints_what_to_type(
 @pytest.mark.parametrize(
     ("overrides", "word"),
     [
-        (["bench.channel=socket://127.0.0.1:9"], "nothing listens at socket://127.0.0.1:9.*inkloop bench"),
+        (["bench.channel=socket://127.0.0.1:9"], "nothing listens at socket://127.0.0.1:9.*inkloop bench emulate"),
         (["bench.channel=/dev/no-such-adapter"], "no-such-adapter"),
     ],
 )

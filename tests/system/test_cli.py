@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
 
-from inkloop.cli import COMMANDS, main
+from inkloop.cli import RENAMED, main, parser
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
 from support.long_proofs import rest_is_long
@@ -102,7 +104,7 @@ def test_validate_answers_with_an_exit_code(tmp_path: Path, capsys: pytest.Captu
 
 def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "printer.fmu"
-    assert main(["export", "LayerDeposition", "--fmi", "2", "--nx", "4", "--ny", "5", "--out", str(path)]) == 0
+    assert main(["export", "fmu", "LayerDeposition", "--fmi", "2", "--nx", "4", "--ny", "5", "--out", str(path)]) == 0
     assert main(["info", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "LayerDeposition" in shown
@@ -116,7 +118,7 @@ def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.Captu
         (["report", "absent"], "run.json"),
         (["info", "absent.fmu"], "absent.fmu"),
         (["run", "absent.toml"], "absent.toml"),
-        (["export", "LayerDepositoin"], "LayerDeposition"),
+        (["export", "fmu", "LayerDepositoin"], "LayerDeposition"),
     ],
 )
 def test_errors_are_reported_without_a_traceback(
@@ -134,16 +136,50 @@ def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("word", "nearest"), [("runn", "run"), ("exprot-ssp", "export-ssp"), ("valid", "validate")])
+@pytest.mark.parametrize(("word", "nearest"), [("runn", "run"), ("exprot", "export"), ("valid", "validate")])
 def test_nearest_name_is_suggested_for_a_mistyped_command(
     word: str, nearest: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert f"there is no command {word!r}; did you mean {nearest}?" in usage_of(word, capsys=capsys)
 
 
-@pytest.mark.parametrize("command", [module.__name__.rpartition(".")[2].replace("_", "-") for module in COMMANDS])
-def test_wrong_option_shows_the_usage_of_its_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert usage_of(command, "--no-such-option", capsys=capsys).startswith(f"usage: inkloop {command} ")
+def test_nearest_name_is_suggested_for_a_mistyped_part_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    output = usage_of("export", "sps", CUBOID, capsys=capsys)
+    assert output.startswith("usage: inkloop export ")
+    assert "there is no command 'sps'; did you mean ssp?" in output
+
+
+@pytest.mark.parametrize("old", RENAMED)
+def test_old_name_of_a_command_gives_the_new_one(old: str, capsys: pytest.CaptureFixture[str]) -> None:
+    above, _, names = RENAMED[old].partition(" ")
+    said = f"; `inkloop {old}` is now `inkloop {above} {names}`"
+    assert said in usage_of(*old.split(), CUBOID, capsys=capsys)
+    assert {(above, name) for name in names.split("|")} <= set(commands())
+
+
+def commands() -> list[tuple[str, ...]]:
+    """The words of every command."""
+
+    def below(one: argparse.ArgumentParser, *words: str) -> Iterator[tuple[str, ...]]:
+        parts = [action for action in one._actions if isinstance(action, argparse._SubParsersAction)]
+        for part in parts:
+            for name, command in part.choices.items():
+                yield from below(command, *words, name)
+        if not parts:
+            yield words
+
+    return list(below(parser()))
+
+
+def test_at_most_sixteen_commands_stand_at_the_top() -> None:
+    assert len({words[0] for words in commands()}) <= 16
+
+
+@pytest.mark.parametrize("command", commands(), ids=" ".join)
+def test_wrong_option_shows_the_usage_of_its_command(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert usage_of(*command, "--no-such-option", capsys=capsys).startswith(f"usage: inkloop {' '.join(command)} ")
 
 
 def test_unknown_option_among_valid_ones_is_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,10 +188,10 @@ def test_unknown_option_among_valid_ones_is_named(capsys: pytest.CaptureFixture[
     assert "unknown arguments: --no-such-option" in output
 
 
-@pytest.mark.parametrize("command", [module.__name__.rpartition(".")[2].replace("_", "-") for module in COMMANDS])
-def test_help_explains_every_argument(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("command", commands(), ids=" ".join)
+def test_help_explains_every_argument(command: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main([command, "--help"])
+        main([*command, "--help"])
     lines = capsys.readouterr().out.splitlines()
     assert any("--traceback" in line for line in lines)
     entries = [line for line in lines if re.match(r"  \S", line) and not line.startswith("  -h")]
@@ -172,7 +208,8 @@ def test_traceback_shows_error_and_cause(capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.parametrize(
-    ("typed", "offered"), [(["ru"], "run"), (["export-ssp", "--ss"], "--ssp"), (["new", "--shape", "cy"], "cylinder")]
+    ("typed", "offered"),
+    [(["ru"], "run"), (["export", "ssp", "--ss"], "--ssp"), (["new", "--shape", "cy"], "cylinder")],
 )
 def test_completion_script_completes_in_bash(
     typed: list[str], offered: str, capsys: pytest.CaptureFixture[str]

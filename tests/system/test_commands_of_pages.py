@@ -21,7 +21,7 @@ from support.places import ROOT
 pytestmark = [pytest.mark.system, pytest.mark.long, pytest.mark.usefixtures("without_pictures")]
 
 LEFT_OUT = {
-    r"(bench|device|doctor|replay) ": "devices, or an emulator that runs next to it: tests of benches",
+    r"bench ": "devices, or an emulator that runs next to it: tests of benches",
     r"run (scenarios/|my-)bench\.toml": "the same",
     r"report runs/bench": "the same",
     r"watch ": "serves until Ctrl-C: tests of the page in a browser",

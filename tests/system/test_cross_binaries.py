@@ -177,7 +177,7 @@ def test_system_for_a_tool_on_windows_has_the_binary_in_our_fmus(tmp_path: Path)
     text = TEXT + '[components.other]\nkind = "Fmu"\nfile = "amplifier2.fmu"\n'
     (tmp_path / "block.toml").write_text(text, encoding="utf-8")
     words = ["-o", str(tmp_path / "it.ssp"), "--platforms", "x86_64-windows,x86_64-linux"]
-    assert main(["export-ssp", str(tmp_path / "block.toml"), *words]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), *words]) == 0
     with zipfile.ZipFile(tmp_path / "it.ssp") as opened:
         opened.extractall(tmp_path / "it")
     platforms = {file.stem: set(describe(file).platforms) for file in (tmp_path / "it/resources").glob("*.fmu")}

@@ -1,4 +1,4 @@
-"""`inkloop doctor` on a bench between processes, with one piece after the other missing or wrong."""
+"""`inkloop bench doctor` on a bench between processes, with one piece after the other missing or wrong."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def doctor(path: Path, capsys: pytest.CaptureFixture[str]) -> Doctor:
     """Looks over the bench at a channel: the exit code, and the finding of each check with an error."""
 
     def look(channel: str, *words: str) -> tuple[int, dict[str, str]]:
-        code = main(["doctor", str(path), "--json", "--set", f"bench.channel={channel}", *words])
+        code = main(["bench", "doctor", str(path), "--json", "--set", f"bench.channel={channel}", *words])
         report = json.loads(capsys.readouterr().out)
         assert report["exit_code"] == code
         for finding in report["findings"]:
@@ -224,12 +224,12 @@ def test_bench_of_another_grid_is_reported(path: Path, doctor: Doctor) -> None:
 
 
 def test_scenario_that_cannot_be_read_is_another_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", str(write(tmp_path, BLOCK.replace("nx = 12", "nx = -1")))]) == 2
+    assert main(["bench", "doctor", str(write(tmp_path, BLOCK.replace("nx = 12", "nx = -1")))]) == 2
     assert "grid.nx" in capsys.readouterr().err
 
 
 def test_table_gives_a_remedy(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", str(path), "--set", "bench.channel=/dev/no-such-adapter"]) == 1
+    assert main(["bench", "doctor", str(path), "--set", "bench.channel=/dev/no-such-adapter"]) == 1
     output = " ".join(capsys.readouterr().out.split())
     assert "error" in output
     assert "plug the adapter in" in output
@@ -251,7 +251,7 @@ def test_head_that_is_not_in_order_is_not_ready_to_print(
         code, errors = doctor(channel)
         assert code == 1
         assert errors["states"].split(": ")[1] == found.split(": ")[1]  # of the last node with this fault
-        assert main(["device", str(path), "--set", f"bench.channel={channel}", "status"]) == 0
+        assert main(["bench", "status", str(path), "--set", f"bench.channel={channel}"]) == 0
         assert found.partition(": ")[2] in capsys.readouterr().out.splitlines()[0]
         assert main(["run", str(path), "--set", f"bench.channel={channel}", "--out", str(path.parent / "run")]) == 1
         assert f"{found}; " in capsys.readouterr().err

@@ -11,21 +11,21 @@ import tomlkit
 
 from inkloop.cli import main
 from inkloop.component import Ink
-from inkloop.errors import IdentificationError
-from inkloop.identify import designs
-from inkloop.identify.candidates import candidates, conserving
-from inkloop.identify.cross_validation import Comparison, compare
-from inkloop.identify.experiments import Plan, perform, plant_scenario
-from inkloop.identify.identification import Identification, identify
-from inkloop.identify.ink_regression import identify_ink
-from inkloop.identify.ink_writer import write_ink
-from inkloop.identify.print_record import PrintRecord
-from inkloop.identify.volume_area_coefficients import identify_volume_area
-from inkloop.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
-from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.studies.score.known_inks import surfaces
+from inkloop_lab.errors import IdentificationError
+from inkloop_lab.identify import designs
+from inkloop_lab.identify.candidates import candidates, conserving
+from inkloop_lab.identify.cross_validation import Comparison, compare
+from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
+from inkloop_lab.identify.identification import Identification, identify
+from inkloop_lab.identify.ink_regression import identify_ink
+from inkloop_lab.identify.ink_writer import write_ink
+from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.volume_area_coefficients import identify_volume_area
+from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
+from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS
+from inkloop_lab.score.known_inks import surfaces
 from support.logged_print import log, made_up, random_layers
 from support.lying_scans.log import logged
 from support.lying_scans.profiler import Profiler
@@ -139,7 +139,7 @@ def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
 def test_displaced_log_gives_its_ink_and_a_sentence_on_screen_and_in_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("inkloop.identify.identification.compare", lambda *_: [])
+    monkeypatch.setattr("inkloop_lab.identify.identification.compare", lambda *_: [])
     record = logged(Profiler(shift=(0.25, -0.1), noise=0.2), designs.layers(26, 22, 5, 3, margin=4))
     out = tmp_path / "ink.toml"
     assert main(["identify", str(log(tmp_path / "print", record)), "--out", str(out), "--no-pictures"]) == 0

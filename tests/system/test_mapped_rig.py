@@ -215,10 +215,10 @@ def test_stop_steps_of_a_mapping_are_made_and_without_them_nothing_is_sent(
     part = str(tmp_path / "part.toml")
     with foreign_rig.running(bus):
         scenario(tmp_path, bus, foreign_rig.MAPPING)
-        assert main(["device", part, "stop"]) == 1
+        assert main(["bench", "stop", part]) == 1
         assert "has no [[stop]] steps, so nothing was sent: use the hard-wired stop" in capsys.readouterr().err
-        assert main(["device", part, "clear"]) == 1
+        assert main(["bench", "clear", part]) == 1
         assert "clear is for inkloop's own nodes" in capsys.readouterr().err
         scenario(tmp_path, bus, foreign_rig.MAPPING.replace("[outputs", f"{steps}\n[outputs"))
-        assert main(["device", part, "stop"]) == 0
+        assert main(["bench", "stop", part]) == 0
         assert "all 2 [[stop]] steps of rig.toml were made" in capsys.readouterr().out

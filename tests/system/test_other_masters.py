@@ -122,7 +122,7 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
     scenario_in(tmp_path)
     four = ["--set", "process.passes=4", "--set", "process.pass_order=diagonal"]
     folder = tmp_path / "it"
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(folder), *four]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(folder), *four]) == 0
     variables = [v for file in folder.glob("*.fmu") for v in fmpy.read_model_description(str(file)).modelVariables]
     assert {v.type for v in variables} == {"Real", "Integer", "Boolean"}
     orders = {v.start for v in variables if v.name == "pass_order"}
@@ -139,6 +139,6 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
 
 def test_names_that_maestro_cannot_read_are_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "block.toml").write_text(TEXT.replace(".printer]", ".print-head]"), encoding="utf-8")
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(tmp_path / "it")]) == 1
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(tmp_path / "it")]) == 1
     assert "components.print-head: Maestro takes letters, digits and _ in names" in capsys.readouterr().err
     assert not (tmp_path / "it").exists()

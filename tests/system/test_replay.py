@@ -46,7 +46,7 @@ def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str
     """The command: its exit code, and its whole output, of both streams, in one line."""
 
     def replay(folder: Path, *words: str) -> tuple[int, str]:
-        code = main(["replay", str(folder), *words])
+        code = main(["bench", "replay", str(folder), *words])
         captured = capsys.readouterr()
         return code, " ".join((captured.out + captured.err).split())
 
@@ -156,7 +156,7 @@ def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
         wait_for_word(folder / "bench.log", "lamp on for 300 ms after pass 2", running)
         running.kill()
         running.communicate()
-        assert main(["device", str(path), "clear", *words]) == 0
+        assert main(["bench", "clear", str(path), *words]) == 0
         assert main(["resume", str(folder)]) == 0
     code, output = replayed(folder, "--out", str(tmp_path / "again"))
     assert code == 0, output

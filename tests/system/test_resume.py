@@ -179,6 +179,7 @@ def test_fmu_of_a_file_resumes_from_its_state(fmi: str, tmp_path: Path, monkeypa
         main(
             [
                 "export",
+                "fmu",
                 "LayerDeposition",
                 "--fmi",
                 fmi,

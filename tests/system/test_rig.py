@@ -401,7 +401,7 @@ def test_files_of_the_present_folder_are_not_taken_for_libraries(
 
 def test_bus_that_cannot_be_opened_does_not_count(channel: str) -> None:
     rig = Rig(settings("socket://127.0.0.1:1"))
-    with pytest.raises(BusError, match=r"socket://127.0.0.1:1 at 500 kbit/s cannot be opened.*inkloop bench"):
+    with pytest.raises(BusError, match=r"socket://127.0.0.1:1 at 500 kbit/s cannot be opened.*inkloop bench emulate"):
         rig.attach()
     rig.settings = settings(channel)
     rig.attach()

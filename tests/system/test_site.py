@@ -97,7 +97,7 @@ MUTATIONS = (
         "../../scenarios/studies/which-settings-matter.toml",
         "../../scenarios/no-file.toml",
     ),
-    ("docs/reference/score-board.md", "../../cosim/inkloop/studies/score/plant-v2", "../../cosim/no-folder"),
+    ("docs/reference/score-board.md", "../../lab/inkloop_lab/score/plant-v2", "../../lab/no-folder"),
     ("README.md", "the-layer-problem.md#what-the-horizon-buys", "the-layer-problem.md#no-heading"),
 )
 

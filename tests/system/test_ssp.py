@@ -237,7 +237,7 @@ def test_libcosim_prints_the_same_part(tmp_path: Path) -> None:
     log_output_level(CosimLogLevel.ERROR)
     scenario_in(tmp_path)
     folder = tmp_path / "osp"
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(folder)]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(folder)]) == 0
     execution = execution_module.CosimExecution.from_osp_config_file(osp_path=str(folder))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer=observer)
@@ -318,8 +318,8 @@ def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
 
 def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario_in(tmp_path)
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 0
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 1
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 1
     assert "out: is there already; name another place, or remove it" in capsys.readouterr().err
     printer = describe(tmp_path / "out" / "printer.fmu").variables
     controller = describe(tmp_path / "out" / "controller.fmu").variables
@@ -347,7 +347,7 @@ def test_export_ends_with_what_comes_next(
 ) -> None:
     scenario_in(tmp_path)
     out = tmp_path / ("block.ssp" if to == "ssp" else "block")
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", to, "-o", str(out)]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", to, "-o", str(out)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"  next: {words.format(out=out)}"
     if to == "maestro":
         assert all((out / name).is_file() for name in words.split()[-2:])
@@ -374,7 +374,7 @@ def test_job_of_another_grid_is_reported_with_both_grids(version: str, tmp_path:
 def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario_in(tmp_path)
     path, run = str(tmp_path / "b.ssp"), str(tmp_path / "run")
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "-o", path, "--ssp", "2.0"]) == 0
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "-o", path, "--ssp", "2.0"]) == 0
     assert main(["validate", path]) == 0
     assert main(["run", path, "--no-isolate", "--out", run]) == 0
     assert Result.load(Path(run)).stop_reason == "done"
@@ -382,7 +382,7 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
     assert "the run is finished" in capsys.readouterr().out
     assert main(["validate", str(tmp_path / "block.toml"), "--job", path]) == 1
     assert "--job goes with an .ssp" in capsys.readouterr().err
-    assert main(["export-ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
     assert "SSP 1.0 takes FMI 2 only; add --ssp 2.0" in capsys.readouterr().err
 
 

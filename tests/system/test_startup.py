@@ -41,10 +41,10 @@ LIGHTEST = (("--version",), ("--help",))
 LIGHT = (
     ("run", "--help"),
     ("new", "mine"),
-    ("schema",),
+    ("export", "schema"),
     ("validate", str(SCENARIOS / "cylinder.toml")),
     ("info", str(find_fmu("LayerDeposition"))),
-    ("export", "LayerDeposition"),
+    ("export", "fmu", "LayerDeposition"),
 )
 
 

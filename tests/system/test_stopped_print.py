@@ -197,7 +197,7 @@ def test_stopped_print_on_a_bench_leaves_it_safe_and_goes_on(
             patch.setattr(Profiler, "_outputs", freeze)
             stopped = Print(scenario, folder).run()
         assert (stopped.stop_reason, int(stopped.dataset.stop_reason[-1])) == ("stopped", 128)
-        assert main(["device", str(path), "status", "--json", "--set", f"bench.channel={channel}"]) == 0
+        assert main(["bench", "status", str(path), "--json", "--set", f"bench.channel={channel}"]) == 0
         nodes = json.loads(capsys.readouterr().out)["nodes"]
         assert [node["state"] for node in nodes] == ["SAFE"] * 4
         layers = stopped.dataset.sizes["layer"] - 1

@@ -21,15 +21,15 @@ from inkloop.cli import main
 from inkloop.master.interrupt import deferred
 from inkloop.results import netcdf
 from inkloop.results.result import Result
-from inkloop.studies.sweep import dataset
-from inkloop.studies.sweep.bundle import Bundle
-from inkloop.studies.sweep.engine import Engine, carry_out
-from inkloop.studies.sweep.journal import Journal
-from inkloop.studies.sweep.local import LocalProcesses
-from inkloop.studies.sweep.plan import PointsPlan
-from inkloop.studies.sweep.report import sweep_of
-from inkloop.studies.sweep.study import Study
-from inkloop.studies.sweep.task import Order, perform
+from inkloop_lab.sweep import dataset
+from inkloop_lab.sweep.bundle import Bundle
+from inkloop_lab.sweep.engine import Engine, carry_out
+from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.local import LocalProcesses
+from inkloop_lab.sweep.plan import PointsPlan
+from inkloop_lab.sweep.report import sweep_of
+from inkloop_lab.sweep.study import Study
+from inkloop_lab.sweep.task import Order, perform
 from support.once_per_run import once
 from support.places import SCENARIOS
 from support.prints import quick_cuboid

@@ -19,9 +19,7 @@ from pydantic import BaseModel, ValidationError
 
 from inkloop.cli import main, parser
 from inkloop.components import catalog
-from inkloop.identify.log_folder import PrintTable
 from inkloop.results.result import Result
-from inkloop.studies.sweep.study import Study
 from inkloop.tables import schema
 from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop
@@ -29,6 +27,8 @@ from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
+from inkloop_lab.identify.log_folder import PrintTable
+from inkloop_lab.sweep.study import Study
 from support.page_commands import COMMANDS_BY_PAGE, PAGES
 from support.places import ROOT
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from tools.figures import environment_times, gallery, identified_ink, own_part, pages, wider_stencil
 
-import inkloop
-from inkloop.models import LayerDeposition
-from inkloop.studies.score.board import SEEDS
+import inkloop_lab
+from inkloop_lab.models import LayerDeposition
+from inkloop_lab.score.board import SEEDS
 from support.toys import toy_result
 
 
@@ -76,7 +76,7 @@ def test_times_of_the_environment_are_medians_in_milliseconds(record: Any, monke
         assert list(seeds) == [environment_times.SEED]
         return SimpleNamespace(mean=lambda key: f"{key} of {entry.name} on {plant}")
 
-    monkeypatch.setattr(inkloop, "LayerEnv", Env)
+    monkeypatch.setattr(inkloop_lab, "LayerEnv", Env)
     monkeypatch.setattr(environment_times, "process_time", lambda: clock[0])
     monkeypatch.setattr(environment_times, "prints", prints)
     environment_times.run()

@@ -20,6 +20,8 @@ from support.source_tree import (
     include_graph,
     is_below,
     modules,
+    parsed,
+    public_names,
     room,
 )
 
@@ -37,8 +39,8 @@ COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
     *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
-    "inkloop.studies",
-    *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
+    "inkloop_lab",
+    "inkloop.exchange.job.target_picture",
     "inkloop_controller.planning.layer_plan",
 )
 DOORS = {
@@ -50,15 +52,15 @@ DOORS = {
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
-    **dict.fromkeys(("dask", "distributed"), ("inkloop.studies.sweep.cluster",)),
-    "optuna": ("inkloop.studies.sweep.optimise",),
-    "gymnasium": tuple(f"inkloop.printing.{name}" for name in ("environment", "spaces", "target_offset")),
-    "skfem": ("inkloop.studies.reproduce.finite_elements",),
+    **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.cluster",)),
+    "optuna": ("inkloop_lab.sweep.optimise",),
+    "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "spaces", "target_offset")),
+    "skfem": ("inkloop_lab.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),
     **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
-ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
+ROOT_NAMES_MAX = {"inkloop": 24, "inkloop_controller": 10, "inkloop_hardware": 10, "inkloop_lab": 9}
 CORE_LEVELS = {"problem": 0, "model": 1, "observer": 2, "search": 2, "relaxation": 2, "planner": 3, "step": 4, "": 5}
 """Groups of controller/core; the last is inkloop_core."""
 
@@ -113,18 +115,42 @@ def test_modules_of_the_build_import_the_standard_library_only() -> None:
 
 
 def test_controller_and_hardware_import_the_floor_only_and_never_each_other() -> None:
-    inside = [name for name in modules() if not is_below(name, "inkloop")]
+    inside = [name for name in modules() if is_below(name, "inkloop_controller") or is_below(name, "inkloop_hardware")]
     assert not [found for found in offenders(inside, ["inkloop"]) if found.split()[-1] not in FLOOR]
     assert not offenders(outside("inkloop_controller"), ["inkloop_controller"])
     assert not offenders(outside("inkloop_hardware"), ["inkloop_hardware"])
 
 
-def test_only_the_command_line_imports_the_studies() -> None:
-    assert not offenders(outside("inkloop.studies", *COMMAND_LINE), ["inkloop.studies"])
+def test_nothing_imports_the_lab() -> None:
+    """Its commands, and what makes components of policies, come in by entry points."""
+    assert not offenders(outside("inkloop_lab"), ["inkloop_lab"])
+
+
+def test_lab_takes_public_names_only() -> None:
+    """Of the floor, of the root of a package, or in the `__all__` of a module."""
+    taken = {
+        (node.module, alias.name)
+        for name in modules()
+        if is_below(name, "inkloop_lab")
+        for node in ast.walk(parsed(modules()[name]))
+        if isinstance(node, ast.ImportFrom) and node.module not in FLOOR
+        for alias in node.names
+        if is_below(str(node.module), "inkloop") and f"{node.module}.{alias.name}" not in modules()
+    }
+    assert taken
+    assert not {pair for pair in taken if pair[1] not in {*public_names(str(pair[0])), "__version__"}}
+
+
+def test_master_knows_no_layer() -> None:
+    """`wiring` connects the ports of the layer contract by their names; stepping and ending know none."""
+    own = [name for name in modules() if is_below(name, "inkloop.master") and name != "inkloop.master.wiring"]
+    assert not offenders(own, ["inkloop.contract", "inkloop.course", "inkloop.results", "inkloop.fmu"])
 
 
 def test_nothing_imports_the_command_line() -> None:
-    assert not offenders(outside(*COMMAND_LINE), COMMAND_LINE)
+    found = offenders(outside(*COMMAND_LINE, "inkloop_lab.commands"), COMMAND_LINE)
+    assert not found
+    assert not [each for each in offenders(["inkloop_lab.commands"], COMMAND_LINE) if not each.endswith(".options")]
 
 
 def test_modules_take_only_the_version_from_the_root_of_their_package() -> None:

@@ -10,22 +10,29 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from tools.figures.pages import DOCS, Texts
+from tools.figures.pages import DOCS, Texts, table
 
 import inkloop
 import inkloop_controller
+import inkloop_lab
+from support.source_tree import is_below, modules, public_names
 
 WIDTH = 110  # of a signature on one line
 GROUPS = {
     "Print and read": ("run", "load", "Scenario", "Result"),
     "Components of your own": ("Component", "Port", "Job", "Ink", "Status"),
-    "Learning": ("LayerEnv",),
     "FMUs": ("FmuComponent", "describe", "find_fmu", "export_fmu"),
     "Errors": (
         *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),
-        *("GeometryError", "HeightMapError", "IdentificationError", "ResultError"),
+        *("GeometryError", "HeightMapError", "ResultError"),
     ),
 }
+
+
+BUILD_ON = (
+    "A command, a study or a component of your own may also import these, as `inkloop_lab` does, and all modules of "
+    "[the floor](../explanation/architecture.md#the-rooms)."
+)
 
 
 def run() -> None:
@@ -42,8 +49,18 @@ def texts() -> Texts:
         lines += [f"## {group}", "", *_entries(inkloop, names)]
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
+    lines += ["## The lab", "", "From `inkloop_lab`.", "", *_entries(inkloop_lab, inkloop_lab.__all__)]
+    lines += ["## For packages that build on inkloop", "", BUILD_ON, table(("module", "names"), _public_modules())]
     text = "\n".join(lines).rstrip("\n") + "\n"
     return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
+
+
+def _public_modules() -> Iterator[tuple[str, str]]:
+    """Modules of inkloop below its root with names that are public, which their `__all__` says."""
+    for name in modules():
+        names = public_names(name) if is_below(name, "inkloop") and name != "inkloop" else []
+        if names and not is_below(name, "inkloop.geometry"):
+            yield f"`{name}`", ", ".join(f"`{one}`" for one in names)
 
 
 def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterator[str]:

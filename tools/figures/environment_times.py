@@ -8,10 +8,10 @@ from time import process_time
 import numpy as np
 from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
-import inkloop
+import inkloop_lab
 from inkloop.scenario.class_path import classes_from
-from inkloop.studies.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints
 from inkloop.units import MS_PER_S
+from inkloop_lab.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints
 
 PAGE = DOCS / "how-to" / "learn-a-policy.md"
 RECORD = PAGE.with_suffix(".json")
@@ -23,7 +23,7 @@ ENTRIES = (OPEN_LOOP, PAPERS, LEARNT, OURS)
 
 def run() -> None:
     """Print layers with random droplets on the cylinder, the medians over episodes; then the plants."""
-    env, rng = inkloop.LayerEnv(ROOT / "scenarios" / "cylinder.toml"), np.random.default_rng(0)
+    env, rng = inkloop_lab.LayerEnv(ROOT / "scenarios" / "cylinder.toml"), np.random.default_rng(0)
     mask, layers, resets = env.job.mask, [], []
     patterns = [(rng.random(mask.shape) < 0.8) & mask for _ in range(LAYERS)]
     for seed in range(EPISODES):

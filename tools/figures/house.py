@@ -22,12 +22,16 @@ COLUMNS: Mapping[str, tuple[float, float]] = {
     "inkloop_controller": (0.0, 27.0),
     "inkloop": (30.0, 40.0),
     "inkloop_hardware": (73.0, 27.0),
+    "inkloop_lab": (30.0, 40.0),
 }
 """Package -> left edge and width of its column."""
+BELOW = {"inkloop_lab": "inkloop"}
+"""Package -> the one whose column it stands on."""
 TITLES = {
     "inkloop_controller": "controller/inkloop_controller",
     "inkloop": "cosim/inkloop",
     "inkloop_hardware": "hardware/inkloop_hardware",
+    "inkloop_lab": "lab/inkloop_lab",
 }
 NATIVE = (
     ("controller/core", 0.0, 27.0, "the search core, C"),
@@ -47,7 +51,7 @@ SIGNALS = (
 )
 """Signals of the layer contract, and the step that takes them."""
 BACK = "measured_height, valid, layers_scanned; inkloop.master carries every signal"
-RULE = "a room imports only rooms below it in its own column, and the floor; a name in the scenario joins the columns"
+RULE = "a room imports only rooms below it in its own column, and the floor; scenarios and entry points name the rest"
 BEFORE = {
     "Python modules": 245,
     "names at the root of `inkloop`": 77,
@@ -60,7 +64,7 @@ BEFORE = {
     "include circles, C": 3,
 }
 """The figures of version 0.1.0."""
-HEIGHT, GAP = 3.0, 1.4
+HEIGHT, GAP, TITLE = 3.0, 1.4, 3.0
 BLUE, INK, PAPER, FLOOR_COLOUR, FLOW_COLOUR = "#0072B2", "#333333", "#F2F2F2", "#E3EDF5", "#FFFFFF"
 
 
@@ -89,16 +93,30 @@ def storeys() -> dict[str, int]:
     return known
 
 
+def rows(package: str) -> list[list[str]]:
+    """The rooms of a package, storey by storey; storeys of other packages alone are left out."""
+    own = {name: level for name, level in storeys().items() if name.startswith(f"{package}.")}
+    return [sorted(name for name in own if own[name] == level) for level in sorted(set(own.values()))]
+
+
+def ground(package: str) -> float:
+    """Bottom edge of the column of a package."""
+    return roof(BELOW[package]) + TITLE if package in BELOW else 14.0
+
+
+def roof(package: str) -> float:
+    """Top edge of the column of a package."""
+    return ground(package) + len(rows(package)) * (HEIGHT + GAP)
+
+
 def places() -> dict[str, tuple[float, float, float]]:
     """Room -> left edge, bottom edge, width."""
     found = {}
     for package, (left, width) in COLUMNS.items():
-        own = {name: level for name, level in storeys().items() if name.startswith(f"{package}.")}
-        for level in set(own.values()):
-            row = sorted(name for name, at in own.items() if at == level)
+        for level, row in enumerate(rows(package)):
             step = width / len(row)
             for number, name in enumerate(row):
-                found[name] = (left + number * step + 0.3, 14.0 + level * (HEIGHT + GAP), step - 0.6)
+                found[name] = (left + number * step + 0.3, ground(package) + level * (HEIGHT + GAP), step - 0.6)
     return found
 
 
@@ -134,15 +152,16 @@ def arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> N
 
 def draw() -> Figure:
     """The picture."""
-    roof = 14.0 + (1 + max(storeys().values())) * (HEIGHT + GAP)
-    figure = Figure(figsize=(10.0, 0.1 * (roof + 19)), layout="constrained")
+    top = max(map(roof, COLUMNS))
+    figure = Figure(figsize=(10.0, 0.1 * (top + 19)), layout="constrained")
     axes = figure.add_subplot()
-    axes.set(xlim=(-1.0, 101.0), ylim=(-0.5, roof + 16.5), aspect="equal")
+    axes.set(xlim=(-1.0, 101.0), ylim=(-0.5, top + 16.5), aspect="equal")
     axes.axis("off")
-    axes.text(50, roof + 15.5, "The flow of a layer", ha="center", fontsize=9, weight="bold", color=INK)
-    flow(axes, roof + 8.5)
+    axes.text(50, top + 15.5, "The flow of a layer", ha="center", fontsize=9, weight="bold", color=INK)
+    flow(axes, top + 8.5)
     for package, (left, width) in COLUMNS.items():
-        axes.text(left + width / 2, roof + 1.5, TITLES[package], ha="center", fontsize=9, weight="bold", color=INK)
+        title = TITLES[package]
+        axes.text(left + width / 2, roof(package) + 0.4, title, ha="center", fontsize=9, weight="bold", color=INK)
     for name, (left, bottom, width) in places().items():
         box(axes, left, bottom, width, name.rpartition(".")[2], PAPER)
     axes.text(50, 12.3, RULE, ha="center", va="center", fontsize=7.5, color=INK, style="italic")

@@ -10,28 +10,28 @@ from numpy.typing import NDArray
 from rich.table import Table
 from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
-from inkloop.identify import designs
-from inkloop.identify.command import tables
-from inkloop.identify.experiments import Plan, perform, plant_scenario
-from inkloop.identify.identification import identify
-from inkloop.identify.ink_regression import identify_ink
-from inkloop.identify.picture import save
-from inkloop.identify.print_record import PrintRecord, noise_of
-from inkloop.identify.run_record import record_of
-from inkloop.identify.scan_geometry import ScanGeometry
-from inkloop.identify.scan_registration import register
-from inkloop.identify.volume_area_coefficients import (
+from inkloop.printing.print import Print
+from inkloop.report.formats import PNG
+from inkloop.scenario.file import Scenario
+from inkloop.units import M_PER_UM, UM_PER_M
+from inkloop_lab.identify import designs
+from inkloop_lab.identify.command import tables
+from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
+from inkloop_lab.identify.identification import identify
+from inkloop_lab.identify.ink_regression import identify_ink
+from inkloop_lab.identify.picture import save
+from inkloop_lab.identify.print_record import PrintRecord, noise_of
+from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.scan_geometry import ScanGeometry
+from inkloop_lab.identify.scan_registration import register
+from inkloop_lab.identify.volume_area_coefficients import (
     GROUP,
     LEVEL,
     TWO_PRIOR,
     drop_samples,
     height_differences,
 )
-from inkloop.models import DropletVolumes, LayerDeposition, VolumeAreaDeposition
-from inkloop.printing.print import Print
-from inkloop.report.formats import PNG
-from inkloop.scenario.file import Scenario
-from inkloop.units import M_PER_UM, UM_PER_M
+from inkloop_lab.models import DropletVolumes, LayerDeposition, VolumeAreaDeposition
 
 HERE = DOCS / "how-to"
 PAGE = HERE / "identify-an-ink.md"

@@ -17,7 +17,6 @@ from inkloop.components.port_tables import PortTable
 from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.metrology.map_folder import MapFolder
-from inkloop.studies.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable
 from inkloop.tables.part_images import HeightMapTable, StackTable
@@ -26,6 +25,7 @@ from inkloop.tables.part_mesh import MeshTable
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.controllers import on_doubt_option
 from inkloop_controller.problem.options import Keyword, keywords
+from inkloop_lab.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
 
 PAGE = DOCS / "reference" / "scenario.md"
 STUDY_PAGE = DOCS / "how-to" / "sweep-settings.md"

@@ -41,8 +41,8 @@ SCORE_PAGE = """# The score board
     inkloop score env:module:Policy        # also a policy, e.g. a learned one
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1) or
-[plant-v2](../../cosim/inkloop/studies/score/plant-v2), a scenario without a controller: the part, the ink that a
+Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
+[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller: the part, the ink that a
 controller assumes, the droplets and their variation, the sensor. Version 1 has several printers, with sensors in
 register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
 three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after

@@ -8,12 +8,12 @@ from dataclasses import replace
 from tools.figures.pages import DOCS, Texts, read_json, table, write_json
 
 from inkloop.component import Ink
-from inkloop.identify.candidates import candidates, conserving
-from inkloop.identify.cross_validation import Comparison, compare
-from inkloop.models import LayerDeposition
-from inkloop.studies.score.board import OURS, SEEDS, Entry, load, prints
-from inkloop.studies.score.known_inks import identified, layers_of
 from inkloop.units import M_PER_UM, UM_PER_M
+from inkloop_lab.identify.candidates import candidates, conserving
+from inkloop_lab.identify.cross_validation import Comparison, compare
+from inkloop_lab.models import LayerDeposition
+from inkloop_lab.score.board import OURS, SEEDS, Entry, load, prints
+from inkloop_lab.score.known_inks import identified, layers_of
 
 PAGE = DOCS / "how-to" / "identify-an-ink.md"
 RECORD = DOCS / "how-to" / "wider-stencil.json"
@@ -21,7 +21,7 @@ PLANTS = ("lu-wide", "volume-area", "young-laplace-linear", "young-laplace")
 """Of the score board. The first one has a stencil of 5 x 5 cells."""
 REACH = 2
 NOMINAL, FITTED, WIDE = "Lu, nominal ink", "Lu, regression", conserving(REACH)
-SEARCH = "inkloop.studies.score.stencil_search:StencilSearch"
+SEARCH = "inkloop_lab.score.stencil_search:StencilSearch"
 
 
 def stencils(plant: str) -> Mapping[str, Comparison]:

@@ -12,7 +12,7 @@ from inkloop.fmu_writer.targets import Target, platforms_in
 
 LIBRARIES = (
     "inkloop/geometry/{}inkloop_columns{}",
-    "inkloop/models/{}inkloop_models{}",
+    "inkloop_lab/models/{}inkloop_models{}",
     "inkloop_controller/{}inkloop_core{}",
 )
 """What Python loads: prefix and suffix differ by system."""

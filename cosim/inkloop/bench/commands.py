@@ -1,4 +1,4 @@
-"""`inkloop bench` and `inkloop device`: run the emulator, and operate a bench without printing."""
+"""`inkloop bench`: run the emulator, and operate a bench without printing."""
 
 from __future__ import annotations
 
@@ -68,22 +68,25 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Ter
     raise InkloopError(f"the emulator on {running.channel} ended unexpectedly with exit code {code}")
 
 
-def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
-    """One action of a person on the bench of a scenario. Raises HardwareError."""
+def act(scenario: Scenario, action: str, console: Terminal, *, give_up: bool = False) -> int:
+    """One action of a person on the bench of a scenario. Raises HardwareError.
+
+    give_up: `clear` abandons the open layer.
+    """
     bench = Bench(scenario.tables.bench)
     if mapped := [name for name, table in scenario.tables.components.items() if table.kind == MAPPED]:
-        if options.action != "stop":
+        if action != "stop":
             raise InkloopError(
-                f"{scenario.source}: {options.action} is for inkloop's own nodes; this rig goes by its mapping, which "
-                "knows [[stop]] steps alone"
+                f"{scenario.source}: {action} is for inkloop's own nodes; this rig goes by its mapping, which knows "
+                "[[stop]] steps alone"
             )
         stop_rig = load("inkloop_hardware.mapped.mapped_stop", "stop_rig")
         for name in mapped:
             _show(stop_rig(bench.rig.settings, Path(scenario.options(name)["mapping"]), scenario.job()), console)
         return 0
-    if options.action in ("stop", "release"):
+    if action in ("stop", "release"):
         stop = importlib.import_module("inkloop_hardware.devices.stop")
-        send = stop.request_stop if options.action == "stop" else stop.release_stop
+        send = stop.request_stop if action == "stop" else stop.release_stop
         _show(send(bench.rig.settings), console)
         return 0
     commands = importlib.import_module("inkloop_hardware.devices.commands")
@@ -97,14 +100,14 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> i
     )
     check_listening(scenario)
     with live_words(console, None), bench.rig as rig:
-        if options.action == "status":
+        if action == "status":
             lines = commands.status(rig)
-        elif options.action == "clear":
-            lines = commands.clear_all(rig, give_up=options.give_up)
-        elif options.action == "dry-run":
+        elif action == "clear":
+            lines = commands.clear_all(rig, give_up=give_up)
+        elif action == "dry-run":
             lines = commands.dry_run(rig, job, cure_ms=scenario.tables.bench.cure_ms)
         else:
-            lines = getattr(commands, options.action)(rig)
+            lines = getattr(commands, action)(rig)
         _show(lines, console)
     return 0
 

@@ -1,4 +1,4 @@
-"""`inkloop doctor`: check the bench of a scenario and give advice on every finding."""
+"""`inkloop bench doctor`: check the bench of a scenario and give advice on every finding."""
 
 from __future__ import annotations
 

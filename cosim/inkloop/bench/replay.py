@@ -1,4 +1,4 @@
-"""`inkloop replay`: repeat a run on devices from its traffic log, without a bus.
+"""`inkloop bench replay`: a run on devices once more, from its traffic log and without a bus.
 
 Controller, devices, links and services are those of a print; only the nodes' answers come from the log. Frames of the
 master are compared with the log byte for byte, patterns and maps with the result of the run.

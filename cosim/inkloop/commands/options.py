@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from inkloop.scenario.file import Scenario
     from inkloop.scenario.part_file import PartFile
 
+__all__ = ["add_overrides", "add_pictures", "overrides_of", "screen"]
+
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """SCENARIO, --job and --set; `scenario_of` reads them."""

@@ -1,7 +1,7 @@
 """Registry of component kinds: inkloop's FMUs, any FMU file, devices, Python classes.
 
-A third party's class is named by an entry point of the group "inkloop.components", or as "package.module:Class", a
-policy also as "env:package.module:Class".
+A third party's class is named by an entry point of the group "inkloop.components", or as "package.module:Class". As
+"NAME:package.module:Class" an adapter, the entry point NAME of the group "inkloop.adapters", makes the component of it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from inkloop.components.fmu_kind import FmuFile, FmuModel
 from inkloop.components.fmu_parameters import CONTROLLER
 from inkloop.components.kind import Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
-from inkloop.components.policy import PREFIX
-from inkloop.components.python_class import PythonClass
+from inkloop.components.python_class import ADAPTERS, PythonClass
 from inkloop.components.shadow import options as shadow_options
 from inkloop.components.shadow.options import ShadowKind
 from inkloop.errors import FmuError
 from inkloop.suggest import nearest
+
+__all__ = ["DEPOSITION_MODELS", "MAPPED", "MAP_FOLDER", "PLAIN_PLANT", "kinds", "make"]
 
 GROUP = "inkloop.components"
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
@@ -68,15 +69,20 @@ def find_kind(name: str) -> Kind:
     """The kind of a name. Raises KeyError."""
     if name in KINDS:
         return KINDS[name]
-    if ":" in name:
-        return PythonClass(EntryPoint(name, name.removeprefix(PREFIX), GROUP))
+    prefix, _, place = name.partition(":")
+    if ":" in place:
+        for adapter in entry_points(group=ADAPTERS, name=prefix):
+            return PythonClass(EntryPoint(name, place, GROUP), adapter=adapter)
+        raise KeyError(name)
+    if place:
+        return PythonClass(EntryPoint(name, name, GROUP))
     for point in entry_points(group=GROUP, name=name):
         return PythonClass(point)
     raise KeyError(name)
 
 
 def kinds() -> list[str]:
-    """All names of kinds that are known here and now, but for "package.module:Class"."""
+    """All names of kinds that are known here and now, but for those of "package.module:Class"."""
     return sorted({*KINDS, *(point.name for point in entry_points(group=GROUP))})
 
 

@@ -19,6 +19,8 @@ from inkloop.components.bench import Bench, load
 from inkloop.components.fmu_parameters import parse_model
 from inkloop.components.kind import Checked
 
+__all__ = ["KINDS"]
+
 
 @dataclass(frozen=True)
 class Device:

@@ -55,7 +55,7 @@ def region_parameters(
     most, begins = int(columns.counts.max()), description.default_sizes.get(INTERVALS)
     if begins is None:
         limit = room = description.variables["region_bottom"].shape({})[0]
-        remedy = f"inkloop export {description.name} --intervals {most} writes one that has"
+        remedy = f"inkloop export fmu {description.name} --intervals {most} writes one that has"
     elif isinstance(asked, int):
         limit = room = asked
         remedy = f"leave {INTERVALS} out, and the FMU gets as many as the region needs"

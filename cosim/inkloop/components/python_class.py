@@ -1,8 +1,8 @@
 """Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
 
-Options are checked against these types. A class is a component, or has a method `pattern` or `act` and becomes a
-controller that goes by it; a method `use_rig(rig)` is given the bus of `[bench]` before the loop is initialized,
-`use_journal(journal)` the journal of the run.
+Options are checked against these types. A class is a component, or has a method `pattern` and becomes a controller
+that goes by it, or is what an adapter makes a component of, as `adapter(kind, job, object)`. A method `use_rig(rig)` is
+given the bus of `[bench]` before the loop is initialized, `use_journal(journal)` the journal of the run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +25,25 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from inkloop.component import MEMBERS, Component, Job, Ports
 from inkloop.components.bench import Bench, load
 from inkloop.components.kind import Checked
-from inkloop.components.policy import PREFIX, policy_controller
 from inkloop.errors import ScenarioError, message_of, own_line
 from inkloop.suggest import near, nearest
 from inkloop.tables.messages import sentence
 
+ADAPTERS = "inkloop.adapters"
+"""Group of entry points whose functions make components of objects that are none."""
 _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 
 
 @dataclass(frozen=True)
 class PythonClass:
-    """A kind that a Python class makes; it is imported when options are checked. entry: kind and "module:Class"."""
+    """A kind that a Python class makes; it is imported when options are checked.
+
+    entry: kind and "module:Class"; adapter: makes the component of an object of the class, which is none.
+    """
 
     entry: EntryPoint
     path_option: str | None = None
+    adapter: EntryPoint | None = None
 
     def options_table(self) -> type[BaseModel]:
         """The options as a table. Raises ImportError and AttributeError if the class cannot be loaded."""
@@ -80,10 +85,25 @@ class PythonClass:
 
         def construct() -> _Made:
             made = factory(job, **copy.deepcopy(chosen))
-            return _Made(_component(self.entry.name, job, made), made)
+            return _Made(self._component(job, made), made)
 
         first = construct()
         return Checked(self.entry.name, ports=Ports.of(first.component), construct=_Constructed(first, construct))
+
+    def _component(self, job: Job, made: Any) -> Component:
+        """An object of the class as a component. Raises ValueError where it cannot become one."""
+        if self.adapter is not None:
+            return typing.cast(Component, self.adapter.load()(self.entry.name, job, made))
+        if isinstance(made, Component):
+            return made
+        if callable(getattr(made, "pattern", None)):
+            return typing.cast(Component, load(*_RULE_CONTROLLER)(job, made))
+        missing = [name for name in MEMBERS if not hasattr(made, name)]
+        adapted = [f"{adapter.name}:{self.entry.value}" for adapter in entry_points(group=ADAPTERS)]
+        raise ValueError(
+            f"kind is {self.entry.name!r}, which has no {', '.join(missing)}; needs those, or a method pattern, "
+            f"or an adapter: {' or '.join(adapted)}"
+        )
 
     def _load(self) -> Callable[..., Any]:
         return typing.cast(Callable[..., Any], self.entry.load())
@@ -169,15 +189,3 @@ def _advice(error: ImportError | AttributeError) -> str:
 
 def _is_own_class(found: object, module: types.ModuleType) -> bool:
     return isinstance(found, type) and found.__module__ == module.__name__
-
-
-def _component(kind: str, job: Job, made: Any) -> Component:
-    """An instance of a user's class as a component. Raises ValueError if it is none, and neither rule nor policy."""
-    if isinstance(made, Component):
-        return made
-    if kind.startswith(PREFIX) or callable(getattr(made, "act", None)):
-        return policy_controller(kind, job, made)
-    if callable(getattr(made, "pattern", None)):
-        return typing.cast(Component, load(*_RULE_CONTROLLER)(job, made))
-    missing = [name for name in MEMBERS if not hasattr(made, name)]
-    raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern or act")

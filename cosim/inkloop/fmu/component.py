@@ -6,6 +6,7 @@ Values go from NumPy arrays to the FMU and back by pointer; no list of Python nu
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import os
 import zipfile
@@ -139,6 +140,7 @@ class FmuComponent:
     def restore(self, state: bytes) -> None:
         """Put the instance back into a saved state; it must be initialized."""
         self._serializable().restore(state)
+        gc.collect(1)  # ctypes leaves states in reference cycles; the collector counts objects, not their bytes
 
     def _changed_sizes(self) -> dict[str, NDArray[Any]]:
         """Sizes that differ from the start values of the FMU."""

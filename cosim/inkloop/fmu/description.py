@@ -54,7 +54,9 @@ class FmuDescription:
             nx, ny = wanted
             flag = "--fmi 2" if self.fmi == 2 else "--fmi 3 --fixed"
             made = (
-                f": inkloop export {self.name} {flag} --nx {nx} --ny {ny}" if self.tool.startswith("inkloop ") else ""
+                f": inkloop export fmu {self.name} {flag} --nx {nx} --ny {ny}"
+                if self.tool.startswith("inkloop ")
+                else ""
             )
             raise FmuError(
                 f"{self.path}: {self.name} has a fixed grid of {self.grid[0]} x {self.grid[1]} cells, "

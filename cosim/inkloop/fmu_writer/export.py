@@ -55,7 +55,7 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
     folder = _folder()
     path = folder / form / f"{model}.fmu"
     if model == LAYER_JOB:
-        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export-job SCENARIO writes it")
+        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export job SCENARIO writes it")
     if not path.is_file():
         there = sorted(found.stem for found in (folder / form).glob("*.fmu"))
         models = f"did you mean {' or '.join(close)}? Models" if (close := near(model, there)) else "models"
@@ -64,9 +64,7 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
 
 
 def job_template(form: str) -> Path:
-    """The archive into which `inkloop export-job` writes a job, `form` being "fmi3-fixed" or "fmi2". Raises
-    FmuError.
-    """
+    """The archive that `inkloop export job` puts a job into, `form` being "fmi3-fixed" or "fmi2". Raises FmuError."""
     path = _folder() / form / JOB_TEMPLATE
     if not path.is_file():
         raise FmuError(f"there is no {path}; run `make`, or install inkloop again")
@@ -109,7 +107,7 @@ def export_fmu(
         raise FmuError(
             f"{model} as FMI 2 of {nx} x {ny} cells has a modelDescription.xml of about {xml}, and what reads it takes "
             f"about {memory} of memory; use FMI 3, whose description does not grow with the grid, or at most "
-            f"{FMI2_CELLS_MAX:,} cells (`inkloop export --force` writes it all the same)"
+            f"{FMI2_CELLS_MAX:,} cells (`inkloop export fmu --force` writes it all the same)"
         )
     if form == "fmi2" and nx * ny > FMI2_CELLS:
         _log.warning(

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+__all__ = ["deferred"]
+
 
 class _Ask:
     """Notes the first Ctrl-C, also for the enclosing blocks, and leaves the next one to the earlier handler."""

@@ -15,6 +15,8 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.registration import Registration
 from inkloop.units import UM_PER_M
 
+__all__ = ["cell_means"]
+
 PIXELS_PER_CELL = 8  # coarser pixels are divided first: a turned pixel counts as an upright one of the same area
 _BLOCK = 1 << 18  # pixels at a time, so that they stay in the processor's cache
 _UPRIGHT = 1e-12  # rad: a rotation by quarter turns

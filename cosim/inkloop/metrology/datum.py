@@ -9,6 +9,8 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 
+__all__ = ["Datum", "level", "reference_cells"]
+
 Datum: TypeAlias = Literal["none", "offset", "plane"]
 
 CELLS_MIN = {"none": 0, "offset": 1, "plane": 8}

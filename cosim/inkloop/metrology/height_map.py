@@ -10,6 +10,8 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 
+__all__ = ["HeightMap", "Mirror"]
+
 Mirror: TypeAlias = Literal["none", "x", "y"]
 
 

@@ -19,6 +19,8 @@ from inkloop.metrology.file_contents import FileContents, length_factor, require
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 
+__all__ = ["read"]
+
 COPIES = 3
 """Times its size that reading an array takes: what is stored, the heights, and their transposed copy."""
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)

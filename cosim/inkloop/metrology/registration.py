@@ -15,6 +15,8 @@ from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import Mirror
 from inkloop.units import UM_PER_M
 
+__all__ = ["Registration"]
+
 Points: TypeAlias = Sequence[Sequence[float]] | NDArray[np.float64]
 FIDUCIALS_MIN = 2
 MIRROR_SUSPECTED = 0.2  # share of the residual that the mirrored map must stay below (assumed)

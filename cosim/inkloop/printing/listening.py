@@ -28,5 +28,5 @@ def check_listening(scenario: Scenario) -> None:
     except OSError as error:
         raise ComponentError(
             f"nothing listens at {channel}, the channel of [bench] ({error.strerror or error}); "
-            f"`inkloop bench {scenario.source}` in another terminal starts the emulator there"
+            f"`inkloop bench emulate {scenario.source}` in another terminal starts the emulator there"
         ) from error

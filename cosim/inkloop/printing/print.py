@@ -9,20 +9,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from inkloop.component import Values, is_device
+from inkloop.course.events import Event, Manipulator
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ResultError
-from inkloop.master.events import Event, Manipulator
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
+from inkloop.master.roles import StopReason
 from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
 from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
-from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, UNFINISHED, Result, saving
+from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, STOPPED, UNFINISHED, Result, saving
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:
     import xarray as xr
+
+__all__ = ["Print"]
 
 
 class Print:
@@ -53,10 +58,14 @@ class Print:
             step_ns=self._step_ns,
             algorithm=limits.algorithm,
             observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],
-            events=self._events,
+            course=LayerCourse(
+                self._components,
+                layers_max=limits.layers_max,
+                events=self._events,
+                fed={connection.target for connection in scenario.connections},
+            ),
             pacing=self._pacing,
-            on_interrupt=self._checkpoints.interrupted if self._checkpoints else None,
-            on_stop=self._checkpoints.stopped if self._checkpoints else None,
+            on_end=self._ended,
         )
 
     def run(self) -> Result:
@@ -68,17 +77,23 @@ class Print:
         time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * NS_PER_S)
         checkpoint = self._load()
         try:
-            reason = self._master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns, resume=checkpoint)
+            reason = self._master.run(time_max_ns=time_max_ns, resume=checkpoint)
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
                 self._result("failed")
-                message = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
-                raise ComponentError(f"{message}\n{_advice(self._folder, self._checkpoints)}") from error
+                raise ComponentError(f"{error}\n{self._advice(self._folder, self._checkpoints)}") from error
             raise
         result = self._result(reason)
         if self._folder and reason not in UNFINISHED:
             remove_layers(self._folder)
         return result
+
+    def _ended(self, reason: StopReason, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Keep the state of a print that can go on from here."""
+        if self._checkpoints and reason == "interrupted":
+            self._checkpoints.interrupted(time_ns, outputs)
+        elif self._checkpoints and reason == STOPPED:
+            self._checkpoints.stopped(time_ns, outputs)
 
     def _load(self) -> Checkpoint | None:
         """The checkpoint to resume from, if any. Raises ResultError if it cannot resume, after saving the result."""
@@ -132,6 +147,15 @@ class Print:
         result.save(self._folder, None if in_memory else maps)
         return result if in_memory else self._read_back(self._folder)
 
+    def _advice(self, folder: Path, checkpoints: Checkpoints) -> str:
+        """What is kept of a print that has failed, and how it goes on."""
+        kept = f"layers 0 to {checkpoints.layer} are in {folder}"
+        if checkpoints.refusal:
+            return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
+        has_device = any(is_device(component) for component in self._components.values())
+        bench = f" (`inkloop bench` takes {folder} as SCENARIO)" if has_device else ""
+        return f"{kept}; fix the cause{bench}, then continue with `inkloop resume {folder}`"
+
     def _read_back(self, folder: Path) -> Result:
         """The result in `folder`, with the parameters of its surface; its maps are read when they are used."""
         if self._scenario.tables.metrology:
@@ -143,13 +167,6 @@ class Print:
         """The run with the parameters that the scenario's [metrology] asks for."""
         asked = self._scenario.tables.metrology
         return with_parameters(run, asked.evaluation) if asked else run
-
-
-def _advice(folder: Path, checkpoints: Checkpoints) -> str:
-    kept = f"layers 0 to {checkpoints.layer} are in {folder}"
-    if checkpoints.refusal:
-        return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
-    return f"{kept}; fix the cause, then continue with `inkloop resume {folder}`"
 
 
 def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:

@@ -39,6 +39,8 @@ from inkloop.results.result import (
 from inkloop.scenario.file import Scenario
 from inkloop.units import MS_PER_S, UM_PER_M
 
+__all__ = ["INTERRUPTED", "new_run_folder", "origin_of", "print_part"]
+
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 STOPPED_PRINT = 4  # ... of one whose print was stopped, as the scans do not show what was printed
 

@@ -19,7 +19,9 @@ from inkloop.report.plot import (
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
 
-FAR_UM = 10.0  # runs with a larger error are not drawn with the others
+__all__ = ["cross_section"]
+
+FAR_UM = 10.0  # a run that misses by more than this is not drawn with the others
 LINEAR_UM = 1.0  # mean errors are drawn to scale up to this, beyond by their logarithm
 
 

@@ -27,6 +27,8 @@ from inkloop.report.terminal import decimals
 from inkloop.results.metrics import SIGN, TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
 
+__all__ = ["COLOURS", "LINES", "MARKS", "STYLE", "WIDTH_IN", "new_figure", "outside_legend", "save"]
+
 WIDTH_IN, DPI = 7.0, 200
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])

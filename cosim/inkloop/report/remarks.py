@@ -87,7 +87,7 @@ def _nothing_printed(result: Result) -> list[str]:
         return []
     return [
         "nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
-        "clear the machine, or restart `inkloop bench`"
+        "clear the machine, or restart `inkloop bench emulate`"
     ]
 
 

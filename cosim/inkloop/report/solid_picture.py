@@ -20,6 +20,8 @@ from inkloop.report.solid_view import View, view
 from inkloop.results.solid import STEP_M, ink_error, voxels
 from inkloop.units import MM_PER_M, UM_PER_M
 
+__all__ = ["solids"]
+
 SOLID_UPRIGHT = 0.45  # height of a solid's picture as a share of its width: parts are far wider than high
 SCALE_SHARE = 0.25  # length of a scale bar, at most, as a share of the part's size
 SCALE_ROOM = 0.16  # share of the picture's width for the scale bars, left of the part

@@ -16,6 +16,8 @@ from inkloop.component import FloatMap
 from inkloop.report.plot import ERROR_COLOURS, WIDTH_IN, Runs, add_scale, error_norm, error_of, extent_of, figures_of
 from inkloop.units import MM_PER_M, UM_PER_M
 
+__all__ = ["surfaces"]
+
 PLATES = 100  # along a side at most; larger maps are shown as means of blocks
 BOX_UPRIGHT = 0.45  # height of the box as a share of its longer side
 WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y

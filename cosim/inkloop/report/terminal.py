@@ -19,6 +19,8 @@ from rich.text import Text
 
 from inkloop.report.wrapping import wrapped
 
+__all__ = ["NumberTable", "Terminal", "number_table"]
+
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
 BAR_FROM, NOTES_FROM = 70, 100

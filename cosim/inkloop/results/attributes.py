@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+__all__ = ["CONVENTIONS", "Meaning", "variable"]
+
 CONVENTIONS = "CF-1.11"
 _INKS = ("none", "ink_a", "ink_b")
 _STATUS = tuple(status.name.lower() for status in Status)

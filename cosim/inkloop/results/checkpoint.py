@@ -30,12 +30,14 @@ from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.recorder import Recorder
 from inkloop.results.stored_point import StoredOutputs, StoredStates
 
+__all__ = ["LAYERS_FOLDER", "last"]
+
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
 STATE_SHARE = 0.1
 """Of the time of a print, at most, that its states take."""
 _NEW_PART = (
     "its layers lie on the stage and cannot be printed again, and what was measured of them is lost: take the part "
-    "off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new folder. Keep this one as it is"
+    "off, `inkloop bench clear SCENARIO --give-up`, and begin a new part in a new folder. Keep this one as it is"
 )
 
 

@@ -17,6 +17,8 @@ from pathlib import Path
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, take_lock
 
+__all__ = ["sole_writer", "writer_of"]
+
 LOCK_FILE = "run.lock"
 """File that names the process writing into a run folder; a file left by a killed process has no effect."""
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: no reason not to print

@@ -12,6 +12,8 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
 
+__all__ = ["SIGN", "surface_error"]
+
 TOO_LOW, TOO_HIGH = "too low", "too high"
 SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
 """What the sign of an error means, for labels and headings."""

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import h5py
     import xarray as xr
 
+__all__ = ["packed"]
+
 _PLUMBING = {"CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "DIMENSION_LABELS", "_FillValue"}
 _PLUMBING |= {"_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid"}
 """Attributes of HDF5 and NetCDF themselves; a missing value of ours is NaN."""

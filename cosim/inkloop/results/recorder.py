@@ -39,6 +39,7 @@ from inkloop.contract import (
 from inkloop.results.attributes import variable
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
+from inkloop.results.place import RUN, Place, keys, packed, scalars
 from inkloop.results.solid import INK, layer_ink, region_edges
 from inkloop.units import S_PER_NS
 
@@ -53,10 +54,6 @@ COUNTER_ROLES = {
 """Sequence number -> role of the component that puts it out."""
 LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
-_RUN = "run"
-"""Role of recorded values of no component."""
-_SCALARS = "scalars"
-"""Role of tables of recorded scalars: a file takes much less time for a few of them than for each scalar."""
 STOP = (STOP_REASON, "stop_layer", "stop_transform", "stop_figure")
 """What a controller says that has ended the print; it stands in the row of the layer whose scan it was."""
 DROPLETS = ("droplets_a", "droplets_b")
@@ -99,7 +96,7 @@ class Recorder:
         self._errors: dict[int, NDArray[np.float64]] = {}
         self._of_run: dict[str, dict[int, Any]] = {"time": self._layer_times, "errors": self._errors}
         self._seen: dict[str, int] = {}
-        self._new_rows: dict[str, NDArray[Any]] = {}
+        self._new_rows: dict[Place, NDArray[Any]] = {}
         self._commanded_drops = [0, 0]
         for counter, role in COUNTER_ROLES.items():
             for name, component in components.items():
@@ -161,32 +158,22 @@ class Recorder:
                 self._scanned(number, time_ns, values)
 
     def take_rows(self) -> dict[str, NDArray[Any]]:
-        """What was recorded since this was last called, for `put_rows` of a recorder of the same components.
-
-        Scalars are in tables, one for each type, of their places and values.
-        """
+        """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
         rows, self._new_rows = self._new_rows, {}
-        scalars: dict[np.dtype[Any], list[tuple[str, Any]]] = {}
-        for place in [place for place, value in rows.items() if not value.shape]:
-            value = rows.pop(place)
-            scalars.setdefault(value.dtype, []).append((place, value[()]))
-        for dtype, placed in scalars.items():
-            length = max(len(place) for place, _ in placed)
-            table = np.array(placed, [("place", f"U{length}"), ("value", dtype)])
-            rows[f"{_SCALARS}/{dtype}/{self.layers}"] = table
-        return rows
+        return packed(rows)
 
     def put_rows(self, rows: Mapping[str, NDArray[Any]]) -> None:
         """Record what `take_rows` of an earlier part of the run gave; all of its calls in their order."""
-        for key in rows:
-            role, name, layer = _place(key)
-            if role == _SCALARS:
-                table = rows[key]
-                self.put_rows(dict(zip(table["place"].tolist(), map(np.asarray, table["value"]), strict=True)))
-            elif role == _RUN:
+        for (role, name, layer), key in keys(rows):
+            if role == RUN:
                 self._of_run[name][layer] = rows[key]
-            elif (label := self._label(role, name)) and not self._ports[label].shape:
-                self._scalars.setdefault(label, {})[layer] = rows[key]
+            else:
+                self._label(role, name)
+        for (role, name, layer), value in scalars(rows):
+            if role == RUN:
+                self._of_run[name][layer] = value
+            elif label := self._label(role, name):
+                self._scalars.setdefault(label, {})[layer] = value
         self._new_rows = {}
 
     def table(self) -> xr.Dataset:
@@ -241,7 +228,7 @@ class Recorder:
         if in_two_inks:
             empty[INK] = variable(INK, (), np.int8(0), "1")
         variables = {name: (each.dtype, each.attrs) for name, each in empty.items()}
-        rows = self._with_derived(chain(taken, [self._new_rows]), in_two_inks)
+        rows = self._with_derived(chain(taken, [packed(self._new_rows)]), in_two_inks)
         return LayerMaps((self.layers + 1, job.nx, job.ny), variables, rows, job)
 
     def dataset(self) -> xr.Dataset:
@@ -260,9 +247,8 @@ class Recorder:
         carried = self._surface_label() if self._is_carried else ""
         known, after = np.full((self._job.nx, self._job.ny), np.nan), 0
         for part in parts:
-            for key in part:
-                role, name, layer = _place(key)
-                label = "" if role in {_RUN, _SCALARS} else self._label(role, name)
+            for (role, name, layer), key in keys(part):
+                label = "" if role == RUN else self._label(role, name)
                 if not label or not self._ports[label].shape:
                     continue
                 map_ = part[key]
@@ -341,9 +327,10 @@ class Recorder:
         label = self._label(role, name)
         if not label or layer < 0:
             return
-        value = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
+        place = Place(role, name, layer)
+        value = self._new_rows[place] = np.array(values[name])
         if not value.shape:
-            value = self._new_rows[f"{role}/{name}/{layer}"] = self._counted_on(label, layer, value)
+            value = self._new_rows[place] = self._counted_on(label, layer, value)
             self._scalars.setdefault(label, {})[layer] = value
         if (role, name) == (self._surface_role, self._surface_port):
             error = surface_error(value, self._job)
@@ -357,7 +344,7 @@ class Recorder:
         return np.asarray(max(COUNTER_END, before + self._commanded_drops[DROPLETS.index(label)]), np.int64)
 
     def _keep_of_run(self, name: str, layer: int, value: NDArray[np.float64]) -> None:
-        self._of_run[name][layer] = self._new_rows[f"{_RUN}/{name}/{layer}"] = value
+        self._of_run[name][layer] = self._new_rows[Place(RUN, name, layer)] = value
 
     def _label(self, role: str, name: str) -> str:
         """The name in the dataset; if two components share one, the second is prefixed by its role. "" for no port."""
@@ -369,10 +356,3 @@ class Recorder:
             label = f"{role}_{name}"
             self._ports.setdefault(label, port)
         return label
-
-
-def _place(key: str) -> tuple[str, str, int]:
-    """Role, name and layer of a recorded value; the roles `_RUN` and `_SCALARS` are those of no component."""
-    place, _, layer = key.rpartition("/")
-    role, _, name = place.partition("/")
-    return role, name, int(layer)

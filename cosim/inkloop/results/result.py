@@ -33,6 +33,8 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
+__all__ = ["RESULT_FILE", "RUN_FILE", "STOPPED", "UNFINISHED", "Result", "read_record"]
+
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
 READ_AT_ONCE = 1 << 26

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+__all__ = ["classes_from"]
+
 
 @contextmanager
 def classes_from(folder: Path) -> Iterator[None]:

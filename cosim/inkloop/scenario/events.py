@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, HasPorts, Port
 from inkloop.contract import LAYER_COMMAND
-from inkloop.master.events import Event, find_port
+from inkloop.course.events import Event, find_port
 from inkloop.suggest import nearest
 from inkloop.tables.quantities import read_quantities
 from inkloop.tables.schema import EventTable

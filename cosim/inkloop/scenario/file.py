@@ -16,10 +16,10 @@ from tomlkit.exceptions import TOMLKitError
 from inkloop.component import Component, Job, Ports
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
+from inkloop.course.events import Event
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.geometry import Columns
-from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.footprint import Footprint
 from inkloop.scenario.loop import Loop
@@ -34,6 +34,8 @@ from inkloop.tables.schema import ComponentTable, ScenarioFile
 from inkloop.tables.shapes import PartTable
 from inkloop.tables.solid import PartError, Solid
 from inkloop.units import MM_PER_M, UM_PER_M
+
+__all__ = ["Scenario"]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.bench import Bench
 from inkloop.components.kind import Checked
-from inkloop.master.events import Event
+from inkloop.course.events import Event
 from inkloop.master.wiring import Connection, check, contract_connections
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors

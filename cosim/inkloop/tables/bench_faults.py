@@ -1,4 +1,4 @@
-"""`[[bench.faults]]` and `inkloop bench --fault`: faults injected into the emulator."""
+"""`[[bench.faults]]` and `inkloop bench emulate --fault`: faults injected into the emulator."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class FaultTable(Table):
         return self
 
     def __str__(self) -> str:
-        """As `inkloop bench --fault` and the program of the nodes take it."""
+        """As `inkloop bench emulate --fault` and the program of the nodes take it."""
         found = self.model_dump(by_alias=True, exclude_none=True, exclude={"kind"})
         pairs = ",".join(f"{key}={value}" for key, value in found.items())
         return f"{self.kind}:{pairs}" if pairs else self.kind

@@ -19,6 +19,8 @@ from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Table
 from inkloop.units import SUFFIXES
 
+__all__ = ["InkFile"]
+
 _ENDINGS = [f"_{suffix}" for suffixes in SUFFIXES.values() for suffix in suffixes]
 
 

@@ -1,4 +1,4 @@
-"""`manifest.json` of a folder of bitmaps: written by `inkloop export-layers`, and read here."""
+"""`manifest.json` of a folder of bitmaps: what `inkloop export layers` writes, and what is read back."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def read(path: Path) -> Manifest:
         raise GeometryError(f"{path}: cannot be read: {reason_of(error)}") from error
     except ValidationError as error:
         found = "; ".join(sentence(detail, Manifest) for detail in error.errors()[:_LISTED])
-        raise GeometryError(f"{path}: is no manifest of `inkloop export-layers`: {found}") from error
+        raise GeometryError(f"{path}: is no manifest of `inkloop export layers`: {found}") from error
     except (ValueError, RecursionError) as error:
         raise GeometryError(f"{path}: is not JSON ({error}); name the {NAME} of a folder of layers") from error
     if errors := [*_other_conventions(manifest), *_gaps(manifest), *_changed_files(path.parent, manifest)]:

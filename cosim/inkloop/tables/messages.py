@@ -14,6 +14,8 @@ from pydantic_core import ErrorDetails
 
 from inkloop.suggest import nearest
 
+__all__ = ["sentence"]
+
 _PLAIN = {
     "a valid integer": "a whole number",
     "a valid number": "a number",

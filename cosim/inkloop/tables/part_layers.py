@@ -24,7 +24,7 @@ from inkloop.units import M_PER_UM
 
 
 class LayersTable(PlacedTable):
-    """`[part]` with `shape = "layers"`: bitmaps of `inkloop export-layers` as slices from the substrate up."""
+    """`[part]` with `shape = "layers"`: bitmaps of `inkloop export layers` as slices from the substrate up."""
 
     shape: Literal["layers"]
     file: str = Field(description="`manifest.json` in the folder of the bitmaps, relative to the scenario")

@@ -18,6 +18,8 @@ from inkloop.tables.shapes import Grid, Length, Position, Table
 from inkloop.tables.substrate import Substrate
 from inkloop.units import M_PER_UM
 
+__all__ = ["Inks", "Process"]
+
 
 class SubstrateTable(Table):
     """`[substrate]`: the surface to print on, over its lowest cell; only the printer knows it."""

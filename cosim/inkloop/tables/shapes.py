@@ -12,6 +12,8 @@ from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
 from inkloop.tables.solid import Bounds, Solid
 from inkloop.units import M_PER_UM
 
+__all__ = ["Length", "Position", "Table"]
+
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 PITCH_MIN_UM = 1.0  # no head is that fine (assumed); a smaller number was meant in other units
 Position = Annotated[float, Field(allow_inf_nan=False)]

@@ -165,7 +165,7 @@ def _configured(arguments: Mapping[str, Any]) -> str | None:
 
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
-        return "Is a program listening there? `inkloop bench` starts the emulator"
+        return "Is a program listening there? `inkloop bench emulate` starts the emulator"
     if settings.interface is None:
         known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"
         return f"Set interface and channel of [bench] in the scenario, or configure python-can ({known})"

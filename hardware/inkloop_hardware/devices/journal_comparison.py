@@ -55,7 +55,7 @@ def check_resumed_at(layer: int, mine: LayerAsked | None) -> None:
         raise ComponentError(
             f"layer {layer} is due, but this run has begun layer {mine.layer} already: its checkpoint is older than "
             "its journal, or is gone. Was the run folder restored from a copy, or its folder layers removed? A part "
-            "lies on the stage: take it off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new "
+            "lies on the stage: take it off, `inkloop bench clear SCENARIO --give-up`, and begin a new part in a new "
             "folder"
         )
 

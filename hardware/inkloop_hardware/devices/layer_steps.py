@@ -200,7 +200,7 @@ def _form_begun(state: NodeState, made: PatternBytes) -> bool:
     if form is None:
         raise HardwareError(
             f"head: layer {state.layer} was begun with another pattern (CRC-32 {state.pattern_crc:08x}) than the "
-            "present one; was the scenario changed? `inkloop device SCENARIO clear --give-up` gives that layer up"
+            "present one; was the scenario changed? `inkloop bench clear SCENARIO --give-up` gives that layer up"
         )
     return form
 

@@ -69,7 +69,7 @@ def blocked(node: Node, state: NodeState) -> str | None:
     """Message with the reason why a node needs a person, and the remedy; None if it needs none."""
     name = node.lower()
     if state.flags & Flags.STOPPED:
-        return f"{name}: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`"
+        return f"{name}: a stop request is active; release it, check the bench, then `inkloop bench clear SCENARIO`"
     if state.flags & Flags.JOURNAL_DAMAGED:
         return f"{name}: its journal cannot be written; replace its storage, nothing is energised until then"
     if not state.flags & Flags.NEEDS_OPERATOR:
@@ -82,7 +82,7 @@ def blocked(node: Node, state: NodeState) -> str | None:
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
     look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
-    return f"{name}: needs a person because of {why}; {look}, then `inkloop device SCENARIO clear`"
+    return f"{name}: needs a person because of {why}; {look}, then `inkloop bench clear SCENARIO`"
 
 
 def clear(rig: Rig, node: Node, option: int = 0) -> None:

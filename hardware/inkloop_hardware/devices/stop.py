@@ -45,7 +45,7 @@ def request_stop(settings: BusSettings) -> Iterator[str]:
             f"{settings}: {', '.join(missing)} did not confirm the stop request within {within_s:.1f} s. Use the "
             "hard-wired stop, then check power and cables"
         )
-    yield "stopped; look at the bench, then `inkloop device SCENARIO release` and `clear`"
+    yield "stopped; look at the bench, then `inkloop bench release SCENARIO` and `clear`"
 
 
 def release_stop(settings: BusSettings) -> Iterator[str]:
@@ -53,7 +53,7 @@ def release_stop(settings: BusSettings) -> Iterator[str]:
     with closing(Adapter(settings)) as adapter:
         for _ in _sent(adapter, active=False, within_s=0.0):
             pass
-    yield "the stop request is released; the nodes stay off until `inkloop device SCENARIO clear`"
+    yield "the stop request is released; the nodes stay off until `inkloop bench clear SCENARIO`"
 
 
 def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeStatus]:

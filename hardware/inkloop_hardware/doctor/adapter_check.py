@@ -143,7 +143,7 @@ def _advice(settings: BusSettings, error: BusError) -> str:
             f"(`pip install 'python-can[{settings.interface}]'`); it may not exist for this system"
         )
     if local:
-        return "nothing listens there: is it the right port, and does `inkloop bench` run?"
+        return "nothing listens there: is it the right port, and does `inkloop bench emulate` run?"
     if number in (errno.EBUSY, errno.EAGAIN) or "busy" in text or "lock" in text:
         return "another program has it open: end that one"
     if number in (errno.EACCES, errno.EPERM) or "ermission" in text:

@@ -176,7 +176,7 @@ def _states(report: NodeReport) -> Iterator[Finding]:
         yield Finding.error("states", found, advice)
     elif state.state is State.FAULT:
         yield Finding.error(
-            "states", f"{name}: FAULT{because}", "check the device, then `inkloop device SCENARIO clear`"
+            "states", f"{name}: FAULT{because}", "check the device, then `inkloop bench clear SCENARIO`"
         )
     elif state.flags & Flags.DRY_RUN:
         yield Finding.warning("states", f"{name}: in a dry run", "the next run ends it")

@@ -170,7 +170,7 @@ def _masters(heard: Heard) -> Iterator[Finding]:
         yield Finding.error(
             "masters",
             "a stop request is active",
-            "look at the bench, then `inkloop device SCENARIO release` (or where it was made) and `clear`",
+            "look at the bench, then `inkloop bench release SCENARIO` (or where it was made) and `clear`",
         )
 
 

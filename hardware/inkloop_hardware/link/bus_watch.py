@@ -47,7 +47,7 @@ class BusWatch:
         if self.stop is not None and now - self.stop_at <= OVER_AFTER:
             return (
                 f"a stop request of the {self.stop.name.lower()} is active: look at the bench, then release it "
-                "(`inkloop device SCENARIO release`, or where it was made) and `inkloop device SCENARIO clear`"
+                "(`inkloop bench release SCENARIO`, or where it was made) and `inkloop bench clear SCENARIO`"
             )
         return None
 
@@ -55,7 +55,7 @@ class BusWatch:
         """Message about another master that is active at this second, None without one."""
         if self.heard >= HEARD_OFTEN and now - self.other_at <= OVER_AFTER:
             return (
-                f"another master is active on this bus, session {self.other}: end it (another run, `inkloop device`, a "
-                "tool that sends MasterAlive), then `inkloop device SCENARIO clear`"
+                f"another master is active on this bus, session {self.other}: end it (another run, `inkloop bench`, a "
+                "tool that sends MasterAlive), then `inkloop bench clear SCENARIO`"
             )
         return None

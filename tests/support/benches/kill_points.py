@@ -126,7 +126,7 @@ def session(folder: Path) -> Result | InkloopError:
 
 def clear(folder: Path) -> None:
     """A person has looked at the bench."""
-    tries = (main(["device", str(folder), "clear"]) for _ in range(3))
+    tries = (main(["bench", "clear", str(folder)]) for _ in range(3))
     assert 0 in tries
 
 

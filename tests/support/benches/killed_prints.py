@@ -39,7 +39,8 @@ class Person:
             r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress is unknown", words
         ):
             self.unknown |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
-        if f"inkloop device {self._run} clear" in words:
+        if "inkloop bench clear SCENARIO" in words:
+            assert f"`inkloop bench` takes {self._run} as SCENARIO" in words
             clear(self._run)
 
     def finish(self) -> Result:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.identify.print_record import PrintRecord
 from inkloop.units import M_PER_UM
+from inkloop_lab.identify.print_record import PrintRecord
 from support.lying_scans.parts import PITCH_UM
 from support.lying_scans.plant import Plant, printed
 from support.lying_scans.profiler import Profiler, Scan, read, shown

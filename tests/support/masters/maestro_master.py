@@ -1,4 +1,4 @@
-"""The loop of a system of FMUs by Maestro (INTO-CPS), started from the files of `inkloop export-ssp --to maestro`."""
+"""The loop of a system of FMUs by Maestro (INTO-CPS), started from the files of `inkloop export ssp --to maestro`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop of a system of FMUs by OMSimulator, from the .ssp as `inkloop export-ssp` writes it.
+"""The loop of a system of FMUs by OMSimulator, from the .ssp as `inkloop export ssp` writes it.
 
 Its result files of the form of Dymola (.mat) hold every bit; its CSV holds 12 digits.
 """

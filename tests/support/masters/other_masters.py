@@ -2,7 +2,7 @@
 
 A master here is a function of a loop, its system of FMUs and the algorithm that yields (layers_printed, numbers) after
 each communication step, numbers being those that the ports of the loop show, in SI. What it starts from is what
-`inkloop export-ssp` writes where the master reads such files.
+`inkloop export ssp` writes where the master reads such files.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from inkloop.component import FloatMap, Job, Status
 from inkloop.components import catalog
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
@@ -51,8 +52,8 @@ def test_rule_prints_until_it_wants_nothing() -> None:
         "printer": ToyPrinter(wanted),
         "profiler": ToyProfiler(wanted),
     }
-    master = Master(parts, contract_connections(parts), step_ns=SECOND)
-    assert master.run(layers_max=10) == "done"
+    master = Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=10))
+    assert master.run() == "done"
     outputs = parts["printer"].do_step(0, SECOND, {"layer_command": np.asarray(3), "pattern": np.zeros((4, 3))})
     np.testing.assert_allclose(outputs["height"], wanted.target_height)
     assert int(outputs["layers_printed"]) == 3

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Component
+from inkloop.course.layer_course import LayerCourse
 from inkloop.files import TomlError, read_toml_text, replaced, toml_tables, write_text
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
@@ -82,7 +83,13 @@ def test_checkpoints_of_devices_outlive_a_power_failure(devices: bool, tmp_path:
     recorder = Recorder(part, parts)
     checkpoints = Checkpoints(tmp_path / "run", parts, recorder)
     (tmp_path / "run").mkdir()
-    Master(parts, contract_connections(parts), step_ns=10**9, observers=[recorder, checkpoints]).run(layers_max=2)
+    Master(
+        parts,
+        contract_connections(parts),
+        step_ns=10**9,
+        observers=[recorder, checkpoints],
+        course=LayerCourse(parts, layers_max=2),
+    ).run()
     assert checkpoints.layer == 2
     written = happenings.count("rename")
     assert written >= 6

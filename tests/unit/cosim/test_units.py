@@ -50,11 +50,11 @@ UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
 OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
 NO_FACTORS = {
     "cosim/inkloop/geometry/mesh.py": "OPEN_MAX is a share of columns",
-    "cosim/inkloop/identify/droplet_volume.py": "SINGULAR is a share of an information",
-    "cosim/inkloop/identify/expected_increments.py": "the share of a width below which a variance is rounding",
-    "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
+    "lab/inkloop_lab/identify/droplet_volume.py": "SINGULAR is a share of an information",
+    "lab/inkloop_lab/identify/expected_increments.py": "the share of a width below which a variance is rounding",
+    "lab/inkloop_lab/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
-    "cosim/inkloop/studies/reproduce/finite_elements.py": "tolerances of a solver and of an area",
+    "lab/inkloop_lab/reproduce/finite_elements.py": "tolerances of a solver and of an area",
     "cosim/inkloop/tables/slices.py": "EDGE is a share of a pitch",
     "hardware/inkloop_hardware/mapped/mapped_bus.py": "the share by which a reading may differ",
     "hardware/inkloop_hardware/protocol/codec.py": "the share of a step that is rounding",
@@ -95,7 +95,7 @@ def is_row(key: ast.expr, value: ast.expr) -> bool:
 
 
 def test_factors_between_units_stand_in_one_module() -> None:
-    folders = ("cosim", "controller", "hardware", "tools", "benchmarks")
+    folders = ("cosim", "controller", "hardware", "lab", "tools", "benchmarks")
     paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
     found = {path.relative_to(ROOT).as_posix(): sorted(set(own_factors(parsed(path)))) for path in paths}
     assert found.pop("cosim/inkloop/units.py")
@@ -150,8 +150,8 @@ def test_key_of_a_unit_gives_it_back(unit: str, key: str, factor: float) -> None
 
 
 KEY_OR_INPUT = re.compile(r"--\w+-um|1/um|nm[,|]\s?um|um, mm|write um")
-"""Places where `um` is user input, or a unit of FMI."""
-PAPERS = "inkloop.studies"
+"""Where `um` is what a user types, or a unit of FMI."""
+PAPERS = "inkloop_lab"
 """Its tables are pages in Markdown and LaTeX."""
 
 

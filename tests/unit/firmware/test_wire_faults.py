@@ -167,7 +167,7 @@ def test_burst_that_begins_within_another_one_does_not_lengthen_it() -> None:
     ],
 )
 def test_fault_that_cannot_be_is_refused_by_the_nodes_too(text: str, why: str) -> None:
-    """Whoever starts them without `inkloop bench`."""
+    """Whoever starts them without `inkloop bench emulate`."""
     wire, found = FaultyWire(), ctypes.create_string_buffer(300)
     assert not wire.c.probe_add(text.encode(), found, 300)
     assert why in found.value.decode()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.models import YoungLaplaceDeposition
+from inkloop_lab.models import YoungLaplaceDeposition
 from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver, random_patterns
 from support.fmus.young_laplace_library import PITCH, VOLUME, Print
 

@@ -48,7 +48,7 @@ class Bake:
 
 
 def bake(scenario: Scenario) -> Bake:
-    """The parameters that `inkloop export-ssp` writes too. Raises ScenarioError with every obstacle, FmuError."""
+    """The parameters that `inkloop export ssp` writes too. Raises ScenarioError with every obstacle, FmuError."""
     with temporary_folder("job") as folder:
         system = system_of(scenario, "3", Path(folder))
     roles = _roles(system)

@@ -1,4 +1,4 @@
-"""`inkloop export-job`: a scenario as one block with scalar inputs and outputs."""
+"""`inkloop export job`: a scenario as one block with scalar inputs and outputs."""
 
 from __future__ import annotations
 

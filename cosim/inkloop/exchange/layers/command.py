@@ -1,4 +1,4 @@
-"""`inkloop export-layers`: the layers of a run, or of a planned open loop, as bitmaps."""
+"""`inkloop export layers`: the layers of a run, or of a planned open loop, as bitmaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`inkloop export-surface`: a surface of a run as a mesh or a height map."""
+"""`inkloop export surface`: a surface of a run as a mesh or a height map."""
 
 from __future__ import annotations
 

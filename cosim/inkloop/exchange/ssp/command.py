@@ -1,4 +1,4 @@
-"""`inkloop export-ssp`: a scenario as a system of FMUs for other tools."""
+"""`inkloop export ssp`: a scenario as a system of FMUs for other tools."""
 
 from __future__ import annotations
 

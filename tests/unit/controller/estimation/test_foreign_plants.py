@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop.models.volume_area_deposition import VolumeAreaDeposition
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
+from inkloop_lab.models.volume_area_deposition import VolumeAreaDeposition
 
 TOLERANCE = 0.01e-6  # [m]
 SIDE, RADIUS = 25, 10

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import nullcontext
 from typing import Any
 from unittest.mock import Mock
@@ -31,6 +30,6 @@ def test_dry_run_takes_the_passes_of_the_printer_and_the_light_of_the_bench(monk
     options = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 1}
     overrides = {f"components.printer.{name}": value for name, value in options.items()}
     scenario = Scenario.load(SCENARIOS / "bench.toml", {**overrides, "bench.cure_ms": 70})
-    commands.act(scenario, argparse.Namespace(action="dry-run"), Mock())
+    commands.act(scenario, "dry-run", Mock())
     ((job, cure_ms),) = given
     assert (job.passes, job.pass_order, job.pass_rotation, cure_ms) == (4, 2, 1, 70)

@@ -62,7 +62,7 @@ def test_only_a_port_of_this_machine_is_one_for_the_emulator(channel: str | None
 def test_run_without_a_bench_leaves_no_folder_and_the_message_names_what_to_start(tmp_path: Path) -> None:
     path = write(tmp_path)
     scenario = Scenario.load(path, {"bench.channel": "socket://127.0.0.1:9"})
-    with pytest.raises(ComponentError, match=rf"`inkloop bench {path}` in another terminal"):
+    with pytest.raises(ComponentError, match=rf"`inkloop bench emulate {path}` in another terminal"):
         check_listening(scenario)
     assert main(["run", str(path), "--out", str(tmp_path / "run"), "--set", "bench.channel=socket://127.0.0.1:9"]) == 1
     assert not (tmp_path / "run").exists()
@@ -75,7 +75,7 @@ def test_bench_without_a_channel_is_an_error(
     overrides: list[str], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = [piece for override in overrides for piece in ("--set", override)]
-    assert main(["bench", str(write(tmp_path)), *sets]) == 1
+    assert main(["bench", "emulate", str(write(tmp_path)), *sets]) == 1
     assert word in capsys.readouterr().err
 
 

@@ -135,7 +135,7 @@ def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pyt
         assert {name.split("/")[1] for name in found if name.startswith("binaries/")} == set(names)
         assert found["sources/values.c"] == members["sources/values.c"]
     path = tmp_path / "it.fmu"
-    assert main(["export", "ProfileSensor", "--platforms", NATIVE, "--out", str(path)]) == 0
+    assert main(["export", "fmu", "ProfileSensor", "--platforms", NATIVE, "--out", str(path)]) == 0
     assert describe(path).platforms == (NATIVE,)
 
 
@@ -144,7 +144,7 @@ def test_missing_compiler_is_named_with_its_package(
 ) -> None:
     monkeypatch.setattr(cross, "COMPILER", "no_such_compiler")
     other = next(name for name in TARGETS if name not in describe(find_fmu("ProfileSensor", "fmi3")).platforms)
-    words = ["export", "ProfileSensor", "--platforms", f"{NATIVE}, {other}", "--out", str(tmp_path / "it.fmu")]
+    words = ["export", "fmu", "ProfileSensor", "--platforms", f"{NATIVE}, {other}", "--out", str(tmp_path / "it.fmu")]
     assert main(words) == 1
     assert "package ziglang, which is not installed: pip install 'inkloop[cross]'" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port, Status, Values
+from inkloop.course.events import Event
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.master.events import Event
-from inkloop.master.master import Algorithm, Master, checked_output
+from inkloop.master.master import Algorithm, Master
+from inkloop.master.outputs import checked_output
 from inkloop.master.wiring import Connection, contract_connections
 from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
@@ -155,7 +157,14 @@ def test_events_of_a_slow_component_begin_with_the_step_that_begins_then() -> No
     slow = FunctionComponent(inputs=[Port("x")], outputs=[Port("y")], step=keep)
     events = [Event(f"slow.{port}", "bias", at_time_ns=31, value=np.asarray(1.0)) for port in "xy"]
     trace = Trace("slow.y")
-    master = Master({"slow": slow}, [], step_ns=10, every={"slow": 3}, observers=[trace], events=events)
+    master = Master(
+        {"slow": slow},
+        [],
+        step_ns=10,
+        every={"slow": 3},
+        observers=[trace],
+        course=LayerCourse({"slow": slow}, events=events),
+    )
     master.run(time_max_ns=120)
     assert got == [0.0, 0.0, 1.0, 1.0]
     assert trace.values == [0.0] * 9 + [1.0] * 4
@@ -176,7 +185,7 @@ def test_event_of_an_input_begins_with_the_command_that_reaches_it(algorithm: Al
 
     parts = {"commander": commander, "sink": FunctionComponent(inputs=[Port("x")], step=keep)}
     event = Event("sink.x", "override", at_layer=3, value=np.asarray(5.0))
-    Master(parts, [], step_ns=1, algorithm=algorithm, events=[event]).run(time_max_ns=3)
+    Master(parts, [], step_ns=1, algorithm=algorithm, course=LayerCourse(parts, events=[event])).run(time_max_ns=3)
     assert got == expected
 
 
@@ -185,7 +194,9 @@ def test_only_the_status_of_the_controller_ends_a_print() -> None:
     done = FunctionComponent(
         outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.DONE))}
     )
-    assert Master({"printer": done}, [], step_ns=1).run(time_max_ns=3) == "time_max"
+    assert (
+        Master({"printer": done}, [], step_ns=1, course=LayerCourse({"printer": done})).run(time_max_ns=3) == "time_max"
+    )
     assert len(done.log) == 5
 
 
@@ -206,8 +217,15 @@ def test_same_layers_whatever_the_master_and_its_step(
     job = toy_job(layers=5)
     parts = toy_loop(job, *durations)
     recorder = Recorder(job, parts)
-    master = Master(parts, contract_connections(parts), step_ns=step_ns, algorithm=algorithm, observers=[recorder])
-    assert master.run(layers_max=100) == "done"
+    master = Master(
+        parts,
+        contract_connections(parts),
+        step_ns=step_ns,
+        algorithm=algorithm,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=100),
+    )
+    assert master.run() == "done"
     printed = recorder.dataset()
     assert printed.sizes["layer"] == 6
     np.testing.assert_array_equal(printed.height[-1], job.target_height)
@@ -220,17 +238,26 @@ def test_same_layers_whatever_the_master_and_its_step(
 def test_steps_per_layer_are_those_of_the_contract(algorithm: Algorithm, steps_per_layer: int) -> None:
     parts = toy_loop(toy_job())
     trace = Trace("printer.layers_printed")
-    Master(parts, contract_connections(parts), step_ns=1, algorithm=algorithm, observers=[trace]).run(layers_max=4)
+    Master(
+        parts,
+        contract_connections(parts),
+        step_ns=1,
+        algorithm=algorithm,
+        observers=[trace],
+        course=LayerCourse(parts, layers_max=4),
+    ).run()
     first = [trace.values.index(layer) for layer in (1, 2, 3)]
     assert np.diff(first).tolist() == [steps_per_layer] * 2
 
 
 def test_run_ends_at_the_limit_that_comes_first() -> None:
-    def end(scan_ns: int = 0, **limits: Any) -> tuple[str, int]:
+    def end(scan_ns: int = 0, *, layers_max: int, **limits: Any) -> tuple[str, int]:
         """The reason, and the last layer printed, which is scanned too."""
         parts = toy_loop(toy_job(), profiler_ns=scan_ns)
         recorder = Recorder(toy_job(), parts)
-        reason = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(**limits)
+        course = LayerCourse(parts, layers_max=layers_max)
+        wires = contract_connections(parts)
+        reason = Master(parts, wires, step_ns=SECOND, observers=[recorder], course=course).run(**limits)
         assert reason == "time_max" or recorder.scanned == recorder.layers
         return reason, recorder.layers
 
@@ -243,14 +270,19 @@ def test_fault_of_a_component_ends_the_run() -> None:
     broken = FunctionComponent(
         outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.FAULT))}
     )
-    assert Master({"printer": broken}, [], step_ns=1).run(time_max_ns=100) == "fault"
+    assert (
+        Master({"printer": broken}, [], step_ns=1, course=LayerCourse({"printer": broken})).run(time_max_ns=100)
+        == "fault"
+    )
     assert broken.log == ["initialize", "do_step 0 1", "terminate"]
 
 
 def test_run_without_an_end_is_refused() -> None:
     with pytest.raises(ScenarioError, match="time_max_s"):
-        Master({"a": counter()}, [], step_ns=1).run(layers_max=3)
+        Master({"a": counter()}, [], step_ns=1, course=LayerCourse({"a": counter()}, layers_max=3)).run()
     parts = toy_loop(toy_job())
+    with pytest.raises(ScenarioError, match="nothing ends this run"):
+        Master(parts, contract_connections(parts), step_ns=1, course=LayerCourse(parts)).run()
     with pytest.raises(ScenarioError, match="nothing ends this run"):
         Master(parts, contract_connections(parts), step_ns=1).run()
 
@@ -287,7 +319,7 @@ def test_failure_names_component_time_and_layer() -> None:
 
     parts["profiler"].do_step = fail_late
     with pytest.raises(ComponentError, match=r"profiler failed at t = 2 s, after layer 2: RuntimeError: laser is off"):
-        Master(parts, contract_connections(parts), step_ns=SECOND).run(layers_max=5)
+        Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=5)).run()
 
 
 def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
@@ -385,8 +417,14 @@ def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
     parts["printer"].do_step = interrupt_at_three
     recorder = Recorder(job, parts)
     handler = signal.getsignal(signal.SIGINT)
-    master = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder])
-    assert master.run(layers_max=5) == "interrupted"
+    master = Master(
+        parts,
+        contract_connections(parts),
+        step_ns=SECOND,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=5),
+    )
+    assert master.run() == "interrupted"
     assert recorder.layers == 3
     assert np.isfinite(recorder.dataset().measured_height).all()
     assert signal.getsignal(signal.SIGINT) is handler
@@ -408,20 +446,23 @@ class StoppingController(Resumable):
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_run_ends_where_its_controller_has_stopped(algorithm: Algorithm) -> None:
-    controller, kept = StoppingController(), list[int]()
+    controller, kept = StoppingController(), list[tuple[str, int]]()
+    parts = {"other": counter(), "controller": controller}
     master = Master(
-        {"other": counter(), "controller": controller},
+        parts,
         [],
         step_ns=10,
         algorithm=algorithm,
-        on_stop=lambda time_ns, outputs: kept.append(time_ns),
+        course=LayerCourse(parts),
+        on_end=lambda reason, time_ns, outputs: kept.append((reason, time_ns)),
     )
     assert master.run(time_max_ns=100) == "stopped"
-    assert (controller.told, kept, controller.log[-1]) == ([False, False], [20], "terminate")
+    assert (controller.told, kept, controller.log[-1]) == ([False, False], [("stopped", 20)], "terminate")
 
 
 def test_controller_without_a_reason_to_stop_is_not_stopped() -> None:
-    assert Master({"a": StoppingController(with_reason=False)}, [], step_ns=10).run(time_max_ns=100) == "time_max"
+    parts = {"a": StoppingController(with_reason=False)}
+    assert Master(parts, [], step_ns=10, course=LayerCourse(parts)).run(time_max_ns=100) == "time_max"
 
 
 @pytest.mark.parametrize("every", [1, 3])
@@ -429,7 +470,9 @@ def test_controller_of_a_resumed_run_is_told_once_that_a_person_has_looked(every
     controller = StoppingController()
     outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(64, np.int32)}
     point = Checkpoint(0, 1, {"controller": outputs}, {"controller": b""})
-    master = Master({"controller": controller}, [], step_ns=10 // every, every={"controller": every})
+    parts = {"controller": controller}
+    course = LayerCourse(parts)
+    master = Master(parts, [], step_ns=10 // every, every={"controller": every}, course=course)
     assert master.run(time_max_ns=10 * every, resume=point) == "time_max"
     assert controller.told[0]
     assert not any(controller.told[1:])
@@ -439,14 +482,15 @@ def test_controller_of_a_run_that_was_not_stopped_is_not_told() -> None:
     controller = StoppingController()
     outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(0, np.int32)}
     point = Checkpoint(20, 1, {"controller": outputs}, {"controller": b""})
-    Master({"controller": controller}, [], step_ns=10).run(time_max_ns=50, resume=point)
+    parts = {"controller": controller}
+    Master(parts, [], step_ns=10, course=LayerCourse(parts)).run(time_max_ns=50, resume=point)
     assert controller.told == [False] * 3
 
 
 def test_wall_time_is_split_without_remainder() -> None:
     parts = toy_loop(toy_job())
-    master = Master(parts, contract_connections(parts), step_ns=SECOND)
-    master.run(layers_max=5)
+    master = Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=5))
+    master.run()
     wall = master.wall_s
     assert set(wall) == {*parts, "observers", "master", "total"}
     assert wall["total"] == pytest.approx(

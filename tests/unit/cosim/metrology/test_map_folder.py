@@ -14,6 +14,7 @@ import pytest
 
 from inkloop.component import Component, Port, Status
 from inkloop.components import catalog
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
@@ -291,6 +292,6 @@ def test_done_mark_completes_a_file(tmp_path: Path) -> None:
 def test_first_ctrl_c_ends_the_wait_for_a_file(tmp_path: Path) -> None:
     printer = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")])
     parts: dict[str, Component] = {"printer": printer, "profiler": profiler(tmp_path)}
-    master = Master(parts, contract_connections(parts), step_ns=SECOND)
+    master = Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=1))
     threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
-    assert master.run(layers_max=1) == "interrupted"
+    assert master.run() == "interrupted"

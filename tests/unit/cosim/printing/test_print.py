@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Values
+from inkloop.course.events import Event
 from inkloop.errors import ComponentError, ResultError
-from inkloop.master.events import Event
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
 from inkloop.results import checkpoint
@@ -38,7 +38,7 @@ class Kept:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         self.steps.append((time_ns, step_ns))
         if self._fails_ns is not None and time_ns >= self._fails_ns:
-            raise RuntimeError("needs a person, then `inkloop device SCENARIO clear`")
+            raise RuntimeError("needs a person, then `inkloop bench clear SCENARIO`")
         found: Values = self._own.do_step(time_ns, step_ns, inputs)
         return found
 
@@ -122,7 +122,7 @@ def test_print_that_has_ended_leaves_no_checkpoints_and_an_interrupted_one_is_re
         printed(failing, tmp_path)
     message, advice = str(raised.value).split("\n")
     assert message.startswith("profiler failed at t = 2.5 s, after layer 2")
-    assert f"needs a person, then `inkloop device {tmp_path} clear`" in message
+    assert "needs a person, then `inkloop bench clear SCENARIO`" in message
     assert advice == (f"layers 0 to 2 are in {tmp_path}; fix the cause, then continue with `inkloop resume {tmp_path}`")
     assert Result.load(tmp_path).stop_reason == "failed"
     assert layer_files(tmp_path)

@@ -131,7 +131,7 @@ def test_fmu_for_which_the_temporary_disk_has_no_room_names_it(tmp_path: Path) -
 def test_command_that_cannot_write_its_file_names_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "sensor.fmu"
     with files_up_to(5_000):
-        assert main(["export", "ProfileSensor", "--out", str(out)]) == 1
+        assert main(["export", "fmu", "ProfileSensor", "--out", str(out)]) == 1
     error = capsys.readouterr().err
     assert "sensor.fmu" in error
     assert "the file becomes larger than the disk" in error

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port, Values
+from inkloop.course.layer_course import LayerCourse
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.metrics import masked_error
@@ -20,7 +21,13 @@ def printed_loop(layers: int = 4) -> tuple[Recorder, list[LayerRow]]:
     parts = toy_loop(job, 2 * SECOND, 6 * SECOND)
     rows: list[LayerRow] = []
     recorder = Recorder(job, parts, rows.append)
-    Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(layers_max=100)
+    Master(
+        parts,
+        contract_connections(parts),
+        step_ns=SECOND,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=100),
+    ).run()
     return recorder, rows
 
 
@@ -168,7 +175,9 @@ def test_same_name_from_two_components_is_kept_apart() -> None:
         parts[name].do_step = lambda t, h, i, step=step, extra=extra: {**step(t, h, i), **extra}
         parts[name].initialize = lambda t, i, first=first, extra=extra: {**first(t, i), **extra}
     recorder = Recorder(job, parts)
-    Master(parts, contract_connections(parts), step_ns=1, observers=[recorder]).run(layers_max=2)
+    Master(
+        parts, contract_connections(parts), step_ns=1, observers=[recorder], course=LayerCourse(parts, layers_max=2)
+    ).run()
     run = recorder.dataset()
     assert (float(run.temperature[-1]), float(run.profiler_temperature[-1])) == (300.0, 310.0)
     assert run.profiler_temperature.attrs["units"] == temperature.unit

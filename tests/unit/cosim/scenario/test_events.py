@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port, Values
+from inkloop.course.events import Event, Manipulator
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ScenarioError
-from inkloop.master.events import Event, Manipulator
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.run import print_part
@@ -98,8 +99,15 @@ def test_event_begins_with_its_layer_whatever_the_master(algorithm: Algorithm, d
     ]
     recorder = Recorder(job, parts)
     wires = contract_connections(parts)
-    master = Master(parts, wires, step_ns=SECOND, algorithm=algorithm, observers=[recorder], events=events)
-    assert master.run(layers_max=20) == "done"
+    master = Master(
+        parts,
+        wires,
+        step_ns=SECOND,
+        algorithm=algorithm,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=20, events=events),
+    )
+    assert master.run() == "done"
     height = recorder.dataset().height.values / DROPLET
     np.testing.assert_allclose(height[:, 1, 0], [0, 1, 1, 1, 2, 3, 4])
     np.testing.assert_allclose(height[:, 1, 1], [0, 1, 2, 3, 4, 4, 4])
@@ -111,7 +119,13 @@ def test_all_components_and_the_record_see_a_changed_output() -> None:
     height = np.full((job.nx, job.ny), DROPLET)
     events = [Event("profiler.measured_height", "bias", at_layer=1, value=height)]
     recorder = Recorder(job, parts)
-    Master(parts, contract_connections(parts), step_ns=1, observers=[recorder], events=events).run(layers_max=9)
+    Master(
+        parts,
+        contract_connections(parts),
+        step_ns=1,
+        observers=[recorder],
+        course=LayerCourse(parts, layers_max=9, events=events),
+    ).run()
     result = recorder.dataset()
     assert result.sizes["layer"] == 2
     np.testing.assert_allclose(result.measured_height[1] - result.height[1], DROPLET)
@@ -223,6 +237,6 @@ def test_component_of_a_manipulated_input_never_knows() -> None:
 
     sink = FunctionComponent(inputs=[Port("x", start=2.0), Port("z")], step=keep)
     events = [Event("a.x", "bias", at_time_ns=1, value=number(0.5))]
-    Master({"a": sink}, [], step_ns=1, events=events).run(time_max_ns=3)
+    Master({"a": sink}, [], step_ns=1, course=LayerCourse({"a": sink}, events=events)).run(time_max_ns=3)
     assert [float(inputs["x"]) for inputs in got] == [2.0, 2.5, 2.5]
     assert all(set(inputs) == {"x"} for inputs in got)

@@ -40,13 +40,13 @@ def eight_gib(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("side", [100_000, 10_000_000])
-@pytest.mark.parametrize("command", ["validate", "run", "bench", "export-ssp", "export-job"])
+@pytest.mark.parametrize("command", ["validate", "run", "bench emulate", "export ssp", "export job"])
 def test_grid_that_memory_cannot_hold_is_refused_by_every_command(
     command: str, side: int, eight_gib: None, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     grid = ["--set", f"grid.nx={side}", "--set", f"grid.ny={side}"]
-    out = ["--out", str(tmp_path / "out")] if command not in ("validate", "bench") else []
-    assert main([command, str(CUBOID), *grid, *out]) == 1
+    out = ["--out", str(tmp_path / "out")] if command not in ("validate", "bench emulate") else []
+    assert main([*command.split(), str(CUBOID), *grid, *out]) == 1
     error = capsys.readouterr().err
     assert f"grid of {side} x {side} cells, about 3 layers, needs about" in error
     assert "of memory, 8 GiB are available; " in error

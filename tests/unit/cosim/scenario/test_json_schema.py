@@ -87,9 +87,9 @@ def test_every_option_of_the_python_kinds_is_in_the_schema() -> None:
 
 
 def test_command_writes_the_schema_or_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema"]) == 0
+    assert main(["export", "schema"]) == 0
     assert json.loads(capsys.readouterr().out) == SCHEMA
-    assert main(["schema", "--out", str(tmp_path / "schema.json")]) == 0
+    assert main(["export", "schema", "--out", str(tmp_path / "schema.json")]) == 0
     assert json.loads((tmp_path / "schema.json").read_text()) == SCHEMA
 
 

@@ -12,7 +12,6 @@ from pydantic import BaseModel, ValidationError
 from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
-from inkloop.identify.log_folder import PrintTable
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable
 from inkloop.tables.ink_file import DropletTable
@@ -21,6 +20,7 @@ from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part_images import StackTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable
+from inkloop_lab.identify.log_folder import PrintTable
 
 TINY = 5e-324
 POSITIVE = ([TINY, 1e9], [0.0, -1.0, math.inf, math.nan])

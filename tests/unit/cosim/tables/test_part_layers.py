@@ -109,7 +109,7 @@ def with_twice_the_first(manifest: Mapping[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda manifest: {"format": "other"}, "is no manifest of `inkloop export-layers`: format is 'other'"),
+        (lambda manifest: {"format": "other"}, "is no manifest of `inkloop export layers`: format is 'other'"),
         (lambda manifest: {"format_version": 2}, "format_version is 2; expected 1"),
         (lambda manifest: {"polarity": "white"}, "polarity is 'white'; expected 'a set bit is a droplet"),
         (lambda manifest: {"first_row": "top"}, "first_row is 'top'; expected 'y = 0; rows"),

@@ -33,7 +33,7 @@ def state(**changes: Any) -> NodeState:
         ({"flags": Flags.DRY_RUN | Flags.BY_WATCHDOG, "cause": Fault.STOP_REQUEST}, None),
         (
             {"flags": Flags.STOPPED | Flags.NEEDS_OPERATOR},
-            "head: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`",
+            "head: a stop request is active; release it, check the bench, then `inkloop bench clear SCENARIO`",
         ),
         (
             {"flags": Flags.JOURNAL_DAMAGED | Flags.NEEDS_OPERATOR},
@@ -42,22 +42,22 @@ def state(**changes: Any) -> NodeState:
         (
             {"flags": Flags.NEEDS_OPERATOR, "unknown": 0b1010, "layer_flags": LayerFlags.CURE_UNKNOWN},
             "head: needs a person because of pass 2, 4 of layer 3, which was begun and whose progress is unknown; "
-            "check the bench, then `inkloop device SCENARIO clear`",
+            "check the bench, then `inkloop bench clear SCENARIO`",
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR, "layer_flags": LayerFlags.CURE_UNKNOWN, "cause": Fault.STOP_REQUEST},
             "head: needs a person because of a cure of layer 3, which was begun and whose duration is unknown; it will "
-            "be repeated; check the bench, then `inkloop device SCENARIO clear`",
+            "be repeated; check the bench, then `inkloop bench clear SCENARIO`",
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR, "cause": Fault.STORAGE_FAILED},
-            "head: needs a person because of STORAGE_FAILED; make room in its storage, then `inkloop device SCENARIO "
-            "clear`",
+            "head: needs a person because of STORAGE_FAILED; make room in its storage, then `inkloop bench clear "
+            "SCENARIO`",
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR},
-            "head: needs a person because of a step that it gave up; check the bench, then `inkloop device SCENARIO "
-            "clear`",
+            "head: needs a person because of a step that it gave up; check the bench, then `inkloop bench clear "
+            "SCENARIO`",
         ),
     ],
 )  # fmt: skip

@@ -242,7 +242,7 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=b"\2", job=rig.job))
         nodes.tick(5)
         nodes.power_up(node_bench.HEAD)
-        with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop device SCENARIO clear"):
+        with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"):
             started(Printer(FOUR, rig))
         rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\1", limit_s=1)
         openings, pulses = nodes.counted(node_bench.GATE_OPENINGS), nodes.counted(node_bench.LAMP_PULSES)

@@ -108,7 +108,7 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
 
         head.routine = dies
         with pytest.raises(
-            NotReady, match=r"gave up\n.*pass 3 of layer 1.*progress is unknown.*inkloop device SCENARIO clear"
+            NotReady, match=r"gave up\n.*pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"
         ):
             print_layer(printer, 1)
         head.routine, openings = ask, nodes.counted(node_bench.GATE_OPENINGS)

@@ -381,7 +381,7 @@ def test_port_that_this_user_may_not_use_is_reported_with_its_group(
 def test_emulator_that_does_not_run_is_the_first_guess_at_a_local_port() -> None:
     adapter, finding = opened(BusSettings("slcan", "socket://127.0.0.1:1", 500_000))
     assert adapter is None
-    assert "does `inkloop bench` run?" in finding.advice
+    assert "does `inkloop bench emulate` run?" in finding.advice
 
 
 @pytest.mark.parametrize(

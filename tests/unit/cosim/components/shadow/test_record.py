@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from inkloop.component import Component
 from inkloop.components.shadow.shadow import Shadow
+from inkloop.course.layer_course import LayerCourse
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.report import run_report
@@ -42,8 +43,14 @@ def printed(components: dict[str, Component], folder: Path | None = None) -> tup
     rows: list[LayerRow] = []
     recorder = Recorder(JOB, components, rows.append)
     observers: list[Any] = [recorder, Checkpoints(folder, components, recorder)] if folder else [recorder]
-    master = Master(components, contract_connections(components), step_ns=SECOND, observers=observers)
-    master.run(layers_max=LAYERS)
+    master = Master(
+        components,
+        contract_connections(components),
+        step_ns=SECOND,
+        observers=observers,
+        course=LayerCourse(components, layers_max=LAYERS),
+    )
+    master.run()
     return recorder, rows, master
 
 

@@ -17,6 +17,7 @@ from inkloop.components.bench import Bench
 from inkloop.components.shadow import options as shadow_options
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.shadow import Shadow
+from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import check, contract_connections
@@ -67,8 +68,15 @@ def run(parts: dict[str, Any], algorithm: Algorithm = "gauss-seidel", layers: in
     watch = Watch(parts["printer"])
     wires = contract_connections(parts)
     assert check(parts, wires) == []
-    master = Master(parts, wires, step_ns=SECOND, algorithm=algorithm, observers=[watch])
-    return watch, master.run(layers_max=layers, time_max_ns=1000 * SECOND)
+    master = Master(
+        parts,
+        wires,
+        step_ns=SECOND,
+        algorithm=algorithm,
+        observers=[watch],
+        course=LayerCourse(parts, layers_max=layers),
+    )
+    return watch, master.run(time_max_ns=1000 * SECOND)
 
 
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)

@@ -128,7 +128,7 @@ def test_layers_that_were_aborted_are_marked(tmp_path: Path, capsys: pytest.Capt
     Result(whole, result.run).save(tmp_path / "run")
     for layers, unknown in (("1", []), ("1-2", [2])):
         out = tmp_path / layers
-        assert main(["export-layers", str(tmp_path / "run"), "--layers", layers, "--out", str(out)]) == 0
+        assert main(["export", "layers", str(tmp_path / "run"), "--layers", layers, "--out", str(out)]) == 0
         assert manifest_of(out)["unknown_layers"] == unknown
         assert ("what of them was jetted is unknown: 2" in capsys.readouterr().out) == bool(unknown)
 
@@ -137,7 +137,7 @@ def test_a_part_becomes_layers_without_a_scenario(tmp_path: Path) -> None:
     """A box of 6 x 4 cells and three layers."""
     (tmp_path / "box.stl").write_bytes(parts.stl(parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.0228)))
     out = tmp_path / "out"
-    command = ["export-layers", str(tmp_path / "box.stl"), "--pitch-um", "100", "--format", "png", "--out", str(out)]
+    command = ["export", "layers", str(tmp_path / "box.stl"), "--pitch-um", "100", "--format", "png", "--out", str(out)]
     assert main(command) == 0
     found = planes(out, "png")
     assert [(entry["layer"], entry["drops"]) for entry, _ in found] == [(1, 24), (2, 24), (3, 24)]
@@ -188,7 +188,7 @@ def test_a_failed_export_leaves_nothing(tmp_path: Path) -> None:
 def test_an_existing_folder_is_kept(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("kept")
-    assert main(["export-layers", run_folder, "--out", str(tmp_path / "out")]) == 1
+    assert main(["export", "layers", run_folder, "--out", str(tmp_path / "out")]) == 1
     assert "is there already" in capsys.readouterr().err
     with pytest.raises(FileExistsError):
         archive.write(small(), tmp_path / "out", form="png", layers=[1])
@@ -199,7 +199,7 @@ def test_command_writes_chosen_layers_of_a_run(
     run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["export-layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
+    assert main(["export", "layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
     shown = capsys.readouterr()
     assert "layers 2 to 2, bitmaps: 1" in shown.err
     assert json.loads(shown.out)["files"] == ["L0002_P1_A.tif"]
@@ -222,7 +222,7 @@ def test_wrong_options_are_refused(
     arguments: list[str], message: str, run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["export-layers", run_folder, *arguments, "--out", str(out)]) == 1
+    assert main(["export", "layers", run_folder, *arguments, "--out", str(out)]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
 
@@ -241,7 +241,7 @@ def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytes
         "begun": "holds no pattern",
         "damaged": "cannot be read",
     }.items():
-        assert main(["export-layers", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 1
+        assert main(["export", "layers", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 1
         shown = capsys.readouterr().err
         assert message in shown
         assert str(tmp_path / name) in shown
@@ -250,5 +250,5 @@ def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytes
 
 def test_an_unknown_format_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["export-layers", "run", "--format", "gif"])
+        main(["export", "layers", "run", "--format", "gif"])
     assert "'tiff', 'png', 'bmp'" in capsys.readouterr().err

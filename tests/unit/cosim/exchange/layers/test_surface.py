@@ -184,7 +184,7 @@ def test_a_map_folder_takes_the_surface_back(
     for layer in (0, 1, 2):
         out = tmp_path / f"layer_{layer:04d}.{form}"
         arguments = ["--format", name, "--layer", str(layer), "--out", str(out)]
-        assert main(["export-surface", run_folder, *arguments]) == 0
+        assert main(["export", "surface", run_folder, *arguments]) == 0
     pixel = {"pixel_um": printed().dataset.attrs["pitch"] * 1e6} if form == "npy" else {}
     folder = MapFolder(
         cuboid().job(),
@@ -207,7 +207,7 @@ def test_a_map_folder_takes_the_surface_back(
 
 
 def test_a_filled_part_becomes_a_body(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["export-surface", run_folder, "--format", "stl", "--part", "--out", str(tmp_path / "part.stl")]
+    arguments = ["export", "surface", run_folder, "--format", "stl", "--part", "--out", str(tmp_path / "part.stl")]
     assert main(arguments) == 1
     assert "80 of 144 cells have no height" in capsys.readouterr().err
     assert main([*arguments, "--fill-um", "0"]) == 0
@@ -230,7 +230,7 @@ def test_wrong_layers_are_refused(
     arguments: list[str], message: str, run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out.npy"
-    assert main(["export-surface", run_folder, "--format", "npy", *arguments, "--out", str(out)]) == 1
+    assert main(["export", "surface", run_folder, "--format", "npy", *arguments, "--out", str(out)]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
 
@@ -242,8 +242,8 @@ def test_a_missing_map_names_those_that_exist() -> None:
 
 
 def test_foreign_folders_and_unknown_formats_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export-surface", str(tmp_path), "--format", "npy"]) == 1
+    assert main(["export", "surface", str(tmp_path), "--format", "npy"]) == 1
     assert "holds no run.json" in capsys.readouterr().err
     with pytest.raises(SystemExit):
-        main(["export-surface", str(tmp_path), "--format", "obj"])
+        main(["export", "surface", str(tmp_path), "--format", "obj"])
     assert "'stl', 'glb', 'sdf', 'x3p', 'tiff', 'npy'" in capsys.readouterr().err

@@ -1,1 +1,0 @@
-"""Studies that use inkloop as a library: the papers reproduced, the score board."""

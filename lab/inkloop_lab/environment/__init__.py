@@ -1,0 +1,1 @@
+"""A scenario as an environment of Gymnasium."""

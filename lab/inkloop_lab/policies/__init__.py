@@ -1,0 +1,1 @@
+"""Policies: observation and action of a layer, policies as controllers, and controllers as policies."""

@@ -1,0 +1,158 @@
+"""Controllers on the plants of the board: prints with fixed seeds, and the scores that compare them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inkloop.component import Ink
+from inkloop.errors import InkloopError
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop.suggest import nearest
+from inkloop.units import UM_PER_M
+from inkloop_lab.score import PLANTS, VERSIONS
+from inkloop_lab.score.known_inks import identified, single_droplet
+
+SEEDS = (1, 2, 3)
+FOLDER = Path(__file__).parent
+METRICS = ("mean_error", "mae", "rms", "std", "highest", "layers", "droplets")
+HIGH_UM = 5.0
+"""Least height of a cell above the target beyond the unevenness of single droplets (assumed)."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A controller of the board.
+
+    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets' volume
+    in the proportions of Lu et al., Table I; note: text, its knowledge.
+    """
+
+    name: str
+    kind: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    ink: Callable[[Scenario], Ink] | None = None
+    note: str = ""
+
+
+OPEN_LOOP = Entry("open loop", "OpenLoop", note="full layers, blindly")
+PAPERS = Entry("paper's search", "StochasticGreedy", note="stochastic greedy search (Lu et al. 2015), Lu nominal")
+OURS = Entry("LayerMpc, Lu nominal", "LayerMpc", note="learns the volume of the droplets")
+LEARNING = Entry(
+    "LayerMpc, Lu identified, learning",
+    "LayerMpc",
+    {"adapt_ink": "full"},
+    identified,
+    "the same, learns h1, h2, h3 too",
+)
+ENTRIES = (
+    OPEN_LOOP,
+    Entry("superposition", "CohenLipson", {}, single_droplet, "greedy geometric feedback (Cohen, Lipson 2010)"),
+    Entry("error diffusion", "ErrorDiffusion", note="of what each layer lacks, Lu nominal"),
+    PAPERS,
+    OURS,
+    Entry("LayerMpc, Lu identified", "LayerMpc", {}, identified, "least squares on random layers of the plant"),
+    LEARNING,
+    Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink given to superposition"),
+)
+AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
+"""Entries compared with a user's controller."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Metrics of an entry on one plant [m], one number for each seed; ink: as configured; highest: above the target."""
+
+    entry: Entry
+    plant: str
+    ink: Ink
+    figures: Mapping[str, Sequence[float]]
+
+    @property
+    def version(self) -> str:
+        """Of the plants that this one belongs to."""
+        return self.plant.partition("/")[0]
+
+    def mean(self, metric: str) -> float:
+        """Over the seeds; in micrometres if it is a length."""
+        scale = 1.0 if metric in ("layers", "droplets") else UM_PER_M
+        return float(np.mean(self.figures[metric])) * scale
+
+    @property
+    def highest_um(self) -> float:
+        """Of all cells of all seeds, above the target."""
+        return max(self.figures["highest"]) * UM_PER_M
+
+    def ends_above(self, open_loop: Score) -> bool:
+        """Whether a cell ends higher than every cell of the open loop, and more than `HIGH_UM` above the target."""
+        return is_above(self.highest_um, open_loop.highest_um)
+
+
+def is_above(highest_um: float, open_loop_um: float) -> bool:
+    """Whether the highest cell of a print is above that of the open loop, and more than `HIGH_UM` above the target."""
+    return highest_um > max(open_loop_um, HIGH_UM)
+
+
+def named(plant: str) -> str:
+    """The whole name of a plant that may be given without its version. Raises InkloopError."""
+    found = [each for each in PLANTS if plant in (each, each.partition("/")[2])]
+    if not found:
+        raise InkloopError(f"there is no plant {plant!r}: {nearest(plant, PLANTS)}")
+    return found[0]
+
+
+def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario of a plant, with the controller that the overrides give. Raises InkloopError, ScenarioError."""
+    return Scenario.load(FOLDER / f"{named(plant)}.toml", overrides)
+
+
+def overrides_of(entry: Entry) -> dict[str, Any]:
+    """Overrides that put a controller into the scenario of a plant."""
+    options = {f"components.controller.{name}": value for name, value in entry.options.items()}
+    return {"components.controller.kind": entry.kind, **options}
+
+
+def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
+    """An entry on a plant. Raises ScenarioError, ComponentError; KeyboardInterrupt after Ctrl-C."""
+    nominal = load(plant)
+    ink = nominal.job().inks[0] if entry.ink is None else entry.ink(nominal)
+    figures: dict[str, list[float]] = {metric: [] for metric in METRICS}
+    for seed in seeds:
+        result = _printed(load(plant, {"seed": seed, **overrides_of(entry), **_overrides(ink)}))
+        metrics = result.metrics()
+        for metric, values in figures.items():
+            values.append(-metrics["min"] if metric == "highest" else metrics[metric])
+    return Score(entry, named(plant), ink, figures)
+
+
+def relative(scores: Sequence[Score], name: str) -> float:
+    """Geometric mean, over the plants, of the rms error of an entry over that of the open loop."""
+    rms = {(score.entry.name, score.plant): score.mean("rms") for score in scores}
+    plants = [plant for of, plant in rms if of == name and (OPEN_LOOP.name, plant) in rms]
+    return float(np.exp(np.mean([np.log(rms[name, plant] / rms[OPEN_LOOP.name, plant]) for plant in plants])))
+
+
+def fingerprint(version: str) -> str:
+    """Begin of the SHA-256 over all plants of a version: the same in every comparison."""
+    digest = hashlib.sha256()
+    for plant in VERSIONS[version]:
+        digest.update((FOLDER / version / f"{plant}.toml").read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _printed(scenario: Scenario) -> Result:
+    result = print_part(scenario)
+    if result.stop_reason == "interrupted":
+        raise KeyboardInterrupt
+    return result
+
+
+def _overrides(ink: Ink) -> dict[str, float]:
+    return {f"ink.a.{name}_um": getattr(ink, name) * UM_PER_M for name in ("h1", "h2", "h3")}

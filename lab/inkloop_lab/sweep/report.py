@@ -1,0 +1,127 @@
+"""Tables, pictures and files of a study that has been printed, or of as much of it as there is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.errors import ResultError
+from inkloop.files import reason_of, replaced, write_text
+from inkloop.report.terminal import Terminal
+from inkloop.scenario.file import Scenario
+from inkloop_lab.sweep import dataset, summary
+from inkloop_lab.sweep.bundle import Bundle
+from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.optimise import OptimisePlan
+from inkloop_lab.sweep.page import PAGE_FILE, page
+from inkloop_lab.sweep.plan import Plan
+from inkloop_lab.sweep.sensitivity import with_indices
+from inkloop_lab.sweep.study import Study
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SUMMARY_FILE = "summary.txt"
+BEST_FOLDER = "best"
+PAGE_ROWS_MAX = 2000
+"""Points in the table of the page; of more, the best are shown."""
+
+
+def sweep_of(study: Study, journal: Journal, plan: Plan) -> xr.Dataset:
+    """All that the study's file holds. Raises ResultError."""
+    settings = plan.settings if isinstance(plan, OptimisePlan) else ()
+    found = dataset.dataset(study, journal, settings)
+    if study.samples is not None and study.samples.blocks:
+        seed = study.tables.sample.seed if study.tables.sample else 0
+        found = with_indices(found, list(study.samples.values), seed)
+    return found
+
+
+def report(
+    study: Study,
+    found: xr.Dataset,
+    plan: Plan,
+    folder: Path,
+    formats: Sequence[str],
+    console: Terminal,
+    *,
+    is_whole: bool,
+) -> int:
+    """Show and write tables and pictures; how many prints failed."""
+    points = summary.points(study, found)
+    all_points = summary.table_of_points(study, points, PAGE_ROWS_MAX)
+    indices = [summary.table_of_indices(study, found)] if "first_order" in found else []
+    table = indices[0] if indices else summary.table_of_points(study, points)
+    errors = summary.errors_of(found)
+    status = found["status"].values
+    failing = [dataset.STATUSES.index(each) for each in dataset.FAILING]
+    failed = int(sum((status == code).sum() for code in failing))
+    prints = int((status > 0).sum())
+    values = plan.values if isinstance(plan, OptimisePlan) else ()
+    written = []
+    try:
+        with replaced(folder / SUMMARY_FILE) as partial, partial.open("w", encoding="utf-8") as file:
+            Terminal(file).print(table)
+        if formats:
+            from inkloop.report import plot  # Matplotlib takes a second to import
+            from inkloop_lab.sweep.pictures import pictures
+
+            for name, figure in pictures(study, points, found, values).items():
+                written += plot.save(figure, folder / name, formats)
+        size = f"{prints} of {plan.total} prints of {study.tables.scenario}; {failed or 'none'} failed."
+        write_text(folder / PAGE_FILE, page(study, size, [*indices, all_points], errors, written))
+    except OSError as error:
+        raise ResultError(f"{folder}: tables and pictures cannot be written: {reason_of(error)}") from error
+    console.print(table)
+    for text, count in errors[: summary.ERRORS_MAX]:
+        console.sentence(f"{count} prints failed: {text}" if count > 1 else f"1 print failed: {text}")
+    files = ", ".join([dataset.SWEEP_FILE, PAGE_FILE, SUMMARY_FILE, *(path.name for path in written)])
+    console.sentence(f"{folder}/: {files}")
+    console.result(
+        folder=folder,
+        interrupted=not is_whole,
+        prints=prints,
+        failed=failed,
+        points=points,
+        indices=_indices(found),
+        best=_best(plan),
+    )
+    return failed
+
+
+def _indices(found: xr.Dataset) -> Any:
+    """The indices as plain tables, by metric and key."""
+    if "first_order" not in found or len(found["first_order"].dims) > 2:
+        return None
+    names = [f"{order}{end}" for order in ("first_order", "total_order") for end in ("", "_low", "_high", "_error")]
+    return {
+        str(metric): {
+            str(key): {name: float(found[name].values[m, k]) for name in names}
+            for k, key in enumerate(found["key"].values)
+        }
+        for m, metric in enumerate(found["metric"].values)
+    }
+
+
+def _best(plan: Plan) -> Mapping[str, Any] | None:
+    if not isinstance(plan, OptimisePlan) or plan.best is None:
+        return None
+    return {"trial": plan.best, "value": plan.values[plan.best], "keys": plan.settings[plan.best]}
+
+
+def write_best(study: Study, plan: OptimisePlan, best: int, bundle: Bundle, folder: Path, console: Terminal) -> None:
+    """Write the scenario of the best trial with its files, ready to be printed."""
+    setting = plan.settings[best]
+    source = study.path.parent / study.tables.scenario
+    text = Scenario.of_text(study.scenario.text, str(source), setting).text
+    place = folder / BEST_FOLDER
+    try:
+        scenario = Bundle(text, bundle.place, bundle.files).write(place)
+        lines = [f"# trial {best} of {study.path.name}: {plan.values[best]:.6g}", text]
+        write_text(scenario, "\n".join(lines))
+    except OSError as error:
+        raise ResultError(f"{place}: the best scenario cannot be written: {reason_of(error)}") from error
+    names = summary.short_names(list(setting))
+    words = ", ".join(f"{names[key]} {summary.text_of(value)}" for key, value in setting.items())
+    console.sentence(f"best of {len(plan.values)} trials: {words}: {plan.values[best]:.4g}; scenario {scenario}")

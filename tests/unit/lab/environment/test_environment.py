@@ -1,0 +1,238 @@
+"""The environment: a scenario with the controller's place free, whose layers keep their bits."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+import inkloop
+import inkloop_lab
+from inkloop.printing.run import print_part
+from support.places import SCENARIOS
+from support.prints import LITTLE_WORK
+
+gymnasium = pytest.importorskip("gymnasium", reason="needs gymnasium: pip install 'inkloop[env]'")
+CUBOID = SCENARIOS / "cuboid.toml"
+EVENTS = [
+    {"at_layer": 2, "action": "bias", "port": "profiler.measured_height", "value_um": 0.7},
+    {"at_time_s": 9.0, "action": "override", "port": "printer.pattern", "value": 0, "nozzles": [5]},
+    {"at_time_s": 14.0, "action": "bias", "port": "controller.measured_height", "value_um": -0.4},
+]
+NOISY = {
+    "components.printer.nozzle_pitch": 12,
+    "components.profiler": {"noise_std_um": 0.8, "dropout_rate": 0.1, "scan_duration_s": 2.0},
+}
+QUICK = {"components.controller.horizon": 1, "components.controller.annealing_sweeps": 0, "run.layers_max": 8}
+CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "planned ahead": ("cuboid", {**dict(LITTLE_WORK), "run.layers_max": 2}),
+    "noise, drop-outs, events by layer and time": ("cuboid", {**NOISY, **QUICK, "events": EVENTS}),
+    "Jacobi steps": ("cuboid", {**NOISY, **QUICK, "events": EVENTS, "run.algorithm": "jacobi"}),
+    "two inks": ("two-materials", {**QUICK, "run.layers_max": 4}),
+    "several drops": ("grey-head", {**QUICK, "run.layers_max": 4}),
+    "drifting ink": ("drifting-ink", {**QUICK, "run.layers_max": 12}),
+}
+BASELINES = ("OpenLoop", "ErrorDiffusion", "StochasticGreedy")
+
+
+def played(env: inkloop_lab.LayerEnv, policy: Any, seed: int) -> tuple[list[Any], float, dict[str, Any]]:
+    """The surfaces after each layer, the sum of rewards, and the last info."""
+    observation, info = env.reset(seed=seed)
+    acting = policy(env)
+    surfaces, total, ended = [info["height"]], 0.0, False
+    while not ended:
+        observation, reward, terminated, truncated, info = env.step(acting.act(observation))
+        total, ended = total + reward, terminated or truncated
+        if info["layer"] == len(surfaces):
+            surfaces.append(info["height"])
+    return surfaces, total, info
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_controller_of_the_scenario_prints_the_bits_of_a_run(case: str) -> None:
+    name, overrides = CASES[case]
+    scenario = inkloop.load(SCENARIOS / f"{name}.toml", {**overrides, "seed": 5})
+    assert isinstance(scenario, inkloop.Scenario)
+    run = print_part(scenario)
+    surfaces, _, info = played(inkloop_lab.LayerEnv(scenario), lambda env: env.controller(), 5)
+    np.testing.assert_array_equal(surfaces, run.dataset["height"].values)
+    assert info["stop_reason"] == run.stop_reason
+
+
+@pytest.mark.parametrize("kind", BASELINES)
+def test_baseline_prints_the_bits_of_a_run(kind: str) -> None:
+    text = CUBOID.read_text(encoding="utf-8").replace('kind = "LayerMpc"\nalpha = 0.8', f'kind = "{kind}"')
+    run = print_part(inkloop.Scenario.of_text(text, str(CUBOID), {**NOISY, "seed": 7}))
+    surfaces, total, _ = played(inkloop_lab.LayerEnv(CUBOID, NOISY), lambda env: env.controller(kind), 7)
+    np.testing.assert_array_equal(surfaces, run.dataset["height"].values)
+    errors = [run.dataset[name].values for name in ("mae", "std")]
+    objective = 0.8 * errors[0] + 0.2 * errors[1]
+    assert total == pytest.approx(1e6 * (objective[0] - objective[-1]), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("name", ["cuboid", "two-materials"])
+def test_checker_of_gymnasium_finds_nothing(name: str) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    spec = gymnasium.envs.registration.EnvSpec("Checked-v0", "inkloop_lab.environment.layer_env:LayerEnv")
+    options = {"scenario": str(SCENARIOS / f"{name}.toml"), "render_mode": "rgb_array"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        with gymnasium.make(spec, disable_env_checker=True, **options) as env:
+            check_env(env.unwrapped)
+
+
+def test_offset_of_nothing_is_the_controller_itself() -> None:
+    """What the controller learns of the ink goes on from layer to layer, though each one is planned anew."""
+    overrides = {**NOISY, **QUICK}
+    plain, _, _ = played(inkloop_lab.LayerEnv(CUBOID, overrides), lambda env: env.controller(), 3)
+    env = inkloop_lab.LayerEnv(CUBOID, overrides).offset_target()
+
+    class Steady:
+        def act(self, observation: object) -> Any:
+            return np.zeros(2)
+
+    surfaces, _, _ = played(env, lambda env: Steady(), 3)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(surfaces, plain)
+
+
+def test_offset_moves_rim_and_inside_alone() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, {"components.printer.variation": 0.0}).offset_target("ErrorDiffusion")
+    env.reset(seed=1)
+    plain = env.planned(np.zeros(2))
+    env.reset(seed=1)
+    lower = env.planned(np.array([-1.0, 0.0]))
+    inside = np.zeros((12, 12), np.bool_)
+    inside[3:-3, 3:-3] = True
+    assert plain[2:-2, 2:-2].all()
+    assert lower[inside].all()
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=r"the offsets are \[2\. 0\.\]; needs two numbers from -1 to 1"):
+        env.step(np.array([2.0, 0.0]))
+
+
+def test_offset_begins_each_print_with_a_new_controller() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
+    heights = []
+    for _ in range(2):
+        env.reset(seed=1)
+        heights.append([env.step(np.zeros(2))[4]["height"] for _ in range(2)])
+    np.testing.assert_array_equal(heights[0], heights[1])
+
+
+def test_time_that_runs_out_cuts_the_print_off() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
+    observation, _ = env.reset(seed=1)
+    _, _, terminated, truncated, info = env.step(observation["mask"])
+    assert (terminated, truncated, info["stop_reason"]) == (False, True, "time_max")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "values"), [("cuboid", "MultiBinary", 2), ("two-materials", "MultiDiscrete", 3)]
+)
+def test_spaces_hold_what_is_observed_and_done(name: str, kind: str, values: int) -> None:
+    env = inkloop_lab.LayerEnv(SCENARIOS / f"{name}.toml")
+    shape = (env.job.nx, env.job.ny)
+    space = env.observation_space
+    assert type(env.action_space).__name__ == kind
+    assert env.action_space.shape == shape
+    assert env.action_space.contains(np.full(shape, values - 1, env.action_space.dtype))
+    assert not env.action_space.contains(np.full(shape, values, env.action_space.dtype))
+    assert set(space) == {"measured_height", "valid", "target", "mask"}  # type: ignore[call-overload]
+    marks = {each: np.ones(shape, np.int8) for each in ("valid", "mask")}
+    heights = {each: np.full(shape, -1.0) for each in ("measured_height", "target")}
+    assert space.contains({**heights, **marks})
+    for wrong in ({"valid": 2 * marks["valid"]}, {"target": 1.01 * heights["target"]}, {"mask": marks["mask"][1:]}):
+        assert not space.contains({**heights, **marks, **wrong})
+
+
+def test_end_is_told_and_needs_a_reset() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, {"run.layers_max": 1}, render_mode="rgb_array")
+    with pytest.raises(inkloop.InkloopError, match=r"call reset\(\)"):
+        env.step(np.zeros((12, 12), np.int8))
+    observation, info = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    _, reward, terminated, truncated, info = env.step(observation["mask"])
+    assert (terminated, truncated, info["stop_reason"], info["layer"]) == (False, True, "layers_max", 1)
+    assert reward > 5.0
+    with pytest.raises(inkloop.InkloopError, match=r"the print has ended or has not begun; call reset\(\)"):
+        env.step(observation["mask"])
+    observation, _ = env.reset(seed=1)
+    same, reward, terminated, truncated, info = env.step(np.zeros((12, 12), np.int8))
+    assert (terminated, truncated, info["stop_reason"], reward) == (True, False, "done", 0.0)
+    np.testing.assert_array_equal(same["measured_height"], observation["measured_height"])
+
+
+def test_invalid_action_changes_nothing() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID)
+    observation, _ = env.reset(seed=1)
+    action = np.zeros((12, 12), np.int32)
+    action[3, 4] = 2
+    with pytest.raises(inkloop.ComponentError, match=r"the action is 2 in cell \(3, 4\); needs 0 .. 1"):
+        env.step(action)
+    with pytest.raises(inkloop.ComponentError, match=r"the action has shape \(3,\); needs \(12, 12\)"):
+        env.step(np.zeros(3, np.int32))
+    with pytest.raises(inkloop.ComponentError, match="the action is float64; needs whole numbers"):
+        env.step(np.zeros((12, 12)))
+    _, _, _, _, info = env.step(observation["mask"])
+    assert info["layer"] == 1
+    env.close()
+
+
+def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID)
+    _, first = env.reset(seed=4)
+    _, second = env.reset()
+    _, third = env.reset()
+    assert first["seed"] == 4
+    assert len({first["seed"], second["seed"], third["seed"]}) == 3
+    env.reset(seed=4)
+    assert env.reset()[1]["seed"] == second["seed"]
+    with pytest.raises(inkloop.ScenarioError, match="seed"):
+        env.reset(seed=2**31)
+
+
+@pytest.mark.long
+def test_environments_side_by_side_print_what_one_prints() -> None:
+    pattern = np.zeros((12, 12), np.int8)
+    pattern[2:-2, 2:-2] = 1
+    vector = inkloop_lab.LayerEnv.vector(CUBOID, 2, NOISY)
+    try:
+        vector.reset(seed=11)
+        for _ in range(3):
+            observations, rewards, *_ = vector.step(np.stack([pattern, pattern]))
+    finally:
+        vector.close()
+    for k in range(2):
+        env = inkloop_lab.LayerEnv(CUBOID, NOISY)
+        env.reset(seed=11 + k)
+        for _ in range(3):
+            observation, reward, *_ = env.step(pattern)
+        assert rewards[k] == reward
+        np.testing.assert_array_equal(observations["measured_height"][k], observation["measured_height"])
+        env.close()
+
+
+def test_devices_and_impossible_options_are_refused() -> None:
+    with pytest.raises(inkloop.ScenarioError, match=r"is 'hardware\.printer', no model; LayerEnv needs"):
+        inkloop_lab.LayerEnv(SCENARIOS / "bench.toml")
+    with pytest.raises(ValueError, match="alpha is 2"):
+        inkloop_lab.LayerEnv(CUBOID, alpha=2.0)
+    with pytest.raises(ValueError, match="render_mode is 'human'; needs 'rgb_array' or None"):
+        inkloop_lab.LayerEnv(CUBOID, render_mode="human")
+
+
+def test_missing_extra_is_named() -> None:
+    """The name is there all the same, so that `from inkloop_lab import *` works without the extra."""
+    code = (
+        "import sys; sys.modules['gymnasium'] = None\nimport inkloop, inkloop_lab\n"
+        "try:\n    inkloop_lab.LayerEnv('case.toml')\nexcept inkloop.InkloopError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "inkloop_lab.LayerEnv needs gymnasium; pip install 'inkloop[env]'"

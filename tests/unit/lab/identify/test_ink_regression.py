@@ -1,0 +1,223 @@
+"""Invariants of the regression that finds h1, h2, h3 from noisy layers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop_lab.errors import IdentificationError
+from inkloop_lab.identify import designs
+from inkloop_lab.identify.expected_increments import expected_rates, expected_share
+from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
+from inkloop_lab.identify.print_record import noise_of
+from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.surface_filter import start_surface
+from inkloop_lab.models import LayerDeposition, YoungLaplaceDeposition
+from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
+from support.logged_print import made_up, random_layers
+from support.places import SCENARIOS
+from support.prints import LITTLE_WORK
+
+TRUE = np.array([4.4, 0.6, 0.2])
+FAR = (4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6)
+TWO = ((4.4e-6, 0.6e-6, 0.2e-6), (3.0e-6, 0.5e-6, 0.3e-6))
+LU = LayerDeposition()
+
+
+def relative_errors(prints, noise, **options):
+    """(prints, 3): found over true heights, less 1."""
+    return np.array([identify_ink([one], noise, **options).heights[0] * 1e6 / TRUE - 1.0 for one in prints])
+
+
+def test_mean_share_is_the_mean_over_normal_rises() -> None:
+    rises = np.random.default_rng(5).normal(-1e-6, 2e-6, 200_000)
+    sampled = np.clip(1.0 + rises / 5e-6, 0.0, 1.0).mean()
+    found = expected_share(np.array([-1e-6]), np.array([4e-12]), np.array([5e-6]))
+    assert found[0] == pytest.approx(sampled, abs=2e-3)
+
+
+@pytest.mark.parametrize("heights", [((4.4e-6, 0.6e-6, 0.2e-6),), TWO, (FAR,)], ids=["reach 1", "two inks", "reach 2"])
+@pytest.mark.parametrize("passes", [1, 4])
+def test_rates_of_a_known_surface_are_the_layer_map(heights, passes) -> None:
+    generator = np.random.default_rng(3)
+    height, pattern = generator.uniform(0.0, 9e-6, (8, 7)), generator.integers(0, len(heights) + 1, (8, 7))
+    colours = (0, 1, 2, 3) if passes == 4 else ()
+    rates, _ = expected_rates(height, np.zeros((8, 7)), pattern.astype(np.int32), np.array(heights), colours)
+    model = LayerDeposition(heights, passes)
+    after = model.layer(model.start(height), pattern.astype(np.int32)).height
+    assert height + np.tensordot(np.array(heights), rates) == pytest.approx(after, rel=1e-12, abs=0.0)
+
+
+def test_exact_scans_give_the_ink_exactly() -> None:
+    found = identify_ink([made_up(LU, random_layers(14, 12, 4, 0))], 0.0)
+    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [LayerDeposition(passes=4, pass_order=2, pass_rotation=1), LayerDeposition((FAR,))],
+    ids=["four passes", "reach 2"],
+)
+def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
+    found = identify_ink([made_up(model, random_layers(16, 14, 4, 1))], 0.0, reach=model.reach)
+    assert found.heights[0] == pytest.approx(model.heights[0], rel=1e-5, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    "model", [LU, LayerDeposition((FAR,)), LayerDeposition(TWO)], ids=["Lu", "reach 2", "two inks"]
+)
+def test_conserved_volume_leaves_exact_inks_as_they_are(model) -> None:
+    """Two inks in one print: what each adds is told apart by the counts of their droplets."""
+    patterns = random_layers(16, 14, 5, 1, margin=3)
+    if len(model.heights) == 2:
+        patterns = [pattern * (1 + (k % 3 > 0)) for k, pattern in enumerate(patterns)]
+    found = identify_ink([made_up(model, patterns)], 0.0, reach=model.reach, conserve=True)
+    assert found.heights == pytest.approx(np.array(model.heights), rel=1e-5, abs=0.0)
+
+
+def test_conserved_volume_is_that_of_the_droplets_of_a_plant_of_another_kind() -> None:
+    """Left free, the heights take 3 % more ink from each droplet of this plant than it has."""
+    plant = YoungLaplaceDeposition(42.3e-6, 30e-15, np.radians(45.0), "linear", 4)
+    record, own = made_up(plant, random_layers(16, 16, 3, 0, margin=3)), 30e-15 / 42.3e-6**2
+    kept, free = (identify_ink([record], 0.0, correct=False, reach=2, conserve=conserve) for conserve in (True, False))
+    cells = np.array(CELLS_OF_HEIGHTS[: HEIGHTS_BY_REACH[2]])
+    assert cells @ kept.heights[0] == pytest.approx(own, rel=1e-3, abs=0.0)
+    assert cells @ free.heights[0] > 1.01 * own
+    assert cells @ kept.covariance @ cells == pytest.approx(0.0, abs=1e-9 * np.trace(kept.covariance))
+    assert kept.half_widths[0][0] > 0.0
+
+
+def test_volume_that_scans_do_not_show_is_refused_with_a_message() -> None:
+    with pytest.raises(IdentificationError, match=r"within 2 cells of the edge .*leave 2 empty cells"):
+        identify_ink([made_up(LU, random_layers(12, 12, 2, 0, margin=1))], 0.0, reach=2, conserve=True)
+    for cell in ((6, 1), (6, 10), (1, 6), (10, 6)):
+        pattern = np.zeros((12, 12), np.int32)
+        pattern[cell] = pattern[6, 6] = 1
+        with pytest.raises(IdentificationError, match="within 2 cells of the edge"):
+            identify_ink([made_up(LU, [pattern])], 0.0, reach=2, conserve=True)
+    record = made_up(LU, random_layers(14, 14, 3, 0, margin=3))
+    record.measured[0, 7, 7] = np.nan
+    with pytest.raises(IdentificationError, match="takes scans of all cells that droplets reach"):
+        identify_ink([record], 0.0, conserve=True)
+
+
+@pytest.mark.system
+def test_closed_loop_with_exact_scans_identifies_its_ink() -> None:
+    """Droplets lack 10 % on average; a few nearly exact growths must not outweigh all others."""
+    size = {"grid": {"nx": 18, "ny": 18}, "part": {"radius_um": 1600.0, "height_um": 150.0}, **dict(LITTLE_WORK)}
+    result = print_part(Scenario.load(SCENARIOS / "cylinder.toml", size))
+    found = identify_ink([record_of(result, "cylinder")], 0.0).heights[0] * 1e6
+    assert found == pytest.approx(0.9 * TRUE, rel=0.03, abs=0.0)
+
+
+def test_two_inks_are_distinguished() -> None:
+    patterns = [np.random.default_rng(k).integers(0, 3, (20, 20)).astype(np.int32) for k in range(4)]
+    found = identify_ink([made_up(LayerDeposition(TWO), patterns, 0.1e-6)], 0.1e-6)
+    assert found.heights * 1e6 == pytest.approx(np.array(TWO) * 1e6, abs=0.02)
+
+
+@pytest.mark.system
+def test_one_small_layer_of_the_laser_at_its_best_gives_2_3_and_10_percent() -> None:
+    """20 x 20 cells, 0.3 um noise; the pattern is the first of the designed layers, over the whole grid."""
+    patterns = designs.layers(20, 20, 1, margin=1)
+    errors = relative_errors([made_up(LU, patterns, 0.3e-6, seed) for seed in range(20)], 0.3e-6)
+    assert (np.abs(errors).max(axis=0) < [0.02, 0.03, 0.10]).all()
+
+
+@pytest.mark.long
+def test_noise_of_the_scans_biases_plain_regression_but_not_ours() -> None:
+    prints = [made_up(LU, random_layers(30, 30, 5, seed), 1e-6, seed) for seed in range(6)]
+    plain = relative_errors(prints, 1e-6, correct=False).mean(axis=0)
+    ours = relative_errors(prints, 1e-6).mean(axis=0)
+    assert plain[0] < -0.06
+    assert plain[2] > 0.2
+    assert (np.abs(ours) < [0.006, 0.02, 0.05]).all()
+
+
+@pytest.mark.system
+def test_varied_droplets_give_the_mean_ink_with_intervals_that_hold() -> None:
+    prints = [made_up(LU, random_layers(24, 24, 4, seed), 0.5e-6, seed, variation=0.4) for seed in range(8)]
+    found = [identify_ink([one], 0.5e-6) for one in prints]
+    inside = [np.abs(one.heights[0] * 1e6 - 0.8 * TRUE) <= one.half_widths[0] * 1e6 for one in found]
+    assert np.mean(inside) >= 0.8
+    assert np.mean([one.heights[0] for one in found], axis=0) * 1e6 == pytest.approx(0.8 * TRUE, rel=0.03, abs=0.0)
+    spread = 0.4 / np.sqrt(12.0) / 0.8
+    assert np.mean([one.droplet_std for one in found]) == pytest.approx(spread, rel=0.35, abs=0.0)
+
+
+def test_half_width_is_that_of_a_95_percent_interval_of_student() -> None:
+    found = InkEstimate(np.array([[4e-6, 1e-6, 0.0]]), np.diag([1e-18, 4e-18, 9e-18]), 5, 0.0, 0.0, 1)
+    np.testing.assert_allclose(found.half_widths[0], 2.5705818 * np.array([1e-9, 2e-9, 3e-9]), rtol=1e-6)
+
+
+@pytest.mark.long
+def test_95_percent_intervals_cover_the_true_heights_that_often() -> None:
+    """60 prints of three heights; 95 % with a standard error of some 2 %."""
+    found = [
+        identify_ink([made_up(LU, random_layers(20, 20, 4, seed), 0.5e-6, seed, variation=0.2)], 0.5e-6)
+        for seed in range(60)
+    ]
+    inside = [np.abs(one.heights[0] * 1e6 - 0.9 * TRUE) <= one.half_widths[0] * 1e6 for one in found]
+    assert 0.9 <= np.mean(inside) <= 0.995
+
+
+def test_rough_start_surface_is_no_obstacle() -> None:
+    start = np.random.default_rng(9).normal(0.0, 2e-6, (30, 30))
+    found = identify_ink([made_up(LU, random_layers(30, 30, 3, 4), 0.4e-6, 4, start=start)], 0.4e-6)
+    assert (np.abs(found.heights[0] * 1e6 / TRUE - 1.0) < [0.02, 0.04, 0.1]).all()
+
+
+def test_plane_start_surface_is_known_better_than_a_scan() -> None:
+    i, j = np.indices((20, 20))
+    plane = 1e-7 * i + 2e-7 * j
+    mean, variance = start_surface(plane + np.random.default_rng(2).normal(0.0, 1e-6, (20, 20)), 1e-6)
+    assert np.sqrt(np.mean((mean - plane) ** 2)) < 0.2e-6
+    assert variance.max() < 0.05e-12
+
+
+def test_rough_start_surface_is_that_of_its_statement() -> None:
+    """Of few cells, of which one was not seen: three terms of the plane are no evidence of roughness."""
+    scan = np.random.default_rng(5).normal(0.0, 3e-6, (3, 4))
+    scan[1, 2] = np.nan
+    seen, noise = np.isfinite(scan), 1e-12
+    i, j = np.repeat(np.arange(3), 4).reshape(3, 4), np.tile(np.arange(4), (3, 1))
+    terms = np.stack([np.ones(11), i[seen], j[seen]])
+    plane = np.tensordot(np.linalg.solve(terms @ terms.T, terms @ scan[seen]), [np.ones((3, 4)), i, j], axes=1)
+    rough = ((scan - plane)[seen] ** 2).sum() / (11 - 3) - noise
+    gain = rough / (rough + noise)
+    mean, variance = start_surface(scan, 1e-6)
+    np.testing.assert_allclose(mean[seen], (plane + gain * (scan - plane))[seen], rtol=1e-9)
+    np.testing.assert_allclose(mean[1, 2], plane[1, 2], rtol=1e-9)
+    np.testing.assert_allclose(variance, np.where(seen, gain * noise, np.inf), rtol=1e-9)
+
+
+def test_cells_that_were_not_measured_are_left_out() -> None:
+    record = made_up(LU, random_layers(20, 20, 3, 2), 0.0)
+    record.measured[np.random.default_rng(1).random(record.measured.shape) < 0.1] = np.nan
+    found = identify_ink([record], 1e-10)
+    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=0.01, abs=0.0)
+    assert found.used < 0.95 * 3 * 400
+
+
+def test_noise_is_read_from_untouched_cells() -> None:
+    record = made_up(LU, random_layers(40, 40, 4, 2, margin=5), 0.7e-6)
+    assert noise_of([record]) == pytest.approx(0.7e-6, rel=0.05, abs=0.0)
+    assert noise_of([made_up(LU, random_layers(10, 10, 1, 2))]) is None
+
+
+def test_patterns_that_separate_nothing_are_refused_with_a_message() -> None:
+    """In the middle of a full layer on flat ground every cell grows by h1 + 4 h2 + 4 h3."""
+    record, middle = made_up(LU, [np.ones((12, 12), np.int32)]), np.pad(np.ones((8, 8), bool), 2)
+    with pytest.raises(IdentificationError, match=r"do not separate .*h3 of material A.*stripes"):
+        identify_ink([record], 0.0, cells=[middle])
+
+
+def test_surface_that_sinks_and_patterns_without_droplets_are_refused_with_a_message() -> None:
+    record = made_up(LU, random_layers(8, 8, 2, 0))
+    record.measured[:] = -record.measured
+    with pytest.raises(IdentificationError, match="sank"):
+        identify_ink([record], 0.0)
+    with pytest.raises(IdentificationError, match="no layer has a droplet"):
+        identify_ink([made_up(LU, [np.zeros((8, 8), np.int32)])], 0.0)

@@ -1,0 +1,133 @@
+"""Predictions of the next scan, their errors, and the cells that a model was not fitted to; models are doubles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop_lab.errors import IdentificationError
+from inkloop_lab.identify.cross_validation import compare
+from inkloop_lab.identify.one_step import near_droplets, predictions, rms, score
+from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.models import VolumeAreaDeposition
+from support.logged_print import made_up
+
+NAN = float("nan")
+
+
+class Stack:
+    """A droplet is a layer of 1, whatever it falls on; the number of the layer is added to cell (0, 0)."""
+
+    def start(self, height: Any) -> Any:
+        return height
+
+    def layer(self, surface: Any, pattern: Any, number: int) -> Any:
+        after = surface + (pattern > 0)
+        after[0, 0] += 100 * number
+        return SimpleNamespace(height=after)
+
+
+STACK: Any = Stack()
+
+
+def record(measured: Any, pattern: Any) -> PrintRecord:
+    return PrintRecord("it", 1e-4, np.asarray(pattern, np.int32), np.asarray(measured, np.float64))
+
+
+def test_layer_is_predicted_from_the_scan_before_it_and_from_the_prediction_where_that_saw_nothing() -> None:
+    pattern = np.ones((3, 2, 3))
+    measured = np.zeros((4, 2, 3)) + 10.0 * np.arange(4)[:, None, None]
+    measured[1, 1, 2] = measured[2, 1, 2] = NAN
+    found = predictions(STACK, record(measured, pattern))
+    expected = np.array([1.0, 11.0, 21.0])[:, None, None] * np.ones((2, 3))
+    expected[:, 0, 0] += [100, 200, 300]
+    expected[:, 1, 2] = [1.0, 2.0, 3.0]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_measured_areas_are_the_ones_that_the_next_layer_begins_with() -> None:
+    """Of a model whose drops spread by what is covered, another area is another layer."""
+    pattern = np.zeros((2, 5, 5), np.int32)
+    pattern[0, 2, 1:4:2], pattern[1, 2, 2] = 1, 1
+    model = VolumeAreaDeposition()
+    whole = made_up(model, list(pattern))
+    assert whole.area is not None
+    measured = predictions(model, whole)
+    np.testing.assert_allclose(measured[0], whole.measured[1], rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(predictions(model, replace(whole, area=None)), measured)  # the model's own area
+    for area, is_same in ((np.minimum(1.5 * whole.area, 0.9), False), (whole.area, True)):
+        found = predictions(model, replace(whole, area=area))
+        np.testing.assert_array_equal(found[0], measured[0])
+        assert np.array_equal(found[1], measured[1]) == is_same
+
+
+def test_relative_error_counts_cells_near_droplets_that_stand_a_tenth_of_a_layer_above_the_start() -> None:
+    start = 5.0 + np.zeros((1, 6, 4))
+    rise = np.zeros((6, 4))
+    rise[1, 1], rise[2, 1], rise[5, 3], rise[0, 2] = 2.0, 0.5, 4.0, 0.05  # the third lies far, the last one is low
+    pattern = np.zeros((1, 6, 4))
+    pattern[0, 1, 1] = 1
+    after = np.concatenate([start, start + rise])
+    predicted = start + rise - 0.1
+    found = score([record(after, pattern)], [predicted], [np.ones((6, 4), np.bool_)], 1.0, 0.0)
+    assert found.rms == pytest.approx(0.1, rel=1e-9, abs=0.0)
+    assert found.relative == pytest.approx(np.sqrt((0.05**2 + 0.2**2) / 2.0), rel=1e-9, abs=0.0)
+    inside = np.zeros((6, 4), np.bool_)
+    inside[1, 1] = True
+    after[1, 2, 2] = NAN
+    found = score([record(after, pattern)], [predicted], [inside], 1.0, 0.0)
+    assert found.relative == pytest.approx(0.05, rel=1e-9, abs=0.0)
+    assert np.isnan(rms(np.zeros(0)))
+
+
+def test_near_is_within_one_cell_each_way() -> None:
+    pattern = np.zeros((2, 5, 4), np.int32)
+    pattern[0, 1, 2], pattern[1, 4, 0] = 2, 1
+    expected = np.zeros((2, 5, 4), np.bool_)
+    expected[0, 0:3, 1:4] = expected[1, 3:5, 0:2] = True
+    np.testing.assert_array_equal(near_droplets(pattern), expected)
+
+
+class Candidate:
+    """Adds what its cells were: it predicts a cell right only if it had it for its fit."""
+
+    def __init__(self, name: str = "double") -> None:
+        self.name, self.fits = name, list[Any]()
+
+    def fit(self, records: Sequence[PrintRecord], cells: Sequence[Any]) -> Any:
+        self.fits.append(cells[0].copy())
+        if self.name == "bad":
+            raise IdentificationError("too few drops")
+        return SimpleNamespace(
+            start=lambda height: height,
+            layer=lambda before, pattern, number: SimpleNamespace(height=before + np.where(cells[0], 1.0, 3.0)),
+        )
+
+
+def test_every_cell_is_predicted_by_a_fit_that_has_not_seen_its_stripe_along_x() -> None:
+    pattern = np.ones((2, 13, 5))
+    measured = np.ones((3, 13, 5)) * np.arange(3.0)[:, None, None]
+    candidate, bad, progress = Candidate(), Candidate("bad"), list[Any]()
+    found, refused = compare([candidate, bad], [record(measured, pattern)], 0.0, lambda *step: progress.append(step))  # type: ignore[list-item]
+    assert len(candidate.fits) == 5
+    assert candidate.fits[-1].all()
+    np.testing.assert_array_equal(sum(~fit for fit in candidate.fits[:4]), np.ones((13, 5)))  # each left out once
+    assert [int((~fit).any(axis=1).sum()) for fit in candidate.fits[:4]] == [4, 3, 3, 3]
+    np.testing.assert_array_equal(found.errors[0], np.full((2, 13, 5), -2.0))
+    assert found.score is not None
+    assert found.score.rms == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert (refused.name, refused.model, refused.score, refused.refusal) == ("bad", None, None, "too few drops")
+    assert progress == [("double", n, 10) for n in range(5)] + [("bad", 5, 10)]
+
+
+def test_twelve_cells_along_x_are_enough_to_compare_models() -> None:
+    pattern, measured = np.ones((1, 12, 1)), np.arange(2.0)[:, None, None] * np.ones((2, 12, 1))
+    assert compare([Candidate()], [record(measured, pattern)], 0.0)[0].score is not None  # type: ignore[list-item]
+    few = record(measured[:, :11], pattern[:, :11])
+    with pytest.raises(IdentificationError, match="it: 11 cells along x; comparing models needs 12"):
+        compare([Candidate()], [few], 0.0)  # type: ignore[list-item]

@@ -1,0 +1,295 @@
+"""Published and computed figures side by side, and the basis of the reproductions."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.component import Job
+from inkloop_lab.models import LayerDeposition
+from inkloop_lab.reproduce import (
+    PAPERS,
+    cuboids,
+    droplet_spacing,
+    layer_growth,
+    recovery,
+    single_droplet,
+    square,
+    wu_chiu,
+)
+from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
+from inkloop_lab.reproduce.finite_elements import solve, triangles
+from inkloop_lab.reproduce.hume_rosen import time_scales
+from inkloop_lab.reproduce.liquid import Liquid
+from support.long_proofs import rest_is_long
+from support.places import ROOT
+
+
+def ours(part: Part) -> dict[str, float]:
+    return {f"{row.where}: {row.figure}": row.ours for row in part.rows}
+
+
+@pytest.mark.parametrize(
+    ("printed", "found", "within", "word"),
+    [
+        (5.0, 5.1, 0.2, "yes"),
+        (5.0, 4.0, 0.2, "no, smaller"),
+        (-5.0, -6.0, 0.2, "no, larger"),
+        (None, 5.0, 0.2, "-"),
+        (5.0, 9.0, None, "-"),
+    ],
+)
+def test_a_figure_is_reproduced_within_what_is_asked(printed, found, within, word) -> None:
+    assert Row("Table I", "height", "µm", printed, found, within).reproduced == word
+
+
+def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appears_once() -> None:
+    rows = [
+        Row("Table I", "height", "µm", 5.0, 5.1, 0.2, "a remark"),
+        Row("Table I", "width", "µm", None, 2.0, None, "a remark", 0.31),
+    ]
+    assert remarks(rows) == ["Table I: a remark"]
+    assert "| Table I | width | µm | - | 2.00 ± 0.31 | - |" in markdown("A paper", rows)
+    table = list(csv.DictReader(io.StringIO(spreadsheet(rows))))
+    assert [(line["printed"], line["ours"]) for line in table] == [("5.0", "5.1"), ("", "2.0")]
+
+
+def test_time_scales_of_the_papers_ink_are_the_printed_ones() -> None:
+    rows = [row for row in time_scales(True).rows if row.printed is not None and row.figure != "t_dep, at 8 kHz"]
+    assert [row.reproduced for row in rows] == ["yes"] * 4
+    assert Liquid().bond == pytest.approx(6.278e-4, rel=1e-3, abs=0.0)
+    assert Liquid().ohnesorge == pytest.approx(0.3162, rel=1e-3, abs=0.0)
+
+
+def test_liquids_outside_the_quasi_static_model_are_refused_with_the_reason() -> None:
+    assert Liquid().objections() == []
+    (slow,) = Liquid(interval=50e-6).objections()
+    assert "80 us to come to rest, the next one comes after 50 us" in slow
+    assert "Bond" in Liquid(diameter=1e-3, interval=1.0).objections()[0]
+    assert "Ohnesorge" in Liquid(viscosity=0.1).objections()[0]
+    with pytest.raises(ValueError, match=r"density is 0; .*speed is nan"):
+        Liquid(density=0, speed=np.nan)
+
+
+def test_edges_shrink_as_section_3c_states() -> None:
+    assert {row.reproduced for row in layer_growth.find(True).rows if row.printed is not None} == {"yes"}
+
+
+def test_dome_of_the_cuboid_is_the_recorded_one() -> None:
+    found = ours(layer_growth.find(True))
+    row = [found[f"Fig. 21, 22: cuboid, 4 layers: middle row, droplet {k}"] for k in range(1, 6)]
+    assert row == pytest.approx(layer_growth.DOME, abs=5e-4)
+    assert found["Fig. 21, 22: cuboid, 4 layers: corner droplet"] == pytest.approx(24.536, abs=5e-4)
+
+
+def test_a_pattern_that_made_a_surface_is_found_again() -> None:
+    rows = recovery.find(True).rows
+    assert [row.ours for row in rows] == [10.0, 10.0]
+    assert [row.reproduced for row in rows] == ["yes", "-"]  # the paper prints a figure for its own search
+
+
+def test_what_a_controller_commands_is_no_droplet_once_nothing_is_missing() -> None:
+    job = Job(6, 6, 1e-4, np.full((6, 6), 5e-6), np.ones((6, 6), dtype=np.bool_))
+    assert not recovery.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), 5e-6)).any()
+    assert recovery.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), -50e-6)).all()
+
+
+def test_a_layer_is_as_even_from_0_58_to_0_66_as_at_the_papers_spacing() -> None:
+    best, least, largest = droplet_spacing.find(False).rows[:3]
+    assert droplet_spacing.CHOSEN not in droplet_spacing.SWEEP
+    assert (least.ours, largest.ours) == (0.58, 0.66)
+    assert least.ours <= best.ours <= largest.ours
+
+
+NOT_PRINTED_OR_PUT_IN = {
+    "III-A: spacing gamma": "",
+    "Fig. 21, 22: cuboid, 4 layers": "",
+    "(18)": "",
+    "(20), profiles made with (20)": "",
+    "Theory": "",
+    "Table 2, nonlinear, 2nd order, 2.5 µm, outline of 22 points": "",
+    "Table 1": "t_dep, at 8 kHz",
+    "IV-C: recoverability": "LayerMpc, one layer ahead",
+}
+"""Places of which no row, or one row, may count as reproduced: no paper prints the figure, or it was an input."""
+
+
+def rows_of_the_page() -> list[list[str]]:
+    lines = (ROOT / "docs" / "reference" / "the-papers.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    return [row for row in rows if row[0] != "where"]
+
+
+def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> None:
+    rows = rows_of_the_page()
+    assert {row[0] for row in rows} >= NOT_PRINTED_OR_PUT_IN.keys()
+    for where, figure, _, printed, _, reproduced in rows:
+        if where in NOT_PRINTED_OR_PUT_IN and NOT_PRINTED_OR_PUT_IN[where] in ("", figure):
+            assert reproduced == "-", (where, figure)
+        assert reproduced == "-" or printed != "-", (where, figure)
+
+
+def test_the_page_holds_the_figures_of_the_present_code() -> None:
+    """Of the steps that take moments; `tools/figures/the_papers.py` writes all of them."""
+    steps = (layer_growth.find, droplet_spacing.find, wu_chiu.printed_sample, time_scales)
+    page = rows_of_the_page()
+    for row in (row for step in steps for row in step(False).rows):
+        assert list(row.cells) in page
+
+
+def test_size_of_a_mean_error_is_not_called_mean_error() -> None:
+    figures = [figure for where, figure, *_ in rows_of_the_page() if where.startswith(("Fig. 11", "Fig. 12"))]
+    assert sum(figure.endswith(": absolute mean error") for figure in figures) == 6
+    assert not any(figure.endswith(": mean error") for figure in figures)
+
+
+def test_width_of_a_block_is_where_it_is_half_as_high() -> None:
+    block = np.zeros((12, 12))
+    block[2:-2, 2:-2] = 22.8
+    assert cuboids.width(block, 0) == pytest.approx(8.0, rel=1e-9, abs=0.0)
+    block[1, :] = 11.4  # half of the next cell on one side
+    assert cuboids.width(block, 0) == pytest.approx(8.5, rel=1e-9, abs=0.0)
+    assert cuboids.width(block, 1) == pytest.approx(8.0, rel=1e-9, abs=0.0)
+
+
+def test_cap_is_the_exact_one_in_the_middle_and_at_the_rim() -> None:
+    assert single_droplet.exact(np.array([0.0, 35.1999])) == pytest.approx([14.5803, 0.0], abs=1e-4)
+
+
+@pytest.mark.parametrize("form", ["linear", "nonlinear"])
+def test_square_has_its_shape_on_a_coarse_grid(form) -> None:
+    """Of three layers; the full square is a long test."""
+    surface, _ = square.printed(form, 4, layers=3)
+    assert square.outside(surface) < 0.02
+    assert square.ridge(surface) > float(surface.height[7:22, 7:22].mean()) * 1e6
+    assert square.corner(surface) < float(surface.height[7:22, 7:22].mean()) * 1e6
+    assert square.wall(square.end_wall(surface), surface.spacing * 1e6)[0] > 60.0
+
+
+def cross(one, other):
+    """Areas of the parallelograms of vectors (n, 2)."""
+    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+
+
+def circle(points: int, radius: float = 35.1999):
+    turns = np.arange(points) * 2 * np.pi / points
+    return radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+
+
+def test_triangles_fill_the_outline() -> None:
+    outline = circle(48)
+    nodes, found = triangles(outline, 6.0)
+    one, two, three = (nodes[found[:, k]] for k in range(3))
+    area = 0.5 * np.abs(cross(two - one, three - one)).sum()
+    ahead = np.roll(outline, -1, axis=0)
+    assert area == pytest.approx(0.5 * np.abs(np.sum(cross(outline, ahead))), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("form", ["linear", "nonlinear"])
+def test_elements_hold_the_volume_over_the_ground_and_stay_at_its_edge(form) -> None:
+    pytest.importorskip("skfem")
+
+    def slope(places):
+        return 0.1 * places[:, 0] + 3.0
+
+    found = solve(circle(48), 20e3, 6.0, form=form, order=1, ground=slope)
+    rim = np.hypot(*found.places.T) > 35.0 * np.cos(np.pi / 48)
+    assert found.height[rim] == pytest.approx(slope(found.places[rim]), abs=1e-9)
+    _, triangle = triangles(circle(48), 6.0)
+    corner = found.places[triangle]
+    area = 0.5 * np.abs(cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    held = area @ (found.height - slope(found.places))[triangle].mean(axis=1)
+    assert held == pytest.approx(20e3, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_elements_converge_to_the_cap(order) -> None:
+    pytest.importorskip("skfem")
+    errors = [single_droplet._by_triangles("nonlinear", order, size)[1] for size in (10.0, 5.0, 2.5)]
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < {1: 0.03, 2: 0.003}[order]
+
+
+def test_without_scikit_fem_the_rest_is_reproduced_and_the_gap_is_reported(monkeypatch) -> None:
+    monkeypatch.setattr("inkloop_lab.reproduce.finite_elements.is_installed", lambda: False)
+    rows = single_droplet.find(True).rows
+    (gap,) = [row for row in rows if row.where == "Table 2"]
+    assert "scikit-fem" in gap.figure
+    assert gap.cells[4] == "-"
+    assert {row.reproduced for row in rows if row.where == "Validation" and row.printed is not None} == {"yes"}
+
+
+def test_group_of_wu_and_chiu_gives_the_ratios_of_its_own_equation_17() -> None:
+    found = ours(wu_chiu.printed_sample(True))
+    ratios = [found[f"(17) on (18), (19): {name}"] for name in ("mv_plus", "mv_minus", "ma_plus", "ma_minus")]
+    assert ratios == pytest.approx([0.0081, -0.0187, 0.0, -0.0636], abs=5e-5)
+    assert found["(19): cap of 0.6 pitches, default: rms error"] < 0.18
+    assert found["(19): cap of 1.5 pitches, the text: rms error"] > 2.0
+
+
+def test_resampling_gives_back_the_coefficients_that_made_the_profiles() -> None:
+    rows = [row for row in wu_chiu.resampled(True).rows if row.where == "(20), profiles made with (20)"]
+    assert [row.ours for row in rows] == pytest.approx([0.0067, -0.0201, 0.0, -0.0634], rel=0.05, abs=1e-6)
+    assert [row.reproduced for row in rows] == ["-"] * 4
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("paper", rest_is_long(["wu-chiu", "hume-rosen"], 1))
+def test_command_leaves_tables_and_pictures(paper, tmp_path, capsys) -> None:
+    assert main(["reproduce", paper, "--quick", "--out", str(tmp_path / "run")]) == 0
+    assert "printed" in capsys.readouterr().out
+    left = {path.name for path in (tmp_path / "run").iterdir()}
+    assert {"table.md", "table.csv", "table.txt", "reproduce.json"} < left
+    assert any(name.endswith(".png") for name in left)
+    assert main(["reproduce", paper, "--quick", "--out", str(tmp_path / "run")]) == 1
+
+
+def test_command_keeps_what_is_finished_when_it_is_interrupted(tmp_path, monkeypatch, capsys) -> None:
+    def interrupt(quick: bool) -> Part:
+        raise KeyboardInterrupt
+
+    paper = __import__("inkloop_lab.reproduce.wu_chiu", fromlist=["PAPER"]).PAPER
+    steps = (paper.steps[0], type(paper.steps[1])("stopped", interrupt))
+    monkeypatch.setattr("inkloop_lab.reproduce.wu_chiu.PAPER", type(paper)(paper.name, paper.reference, steps))
+    assert main(["reproduce", "wu-chiu", "--out", str(tmp_path / "run")]) == 130
+    assert "(17) on (18), (19)" in (tmp_path / "run/table.md").read_text()
+    assert "interrupted" in capsys.readouterr().out
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("paper", PAPERS)
+def test_whole_reproduction_ends_well(paper, tmp_path) -> None:
+    assert main(["reproduce", paper, "--out", str(tmp_path / "run")]) == 0
+    table = {
+        f"{line['where']}: {line['figure']}": line
+        for line in csv.DictReader(io.StringIO((tmp_path / "run/table.csv").read_text()))
+    }
+    if paper == "lu":
+        assert table["Fig. 11: cylinder, 20 %: open loop: absolute mean error"]["reproduced"] == "yes"
+        assert table["Fig. 12: cylinder, 40 %: open loop: absolute mean error"]["reproduced"] == "yes"
+        assert float(table["Fig. 11: cylinder, 20 %: LayerMpc: standard deviation"]["ours"]) < 0.6
+        assert float(table["Fig. 13, 14: pipe junction: LayerMpc: geometry mismatch"]["ours"]) < 4.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("per_pitch", [8, 16])
+def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -> None:
+    surface, _ = square.printed("nonlinear", per_pitch)
+    (end_width, end_angle), (side_width, side_angle) = (
+        square.wall(profile, surface.spacing * 1e6) for profile in (square.end_wall(surface), square.side_wall(surface))
+    )
+    middle = float(surface.height[7:22, 7:22].mean()) * 1e6
+    found = [middle, end_width, end_angle, side_width, side_angle, square.ridge(surface), square.corner(surface)]
+    assert found == pytest.approx([185.3, 154.6, 44.1, 34.3, 78.1, 200.5, 80.0], rel=0.05, abs=0.0)
+    assert square.outside(surface) < 0.005
+
+
+def test_models_of_the_line_lose_what_runs_over_the_sides() -> None:
+    """Section III-C takes a line without neighbours: what it gives sideways is gone."""
+    line = LayerDeposition(heights=((4.4e-6, 0.6e-6, 0.0),))
+    after = line.layer(line.start(np.zeros((5, 1))), np.ones((5, 1), dtype=np.int32))
+    assert after.lost == pytest.approx((5 * 2 + 2) * 0.6e-6, rel=1e-9, abs=0.0)
