@@ -62,7 +62,7 @@ $(BIN)/python:
 	@touch $@
 
 .venv/installed: .venv/requirements CMakeLists.txt \
-                 $(shell find fmus controller/core cosim/columns hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
+                 $(shell find fmus controller/core cosim/columns hardware/firmware -type f) $(BUILD_MODULES)
 	@echo "inkloop: compiling the FMUs, the controller and the emulator (about half a minute the first time) ..."
 	$(PIP) --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
