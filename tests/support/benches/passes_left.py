@@ -78,12 +78,6 @@ def begun_passes(nodes: Path) -> list[Key]:
     return [record.key for record in intents if record.step is Step.PASS]
 
 
-def is_surface_of_passes(result: Result, nodes: Path) -> bool:
-    """Whether the surface on the bed is that of the droplets of these passes, jetted once, to the bit."""
-    height = surface(nodes)
-    return any(np.array_equal(height, one) for one in _possible(result, books(nodes)))
-
-
 def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     """The part is finished; no pass was begun twice, none is missing that is not called unknown, by head and result;
     the master had recorded each one before it requested it; no wet ink was scanned; and the surface on the bed is that
@@ -103,7 +97,8 @@ def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     for at, scan in enumerate(MasterJournal(run).records):
         if scan.asked is Asked.SCAN:
             _assert_no_ink_is_wet(scan.key.layer, MasterJournal(run).records[:at], known)
-    assert is_surface_of_passes(result, nodes), "the surface is of other passes"
+    height, possible = surface(nodes), _possible(result, known)
+    assert any(np.array_equal(height, one) for one in possible), "the surface is of other passes"
 
 
 def _assert_no_ink_is_wet(layer: int, before: Sequence[MasterRecord], known: dict[int, JournalRecord]) -> None:

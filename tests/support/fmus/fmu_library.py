@@ -1,7 +1,7 @@
 """The libraries inside the FMUs: built once more from their own sources, with sanitizers, and described to C programs.
 
-`tests/fuzz/fmus` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`, which
-prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
+`tests/fuzz/fmus` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`,
+which prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import fmpy
 from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu, job_template
-from support.places import ROOT
 from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
+from support.places import ROOT
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "tests" / "fuzz"
