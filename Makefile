@@ -143,7 +143,7 @@ release: .venv/developer
 figures: .venv/developer
 	$(BIN)/python -m tools.figures $(NAMES)
 
-weight: $(BIN)/python
+weight: .venv/installed
 	@$(BIN)/python tools/weight.py
 
 # Without constraints: the newest packages, to be tested before `make constraints` keeps their versions.
