@@ -110,7 +110,7 @@ sanitize: .venv/developer
 	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_core_threads.py
 
 fuzz: .venv/developer
-	$(BIN)/python tests/support/fmus/fuzzing.py
+	PYTHONPATH=tests $(BIN)/python -m support.fmus.fuzzing $(TARGETS)
 
 firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \

@@ -1,7 +1,7 @@
 """The fuzz targets: inputs of the firmware and calls of the FMUs, built with sanitizers, run by libFuzzer where there
 is one, else fed with inputs.
 
-python tests/support/fmus/fuzzing.py [--seconds N] [target ...]
+PYTHONPATH=tests python -m support.fmus.fuzzing [--seconds N] [target ...]
 
 runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that violates
 an invariant or is caught by a sanitizer is kept there and named. Correct the firmware, then add the input, small and
