@@ -47,28 +47,20 @@ def books(folder: Path) -> dict[int, JournalRecord]:
 
 @dataclass(frozen=True)
 class PassesLeft:
-    """How many passes of a part were begun; begun twice; cut short, with an unknown outcome; given up, since a pass
-    of their layer was cut short; and left out of a layer without such a pass."""
+    """How many passes of a part were begun twice, and left out of a layer in which no pass was cut short."""
 
-    begun: int
     doubled: int
-    unknown: int
-    given_up: int
     skipped: int
 
 
 def passes_left(result: Result, nodes: Path) -> PassesLeft:
     """By the head's journal: its INTENTs, and what it remembers of each layer that the result has."""
-    begun = begun_passes(nodes)
-    known = {layer: (book.done, book.unknown) for layer, book in books(nodes).items()}
-    layers = [known.get(layer, (0, 0)) for layer in range(1, result.dataset.sizes["layer"])]
-    missing = [(PASSES - (done | unknown).bit_count(), bool(unknown)) for done, unknown in layers]
+    begun, known = begun_passes(nodes), books(nodes)
+    done = [(book.done, book.unknown) for book in map(known.get, range(1, result.dataset.sizes["layer"])) if book]
+    missing_layers = result.dataset.sizes["layer"] - 1 - len(done)
     return PassesLeft(
-        begun=len(begun),
         doubled=len(begun) - len({(key.layer, key.pass_) for key in begun}),
-        unknown=sum(unknown.bit_count() for _, unknown in layers),
-        given_up=sum(count for count, is_unknown in missing if is_unknown),
-        skipped=sum(count for count, is_unknown in missing if not is_unknown),
+        skipped=PASSES * missing_layers + sum(PASSES - whole.bit_count() for whole, unknown in done if not unknown),
     )
 
 
