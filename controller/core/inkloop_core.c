@@ -8,6 +8,7 @@
 #include "layer_surface.h"
 #include "observer.h"
 #include "paper_search.h"
+#include "relaxed_surface.h"
 #include "step_outputs.h"
 
 int32_t inkloop_core_interface(void) {
@@ -59,6 +60,17 @@ int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64
 int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,
                       RelaxationReport *report) {
     return relax_droplets(problem, options, droplets, report);
+}
+
+int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets, double smoothing, double *value,
+                                 double *gradient) {
+    RelaxedSurface surface;
+    if (!relaxed_open(&surface, problem))
+        return CORE_NO_MEMORY;
+    (void)relaxed_value(&surface, droplets, smoothing, value);
+    (void)relaxed_gradient(&surface, droplets, smoothing, gradient);
+    relaxed_close(&surface);
+    return CORE_DONE;
 }
 
 int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {

@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 18 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 17 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -49,6 +49,11 @@ INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int
  * smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options,
                                        double *droplets, RelaxationReport *report);
+
+/* Smoothed objective of relaxed droplets in *value [m], and its gradient (layers * nx * ny) [m per droplet]. CORE_DONE
+ * or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets,
+                                                  double smoothing, double *value, double *gradient);
 
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from math import inf
 
@@ -50,6 +51,18 @@ def relax(
     options = RelaxationOptionsStruct(iterations_max, seconds_max, threads)
     answered(library().inkloop_relax(problem_struct(problem), options, pointer(droplets), report))
     return RelaxedDroplets(droplets, report.value, report.iterations)
+
+
+def relaxed_gradient(problem: HorizonProblem, droplets: FloatMap, smoothing: float) -> tuple[float, FloatMap]:
+    """Smoothed objective [m] of droplets (layers, nx, ny), and its gradient (layers, nx, ny) [m per droplet].
+
+    smoothing s [m]: max(x, 0) becomes (x + sqrt(x^2 + s^2)) / 2, the standard deviation sqrt(variance + s^2).
+    """
+    given = checked("droplets", droplets, "f8", problem.choices.shape)
+    value, gradient = ctypes.c_double(), np.empty(given.shape)
+    struct = problem_struct(problem)
+    answered(library().inkloop_relaxed_gradient(struct, pointer(given), smoothing, value, pointer(gradient)))
+    return value.value, gradient
 
 
 def diffuse(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:

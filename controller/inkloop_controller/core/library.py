@@ -27,7 +27,7 @@ from inkloop_controller.core.structs import (
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 18  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 17  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 
@@ -59,6 +59,7 @@ _ENTRY_POINTS = {
         ctypes.c_int32,
         (_PROBLEM, ctypes.POINTER(RelaxationOptionsStruct), REALS, ctypes.POINTER(RelaxationReportStruct)),
     ),
+    "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, REALS, ctypes.c_double, REALS, REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, REALS, INTEGERS)),
     "inkloop_variables": (ctypes.c_size_t, ()),
     "inkloop_estimate_size": (ctypes.c_size_t, (ctypes.c_size_t,)),

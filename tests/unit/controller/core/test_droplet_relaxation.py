@@ -11,11 +11,10 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import HorizonProblem
-from inkloop_controller.core.droplet_relaxation import diffuse, relax
+from inkloop_controller.core.droplet_relaxation import diffuse, relax, relaxed_gradient
 from inkloop_controller.program.program import HorizonProgram
 from inkloop_controller.program.statement import drop_limits, smoothed_cost
 from support.numpy import relaxation_numpy
-from support.relaxed_gradient import relaxed_gradient
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 GREY = tuple(Ink(k * Ink().h1, k * Ink().h2, k * Ink().h3) for k in (1, 2, 3))
@@ -55,7 +54,6 @@ def uneven(layers: int, passes: int, seed: int) -> HorizonProblem:
     )
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("passes", [1, 4])
 @pytest.mark.parametrize("layers", [1, 2, 3])
 def test_whole_droplets_cost_what_their_plan_costs(layers: int, passes: int) -> None:
@@ -67,7 +65,6 @@ def test_whole_droplets_cost_what_their_plan_costs(layers: int, passes: int) -> 
         assert value == pytest.approx(bindings.objective(problem, plan).value, abs=1e-15)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("passes", [1, 4])
 @pytest.mark.parametrize("layers", [1, 2, 3])
 def test_adjoint_is_the_gradient_of_the_statement(layers: int, passes: int) -> None:
@@ -82,7 +79,6 @@ def test_adjoint_is_the_gradient_of_the_statement(layers: int, passes: int) -> N
         assert (gradient[~allowed] == 0.0).all()
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize(("layers", "passes"), [(1, 1), (2, 1), (3, 4)])
 def test_descent_is_that_of_its_numpy_statement(layers: int, passes: int) -> None:
     """A problem with everything, and an even one, where the momentum leads uphill."""
@@ -107,7 +103,6 @@ def test_error_diffusion_is_that_of_its_numpy_statement(seed: int) -> None:
         np.testing.assert_array_equal(diffuse(problem, droplets), relaxation_numpy.diffused(problem, droplets))
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("seed", range(3))
 def test_gradients_end_near_the_optimum_of_a_convex_problem(seed: int) -> None:
     for problem in (rough((8, 8), 1, seed=seed), rough((8, 8), 1, seed=seed, alpha=0.5, overshoot=3.0)):
@@ -117,7 +112,6 @@ def test_gradients_end_near_the_optimum_of_a_convex_problem(seed: int) -> None:
         assert best.bound <= value <= best.value + 0.01e-6
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("seed", range(3))
 def test_gradients_level_a_rough_surface_over_two_layers(seed: int) -> None:
     problem = rough((12, 12), 2, seed=seed)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink
-from inkloop_controller.core.droplet_relaxation import relax
+from inkloop_controller.core.droplet_relaxation import relax, relaxed_gradient
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program import linear_step, sequential_program
@@ -19,7 +19,6 @@ from inkloop_controller.program.program import HorizonProgram
 from inkloop_controller.program.sequential_program import SequentialProgram
 from inkloop_controller.program.statement import drop_limits, exact_cost, numbers_of
 from support.layer_problems import nearly_flat, rough, with_everything
-from support.relaxed_gradient import relaxed_gradient
 
 TOLERANCE_UM = 1e-7  # of interior points
 GREY = tuple(Ink(k * Ink().h1, k * Ink().h2, k * Ink().h3) for k in (1, 2, 3))
@@ -59,7 +58,6 @@ def test_one_layer_ends_at_the_optimum_that_ipopt_finds(alpha: float) -> None:
         assert found.value == pytest.approx(best.value, rel=2e-3, abs=2e-9)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("alpha", [1.0, 0.8])
 @pytest.mark.parametrize("seed", range(2))
 def test_two_layers_end_no_higher_than_projected_gradients(seed: int, alpha: float) -> None:
@@ -171,7 +169,6 @@ def test_radius_grows_where_promises_are_kept_and_shrinks_where_they_are_not(mon
     assert np.diff(radii).max() > 0.0 > np.diff(radii).min()
 
 
-@pytest.mark.compiled
 def test_time_limit_leaves_the_best_so_far() -> None:
     problem = nearly_flat((8, 8), 3)
     none = SequentialProgram(problem, seconds_max=0.0).solve(problem)
