@@ -3,16 +3,16 @@
 # make test       everything that continuous integration runs; names each test that is skipped
 # make test-long  the proofs that take minutes, and the properties with random examples
 # make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
-# make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
-# make peers      docs/reference/peers.md: the loop in masters of other people, the Modelica library in compilers of others;
-#                 with OMSimulator on the PATH and JModelica in JMODELICA_HOME, where there are any
+# make peers      the loop in masters of others, the Modelica library in compilers of others, the nodes under scanners of
+#                 others; with OMSimulator on the PATH and JModelica in JMODELICA_HOME, where there are any
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make site       build/site: all pages as HTML with search, to be read without a network; a warning or a dead link is an error
 # make release    build/release: sdist, a wheel for each platform, SHA-256 sums, SBOM; PLATFORMS="x86_64-linux ..." for some
-# make figures    tables, figures and pictures of all pages, from runs; the runs are kept in records next to the pages
+# make figures    tables and pictures of pages that come from the code, from scenarios and from the papers
+# make weight     lines, words, modules, packages, commands: the size of the project
 # make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
 # make constraints  constraints.txt: the versions in .venv, which make installs
 # make clean      remove .venv and build
@@ -37,7 +37,7 @@ C_FILES := $(shell find controller cosim fmus hardware tests -name '*.[ch]')
 # Compiled modules are kept, whatever the environment says: the tests start hundreds of processes that import them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools site release figures \
+.PHONY: run check test lint format test-long benchmarks peers fuzz sanitize firmware-cortex-m tools site release figures weight \
         upgrade constraints clean
 run: .venv/installed
 	@echo "inkloop: printing scenarios/cylinder.toml (about ten seconds) ..."
@@ -62,7 +62,7 @@ $(BIN)/python:
 	@touch $@
 
 .venv/installed: .venv/requirements CMakeLists.txt \
-                 $(shell find fmus controller/core cosim/columns hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
+                 $(shell find fmus controller/core cosim/columns hardware/firmware -type f) $(BUILD_MODULES)
 	@echo "inkloop: compiling the FMUs, the controller and the emulator (about half a minute the first time) ..."
 	$(PIP) --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -98,21 +98,19 @@ benchmarks: .venv/developer
 	-$(PIP) 'embreex>=4.4'   # nor is this; there are wheels for some platforms only, and what follows runs without it
 	$(BIN)/python -m tools.figures performance
 
-benchmarks-hardware: .venv/developer
-	$(BIN)/python -m benchmarks hardware bench_faults
-
 CARINGCARIBOU := caringcaribou @ git+https://github.com/CaringCaribou/caringcaribou@092eff3c2c95bb7952a2a92ac12b6c1c29035b70
 peers: .venv/developer
 	$(PIP) 'ecospy>=0.7.2' 'scapy>=2.6'   # of use nowhere else; the first one also needs libtbb12
 	-$(PIP) '$(CARINGCARIBOU)'   # not on PyPI; what follows runs without it too
 	$(BIN)/python tests/support/masters/java_programs.py
-	$(BIN)/python -m tools.figures peers
+	$(BIN)/python -m pytest -m "long or not long" -n 2 tests/system/test_other_masters.py tests/system/test_uds_scan.py \
+	tests/unit/kernels/test_modelica_library.py
 
 sanitize: .venv/developer
 	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_core_threads.py
 
 fuzz: .venv/developer
-	$(BIN)/python tests/support/fmus/fuzzing.py
+	PYTHONPATH=tests $(BIN)/python -m support.fmus.fuzzing $(TARGETS)
 
 firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
@@ -144,6 +142,9 @@ release: .venv/developer
 # NAMES="house gallery/cylinder" takes some of them; NAMES="--written" runs nothing and writes the pages from the records
 figures: .venv/developer
 	$(BIN)/python -m tools.figures $(NAMES)
+
+weight: .venv/installed
+	@$(BIN)/python tools/weight.py
 
 # Without constraints: the newest packages, to be tested before `make constraints` keeps their versions.
 upgrade: .venv/developer

@@ -1,5 +1,4 @@
-"""Measured comparisons: ours against peers in the same run and against what is to be reached. `make benchmarks` runs
-them all in some ten minutes."""
+"""Measured comparisons: ours against floors and peers in the same run, and against targets."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [layer_step master ...] [--seeds N] [--sides N ...]."""
+"""Run all benchmarks, or those named: python -m benchmarks [layer_map master ...] [--seeds N] [--sides N ...]."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 
 from rich.console import Console
 
-from benchmarks.names import ALONE, NAMES, PRINTING
+from benchmarks.names import NAMES, PRINTING
 
 
 def main(arguments: list[str]) -> int:
@@ -21,9 +21,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--sides", type=int, nargs="+", help="cells a side, of time_limit (default: 100 300 1000)")
     options = parser.parse_args(arguments)
     names = options.names
-    unknown = sorted(set(names) - {*NAMES, *ALONE})
+    unknown = sorted(set(names) - set(NAMES))
     if unknown:
-        print(f"no benchmark called {', '.join(unknown)}; there are {', '.join((*NAMES, *ALONE))}", file=sys.stderr)
+        print(f"no benchmark called {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)
         return 1
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other would count as processor time
     console = Console(width=140)

@@ -25,12 +25,12 @@ from inkloop_controller.problem.work import Work
 CYLINDER = SCENARIOS / "cylinder.toml"
 VARIATION = 0.2  # of each droplet, at most
 LAYERS_MAX = 120
-FIRST_VERSION = "horizon 3, every layer, no chance (as in version 0.1.0)"
+HORIZON_3 = "horizon 3, every layer, no chance"
 PLANNERS: dict[str, Callable[[Job], LayerMpc]] = {
     'finish = "even"': LayerMpc,
     'finish = "even", sweeps = 12': partial(LayerMpc, work=Work(sweeps=12)),
     'finish = "fast"': partial(LayerMpc, finish="fast"),
-    FIRST_VERSION: partial(LayerMpc, horizon=3, criterion=Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)),
+    HORIZON_3: partial(LayerMpc, horizon=3, criterion=Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)),
 }
 """The first one prints; all plan from its scans."""
 
@@ -60,7 +60,7 @@ def measure() -> Table:
         table.add_column(heading, justify="left" if heading == "plans" else "right")
     for name, found in spent.items():
         times = (scaled(each / layers) for each in (found.estimator, found.planner, found.total))
-        table.add_row(name, *times, f"{found.total / spent[FIRST_VERSION].total:.2f}")
+        table.add_row(name, *times, f"{found.total / spent[HORIZON_3].total:.2f}")
     return table
 
 

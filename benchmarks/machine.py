@@ -15,7 +15,7 @@ import numpy as np
 from inkloop.limits import GIB
 from inkloop.units import GIGA
 
-PACKAGES = ("inkloop", "numpy", "numba", "scipy", "casadi", "fmpy", "libcosimpy", "trimesh")
+PACKAGES = ("inkloop", "numpy", "numba", "fmpy", "libcosimpy", "trimesh")
 LEVELS = (("avx512f", "AVX-512"), ("avx2", "AVX2"), ("sse4_2", "SSE4.2"))
 _CELLS, _SIDE, _ROUNDS = 1 << 24, 512, 7
 

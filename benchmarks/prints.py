@@ -18,7 +18,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.units import M_PER_UM, UM_PER_M
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
-OURS, PAPERS = "LayerMpc", "StochasticGreedy"
+OURS = "LayerMpc"
 OPEN_LOOP = "open loop"
 """The comparison run of that name in a scenario, or the scenario itself if it has this label."""
 SHIFTS = ("shift_x", "shift_y")
@@ -26,7 +26,6 @@ LAYERS_KNOWN = 10  # scans of printed walls after which the shift must be known
 
 SHOWN = {
     "mean_error": ("mean error, um", UM_PER_M),
-    "mean_height": ("average height, um", UM_PER_M),
     "mae": ("mean absolute error, um", UM_PER_M),
     "std": ("standard deviation, um", UM_PER_M),
     "rms": ("rms error, um", UM_PER_M),
@@ -34,7 +33,6 @@ SHOWN = {
     "layers": ("layers", 1.0),
     "shift_error": (f"estimated shift after {LAYERS_KNOWN} layers, error, cells", 1.0),
     "untrusted": ("layers with status untrusted", 1.0),
-    "mismatch": ("geometry mismatch, %", 100.0),
 }
 """Name and scale of each metric."""
 
@@ -46,7 +44,6 @@ class Wanted:
     metric: str
     must: float = nan
     aim: float = nan
-    wanted: float | None = None
     printed: str = "-"
     worst: bool = False
 
@@ -97,10 +94,8 @@ def column(metrics: Metrics, case: Case, planner: str, metric: str) -> list[floa
 
 
 def _figure(case: Case, wanted: Wanted, metrics: Metrics) -> Figure:
-    ours, papers, open_loop = (column(metrics, case, planner, wanted.metric) for planner in (OURS, PAPERS, OPEN_LOOP))
-    name = SHOWN[wanted.metric][0]
-    limits = (wanted.must, wanted.aim, wanted.wanted)
-    return Figure(name, ours, *limits, papers, open_loop, wanted.printed, wanted.worst)
+    ours, open_loop = (column(metrics, case, planner, wanted.metric) for planner in (OURS, OPEN_LOOP))
+    return Figure(SHOWN[wanted.metric][0], ours, wanted.must, wanted.aim, open_loop, wanted.printed, wanted.worst)
 
 
 def _printed(run: tuple[Case, str, int]) -> dict[str, float]:
@@ -118,7 +113,6 @@ def _measured(result: Result, scenario: Scenario) -> dict[str, float]:
     metrics, job = result.metrics(), scenario.job()
     return {
         **metrics,
-        "mean_height": float(result.final_height.values[job.mask].mean()),
         "highest": -metrics["min"],
         "untrusted": float((result.dataset["untrusted_reasons"] > 0).sum()),
         "shift_error": _shift_error(result, scenario) / job.pitch,

@@ -9,24 +9,22 @@ from math import isnan, nan
 import numpy as np
 from rich.table import Table
 
-HEADINGS = ("case", "figure", "ours", "scatter", "paper's search", "open loop", "printed", "must", "aim", "reached")
+HEADINGS = ("case", "figure", "ours", "scatter", "open loop", "printed", "must", "aim", "reached")
 
 
 @dataclass(frozen=True)
 class Figure:
     """A figure of a case, measured on one or more seeds; the mean counts, or the largest.
 
-    ours, papers, open_loop: of our controller, of the paper's search and of blind printing on the same plant (empty: it
-    does not apply); printed: by the paper, on another plant; must, aim: the largest that will do, or how far off
-    `wanted` it may be (NaN: nothing is asked); worst: the largest of the seeds counts.
+    ours, open_loop: of our controller and of blind printing on the same plant (empty: it does not apply); printed: by
+    the paper, on another plant; must, aim: the largest that will do (NaN: nothing is asked); worst: the largest of the
+    seeds counts.
     """
 
     name: str
     ours: Sequence[float]
     must: float = nan
     aim: float = nan
-    wanted: float | None = None
-    papers: Sequence[float] = ()
     open_loop: Sequence[float] = ()
     printed: str = "-"
     worst: bool = False
@@ -39,23 +37,22 @@ class Figure:
     @property
     def reached(self) -> str:
         """Whether the aim, or what must be, is reached, or by how much it is missed; "-" where nothing is asked."""
-        off = self.now if self.wanted is None else abs(self.now - self.wanted)
         if isnan(self.must) and isnan(self.aim):
             return "-"
-        if off <= self.aim:
+        if self.now <= self.aim:
             return "aim"
         if isnan(self.must):
             return "not the aim"
-        if off <= self.must:
+        if self.now <= self.must:
             return "must"
-        return f"MISSED: {off / self.must:.2f} x" if self.must else "MISSED"
+        return f"MISSED: {self.now / self.must:.2f} x" if self.must else "MISSED"
 
     def row(self) -> tuple[str, ...]:
         """Its cells in the table, after the case."""
         sample = len(self.ours)
         scatter = f"{np.std(self.ours, ddof=1):.2g}" if sample > 1 else "-"
-        others = (self._text(self.papers), self._text(self.open_loop), self.printed)
-        limits = (self._limit(self.must), self._limit(self.aim))
+        others = (self._text(self.open_loop), self.printed)
+        limits = ("-" if isnan(limit) else f"{limit:.3g}" for limit in (self.must, self.aim))
         return (self.name, self._text(self.ours), scatter, *others, *limits, self.reached)
 
     def _text(self, values: Sequence[float]) -> str:
@@ -63,13 +60,6 @@ class Figure:
             return "-"
         counts = float(np.max(values) if self.worst else np.mean(values))
         return f"{counts:.4g}" if abs(counts) >= 10.0 else f"{counts:.3g}"
-
-    def _limit(self, off: float) -> str:
-        if isnan(off):
-            return "-"
-        if self.wanted is None:
-            return f"{off:.3g}"
-        return f"{self.wanted:g} ± {off:g}" if off else f"{self.wanted:g}"
 
 
 def table(title: str, cases: Mapping[str, Sequence[Figure]]) -> Table:

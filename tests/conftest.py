@@ -12,7 +12,6 @@ import signal
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -67,15 +66,6 @@ def pytest_unconfigure() -> None:
     """Pytest collects five times at the end, for the sake of what Python reports only then; once is enough."""
     gc.collect()
     gc.freeze()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_report_to_serializable() -> Generator[None, dict[str, Any] | None, dict[str, Any] | None]:
-    """Workers send no keywords with their 20,000 reports: nothing reads them, and they are half of what is sent."""
-    data = yield
-    if data and "keywords" in data:
-        data["keywords"] = {}
-    return data
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

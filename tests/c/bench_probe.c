@@ -6,6 +6,7 @@
 #include "node_frames.h"
 
 BenchOptions *probe_options(void);
+void probe_tick(Bench *bench, uint32_t now);
 double *probe_surface(Bench *bench);
 uint8_t *probe_storage(Bench *bench, int node);
 void probe_break(Bench *bench, uint32_t what);
@@ -28,6 +29,16 @@ BenchOptions *probe_options(void) {
     static BenchOptions options;
     options = bench_defaults();
     return &options;
+}
+
+/* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */
+void probe_tick(Bench *bench, uint32_t now) {
+    world_tick(bench_world(bench), now);
+    for (int node = 0; node < bench_node_count(bench); node++) {
+        if (bench_watchdog_bites(bench, node, now))
+            bench_power_up(bench, node, now);
+        node_tick(bench_node(bench, node), now);
+    }
 }
 
 double *probe_surface(Bench *bench) {

@@ -1,8 +1,9 @@
 """FMI calls in any order with any arguments: each does what the standard requires, or is refused with a message and
 changes nothing, bit by bit; nothing crashes or hangs.
 
-The invariants around every call are in fmus/fuzz/subject.c. Here they hold for inputs drawn once, on the FMUs as they
-are shipped, each in a separate process; with clang, libFuzzer looks for others. What was found has its own test below.
+The invariants around every call are in tests/fuzz/fmus/subject.c. Here they hold for inputs drawn once, on the FMUs
+as they are shipped, each in a separate process; with clang, libFuzzer looks for others. What was found has its own test
+below.
 """
 
 from __future__ import annotations

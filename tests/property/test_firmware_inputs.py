@@ -1,6 +1,6 @@
 """Frames, ISO-TP messages, requests and serial lines of any kind: the firmware's invariants hold.
 
-Sanitizers find nothing either. The invariants are in hardware/firmware/fuzz: lamp only with the gate confirmed closed,
+Sanitizers find nothing either. The invariants are in tests/fuzz/firmware: lamp only with the gate confirmed closed,
 all off in SAFE and FAULT, passes done never shrink, no pass opened twice, the journal can always be read,
 answers fit their room ...
 """

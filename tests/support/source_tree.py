@@ -116,8 +116,8 @@ def circles(graph: Graph) -> set[frozenset[str]]:
 
 @cache
 def c_files() -> tuple[Path, ...]:
-    """Sources and headers of the FMUs, the controller, the columns and the firmware, without those of the fuzzers."""
-    return tuple(path for folder in C_FOLDERS for path in sorted(folder.rglob("*.[ch]")) if "fuzz" not in path.parts)
+    """Sources and headers of the FMUs, the controller, the columns and the firmware."""
+    return tuple(path for folder in C_FOLDERS for path in sorted(folder.rglob("*.[ch]")))
 
 
 def c_unit(path: Path) -> str:

@@ -12,8 +12,6 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from tools.figures import bench_faults
-from tools.figures.pages import read_json
 
 from inkloop.component import Ink, Job
 from inkloop_hardware.bus.adapter import Adapter
@@ -50,6 +48,7 @@ from support.benches.fault_run import (
     wait_for_fault,
     wait_until,
 )
+from support.page_tables import rows_of
 
 ALL = (0, 1, 2, 3)
 
@@ -354,5 +353,5 @@ def test_malformed_lines_are_counted_and_reported(caplog: pytest.LogCaptureFixtu
 @pytest.mark.long
 def test_nodes_record_what_the_page_of_the_faults_shows() -> None:
     """What the master gets may differ: a refusal, or the loss of the node, whichever comes first."""
-    _, *recorded = read_json(bench_faults.RECORD)["failures"]
-    assert [(row[0], row[-1]) for row in failures.rows()] == [(row[0], row[-1]) for row in recorded]
+    shown = rows_of("reference/bench-faults.md", failures.HEADS)
+    assert [(row[0], row[-1]) for row in failures.rows()] == [(row[0], row[-1]) for row in shown]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tools.figures import cylinder_prints, gallery
+from tools.figures import gallery
 from tools.figures.pages import read_json
 
 from inkloop.printing.run import print_part
@@ -246,19 +246,9 @@ CHEAP = sorted(path.stem for path in SCENARIOS if path.stem not in ("bench", "pi
 @pytest.mark.long
 @pytest.mark.parametrize("name", CHEAP)
 def test_record_of_the_gallery_is_what_the_scenario_prints(name: str) -> None:
-    """Else its picture, its page and its comment show earlier runs: `make figures NAMES=gallery/NAME`."""
+    """Else its picture and its page show earlier runs: `make figures NAMES=gallery/NAME`."""
     recorded = read_json(gallery.RECORD)[name]
     others = Scenario.load(FOLDER / f"{name}.toml").tables.compare
     fresh = [printed(name, recorded["seed"], variant, as_shipped=True) for variant in ("", *others)]
     runs = {run.dataset.attrs["label"]: run for run in fresh}
-    assert gallery.measured(name, runs) == recorded
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", cylinder_prints.CASES)
-def test_record_of_the_cylinder_is_what_it_prints(name: str) -> None:
-    """One seed of each case; else the tables show earlier runs: `make figures NAMES=cylinder_prints`."""
-    variation = cylinder_prints.CASES[name].variations[-1]
-    fresh, recorded = cylinder_prints.printed(name, variation, 1), cylinder_prints.prints_of(name, variation)[0]
-    for figure in ("mean_error_um", "mae_um", "std_um", "layers"):
-        assert getattr(fresh, figure) == pytest.approx(getattr(recorded, figure), rel=1e-5, abs=1e-9)
+    assert gallery.measured(runs) == recorded

@@ -1,8 +1,7 @@
 """Run what the pages report, and write it into them: python -m tools.figures [--written] [NAME ...] (`make figures`).
 
-NAME: a writer of `WRITERS`, for example `house`; of the gallery also a scenario, `gallery/cylinder`, of the times of
-the house a part, `house_times/startup`. With `--written` nothing is run: tables and figures are written again from the
-records.
+NAME: a writer of `WRITERS`, for example `house`; of the gallery also a scenario, `gallery/cylinder`. With `--written`
+nothing is run: tables are written again from the records.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ def main() -> None:
     parser.add_argument("--written", action="store_true", help="run nothing, write from the records")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(WRITERS)}")
     options = parser.parse_args()
-    sys.path.append(str(ROOT / "tests"))  # for `support`, which the house and the peers share with the tests
+    sys.path.append(str(ROOT / "tests"))  # for `support`, which the house and the lying scans share with the tests
     names = options.names or list(WRITERS)
     if unknown := [name for name in names if name.partition("/")[0] not in (*WRITERS, *ALONE)]:
         parser.error(f"no writer called {', '.join(unknown)}; there are {', '.join((*WRITERS, *ALONE))}")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, write_json
-from tools.figures.scenario_quotes import marked, quoted
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
@@ -58,7 +57,7 @@ def run(*names: str) -> None:
     record = read_json(RECORD) if RECORD.exists() else {}
     for path in paths:
         if not names or path.stem in names:
-            record[path.stem] = measured(path.stem, draw(path))
+            record[path.stem] = measured(draw(path))
             write_json(RECORD, {each.stem: record[each.stem] for each in paths if each.stem in record})
 
 
@@ -91,12 +90,10 @@ def bench_of(path: Path) -> Iterator[list[str]]:
         yield ["--set", f"bench.channel={bench.channel}"]
 
 
-def measured(name: str, runs: Mapping[str, Result]) -> dict[str, Any]:
-    """Seed, figures of each run, and the figures that the comment of the scenario and the first print quote."""
+def measured(runs: Mapping[str, Result]) -> dict[str, Any]:
+    """Seed and figures of each run."""
     seed = int(next(iter(runs.values())).dataset.attrs["seed"])
-    marks = {"marks": own} if (own := marked(name, runs)) else {}
-    shown = {label: figures(run) for label, run in runs.items()}
-    return {"seed": seed, "runs": shown, "quoted": quoted(name, runs), **marks}
+    return {"seed": seed, "runs": {label: figures(run) for label, run in runs.items()}}
 
 
 def figures(run: Result) -> dict[str, float]:
@@ -111,11 +108,7 @@ def texts() -> Texts:
     """The entries of the page, from the scenarios and the record."""
     record = read_json(RECORD)
     entries = (entry(path, record[path.stem]) for path in sorted(SCENARIOS.glob("*.toml")))
-    first_print = {mark: f"{value}" for each in record.values() for mark, value in each.get("marks", {}).items()}
-    return {
-        HERE / "README.md": {"scenarios": block(["", *entries])},
-        DOCS / "tutorial" / "first-print.md": first_print,
-    }
+    return {HERE / "README.md": {"scenarios": block(["", *entries])}}
 
 
 def entry(path: Path, record: Mapping[str, Any]) -> str:

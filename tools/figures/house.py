@@ -1,4 +1,4 @@
-"""Draw the house from the imports of the code, and count it, for architecture.md.
+"""Draw the house from the imports of the code, for architecture.md.
 
 A room is a folder or file at the root of a package; it stands above every room that it imports. On top the flow of a
 layer.
@@ -12,9 +12,9 @@ from functools import cache
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
-from support.source_tree import PACKAGES, circles, grouped, import_graph, include_graph, modules, room
+from support.source_tree import PACKAGES, circles, grouped, import_graph, modules, room
 
 FOLDER = DOCS / "explanation"
 FLOOR = ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
@@ -52,18 +52,6 @@ SIGNALS = (
 """Signals of the layer contract, and the step that takes them."""
 BACK = "measured_height, valid, layers_scanned; inkloop.master carries every signal"
 RULE = "a room imports only rooms below it in its own column, and the floor; scenarios and entry points name the rest"
-BEFORE = {
-    "Python modules": 245,
-    "names at the root of `inkloop`": 77,
-    "imports between them, `inkloop`": 323,
-    "names at the root of `inkloop_controller`": 28,
-    "imports between them, `inkloop_controller`": 94,
-    "names at the root of `inkloop_hardware`": 54,
-    "imports between them, `inkloop_hardware`": 205,
-    "import circles, Python": 3,
-    "include circles, C": 3,
-}
-"""The figures of version 0.1.0."""
 HEIGHT, GAP, TITLE = 3.0, 1.4, 3.0
 BLUE, INK, PAPER, FLOOR_COLOUR, FLOW_COLOUR = "#0072B2", "#333333", "#F2F2F2", "#E3EDF5", "#FFFFFF"
 
@@ -171,23 +159,9 @@ def draw() -> Figure:
     return figure
 
 
-def counts() -> dict[str, int]:
-    """The figures of the house, by what is counted."""
-    graph = grouped(import_graph(), {name: room(name) for name in modules()})
-    found = {"Python modules": len(modules())}
-    for package in PACKAGES:
-        own = {name: below for name, below in graph.items() if name.startswith(f"{package}.")}
-        found[f"names at the root of `{package}`"] = len(own)
-        found[f"imports between them, `{package}`"] = sum(other in own for below in own.values() for other in below)
-    found["import circles, Python"] = len(circles(import_graph()))
-    return found | {"include circles, C": len(circles(include_graph()))}
-
-
 def texts() -> Texts:
-    """The figures of version 0.1.0, counted by the same rules, and those of today."""
-    now = counts()
-    rows = [(what, f"{before}", f"{now[what]}") for what, before in BEFORE.items()]
-    return {FOLDER / "architecture.md": {"house": table(("", "0.1.0", "now"), rows)}}
+    """None: the page shows a picture alone."""
+    return {}
 
 
 def run() -> None:

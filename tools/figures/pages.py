@@ -6,14 +6,13 @@ the texts of its marks; the rest of the page is written by hand.
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from inkloop.files import replaced, write_text
+from inkloop.files import write_text
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -65,23 +64,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return block(f"{line}|" for line in (head, rule, *lines))
 
 
-def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Keep rows with the same keys; numbers with six significant digits."""
-    with replaced(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({key: f"{cell:.6g}" if isinstance(cell, float) else cell for key, cell in row.items()})
-
-
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """The rows of a record."""
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def write_json(path: Path, record: object) -> None:
-    """Keep a record that is no table."""
+    """Keep a record."""
     write_text(path, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 

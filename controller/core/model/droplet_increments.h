@@ -38,47 +38,9 @@ static inline size_t maps_of_ink(const Ink *unit) {
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments, double *after);
 
-enum { FLAT_CELLS = 64 }; /* cells of a row that are computed together */
-
-/* Increments on a flat surface, where every neighbour takes its full part whatever the ink, of all droplets at once. Of
- * `count` cells of a row from `first` on; each map has FLAT_CELLS places. */
-void flat_adds(const JettedLayer *layer, size_t inks, const Ink *unit, size_t row, size_t first, size_t count,
-               double *adds);
-
 /* Height of a full layer on a wide flat surface [m]. */
 static inline double full_layer_height(const Ink *ink) {
     return ink->h1 + 4.0 * ink->h2 + 4.0 * ink->h3;
-}
-
-/* Adds the height of the droplets of one more ink to `added`. */
-static INLINED void add_heights_of(const Ink *ink, const Ink *unit, const double *adds, size_t cells, size_t count,
-                                   double *restrict added) {
-    const Ink one = *ink;
-    if (unit) {
-        const double volume = full_layer_height(ink) / full_layer_height(unit);
-        for (size_t k = 0; k < count; k++)
-            added[k] += volume * adds[k];
-    } else
-        for (size_t k = 0; k < count; k++)
-            added[k] += one.h1 * adds[k] + one.h2 * adds[cells + k] + one.h3 * adds[2 * cells + k];
-}
-
-/* Height that the droplets add to `count` cells from `first` on [m] with the heights of `ink`, or with its volume in
- * the proportions of the unit. */
-static INLINED void added_heights(const DropletIncrements *increments, size_t cells, size_t first, size_t count,
-                                  size_t inks, const Ink ink[], double *restrict added) {
-    const Ink *unit = increments->unit;
-    const double *adds = increments->adds + first;
-    if (unit && inks == 1) {
-        const double volume = full_layer_height(ink) / full_layer_height(unit);
-        for (size_t k = 0; k < count; k++)
-            added[k] = volume * adds[k];
-        return;
-    }
-    for (size_t k = 0; k < count; k++)
-        added[k] = 0.0;
-    for (size_t number = 0; number < inks; number++, adds += maps_of_ink(unit) * cells)
-        add_heights_of(&ink[number], unit ? unit + number : NULL, adds, cells, count, added);
 }
 
 /* h1, h2 or h3 by its order, 0 to 2. */

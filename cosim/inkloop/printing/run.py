@@ -115,7 +115,7 @@ def scenario_file(folder: Path) -> Path:
     """The file that the run in `folder` was started from. Raises ResultError."""
     record = read_record(folder)
     if "scenario_file" not in record:
-        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to resume from; run it again")
+        raise ResultError(f"{folder}: run.json names no scenario file: it kept no state to resume from; run it again")
     return Path(record["scenario_file"])
 
 

@@ -191,15 +191,6 @@ bool bench_is_well(const Bench *bench) {
     return true;
 }
 
-void bench_tick(Bench *bench, uint32_t now) {
-    world_tick(&bench->world, now);
-    for (int node = 0; node < bench_node_count(bench); node++) {
-        if (bench_watchdog_bites(bench, node, now))
-            bench_power_up(bench, node, now);
-        node_tick(&bench->node[node], now);
-    }
-}
-
 Node *bench_node(Bench *bench, int node) {
     return &bench->node[node];
 }

@@ -53,9 +53,6 @@ bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
  * it. */
 bool bench_is_well(const Bench *bench);
 
-/* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */
-void bench_tick(Bench *bench, uint32_t now);
-
 Node *bench_node(Bench *bench, int node);
 int bench_node_count(const Bench *bench);
 World *bench_world(Bench *bench);

@@ -97,11 +97,6 @@ class Outbox:
         self._thread = threading.Thread(target=self._write, daemon=True)
         self._thread.start()
 
-    @property
-    def is_writing(self) -> bool:
-        """Whether messages are still written."""
-        return self._thread.is_alive()
-
     def put(self, kind: Kind, content: bytes, *, may_drop: bool = False) -> None:
         """Queue a message; returns at once."""
         with self._changed:

@@ -46,12 +46,9 @@ def looks() -> Path:
 class Nodes:
     """The nodes of a bench whose power comes back at once: killed at each of `kill_at` looks in turn, then no more.
 
-    looks: the library for `kill_at`; None: the program as it is, killed by `kill` alone.
-    """
+    looks: the library for `kill_at`."""
 
-    def __init__(
-        self, folder: Path, looks: Path | None, parameters: dict[str, float], kill_at: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, folder: Path, looks: Path, parameters: dict[str, float], kill_at: Sequence[str] = ()) -> None:
         self.folder, self._looks = folder, looks
         self._options = [f"{name}={value:.17g}" for name, value in parameters.items()]
         self._kill_at, self.killed, self._over = list(kill_at), 0, False
@@ -64,10 +61,6 @@ class Nodes:
     def process_id(self) -> int:
         return self._running.pid
 
-    def kill(self) -> None:
-        """Now."""
-        self._running.kill()
-
     def end(self) -> str:
         """Counts printed by its last process at its end: looks, and those at records of a journal."""
         self._over = True
@@ -78,7 +71,7 @@ class Nodes:
 
     def _started(self, port: int) -> tuple[subprocess.Popen[str], str]:
         at = self._kill_at.pop(0) if self._kill_at else "0"
-        preloaded = {"LD_PRELOAD": str(self._looks), "INKLOOP_KILL_AT": at} if self._looks else {}
+        preloaded = {"LD_PRELOAD": str(self._looks), "INKLOOP_KILL_AT": at}
         words = ["--until-stdin-closes", "--folder", str(self.folder), "--port", str(port), *self._options]
         pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         running = subprocess.Popen([program(), *words], env=os.environ | preloaded, text=True, **pipes)
@@ -97,9 +90,7 @@ class Nodes:
 
 
 @contextmanager
-def powered(
-    path: Path, folder: Path, looks: Path | None, kill_at: Sequence[str] = (), **times: float
-) -> Iterator[Nodes]:
+def powered(path: Path, folder: Path, looks: Path, kill_at: Sequence[str] = (), **times: float) -> Iterator[Nodes]:
     """The nodes of a scenario. They begin to count when they have printed their channel."""
     emulation = emulation_of(Scenario.load(path))
     nodes = Nodes(folder, looks, emulation.parameters | FAST | times, kill_at)
@@ -198,10 +189,6 @@ def _master(folder: Path, kill_at: str, others: Sequence[int]) -> None:
     _keep_words(folder, session(folder), f": {look.counts}")
 
 
-def _undisturbed(folder: Path) -> None:
-    _keep_words(folder, session(folder))
-
-
 def _keep_words(folder: Path, found: Result | InkloopError, counts: str = "") -> None:
     (folder / WORDS_FILE).write_text(str(found) if isinstance(found, InkloopError) else f"{DONE}{counts}")
 
@@ -224,22 +211,6 @@ def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) ->
     process = FORKING.Process(target=_master, args=(folder, kill_at, others))
     process.start()
     process.join(120)
-    return _last_words(process, folder)
-
-
-def session_killed_when(folder: Path, is_due: Callable[[], bool], nodes: Nodes | None = None) -> str | None:
-    """A session in a separate process that is killed once it is due, together with `nodes`: None if it was, else its
-    last message.
-    """
-    process = FORKING.Process(target=_undisturbed, args=(folder,))
-    process.start()
-    while process.exitcode is None and not is_due():
-        process.join(0.01)
-    if process.exitcode is None:
-        if nodes:
-            nodes.kill()
-        process.kill()
-        process.join()
     return _last_words(process, folder)
 
 

@@ -188,7 +188,7 @@ class NodeBench:
             self.clock += step
             if self.master and self.clock - self.last_alive >= 100:
                 self.send_keep_alive()
-            self.c.bench_tick(self.bench, ctypes.c_uint32(self.clock))
+            self.c.probe_tick(self.bench, ctypes.c_uint32(self.clock))
 
     def send_keep_alive(self, master: MasterAlive | None = None) -> None:
         alive = master or self.master

@@ -47,29 +47,20 @@ def books(folder: Path) -> dict[int, JournalRecord]:
 
 @dataclass(frozen=True)
 class PassesLeft:
-    """Numbers of passes of a part: begun; begun twice; cut short, with an unknown outcome; given up, since a pass of
-    their layer was cut short; and left out of a layer without such a pass.
-    """
+    """How many passes of a part were begun twice, and left out of a layer in which no pass was cut short."""
 
-    begun: int
     doubled: int
-    unknown: int
-    given_up: int
     skipped: int
 
 
 def passes_left(result: Result, nodes: Path) -> PassesLeft:
     """By the head's journal: its INTENTs, and what it remembers of each layer that the result has."""
-    begun = begun_passes(nodes)
-    known = {layer: (book.done, book.unknown) for layer, book in books(nodes).items()}
-    layers = [known.get(layer, (0, 0)) for layer in range(1, result.dataset.sizes["layer"])]
-    missing = [(PASSES - (done | unknown).bit_count(), bool(unknown)) for done, unknown in layers]
+    begun, known = begun_passes(nodes), books(nodes)
+    done = [(book.done, book.unknown) for book in map(known.get, range(1, result.dataset.sizes["layer"])) if book]
+    missing_layers = result.dataset.sizes["layer"] - 1 - len(done)
     return PassesLeft(
-        begun=len(begun),
         doubled=len(begun) - len({(key.layer, key.pass_) for key in begun}),
-        unknown=sum(unknown.bit_count() for _, unknown in layers),
-        given_up=sum(count for count, is_unknown in missing if is_unknown),
-        skipped=sum(count for count, is_unknown in missing if not is_unknown),
+        skipped=PASSES * missing_layers + sum(PASSES - whole.bit_count() for whole, unknown in done if not unknown),
     )
 
 
@@ -77,12 +68,6 @@ def begun_passes(nodes: Path) -> list[Key]:
     """The keys of all passes that the head began, in any attempt."""
     intents = (record for record in head_journal(nodes) if record.kind is Happening.INTENT)
     return [record.key for record in intents if record.step is Step.PASS]
-
-
-def is_surface_of_passes(result: Result, nodes: Path) -> bool:
-    """Whether the surface on the bed is that of the droplets of these passes, jetted once, to the bit."""
-    height = surface(nodes)
-    return any(np.array_equal(height, one) for one in _possible(result, books(nodes)))
 
 
 def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
@@ -105,7 +90,8 @@ def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     for at, scan in enumerate(MasterJournal(run).records):
         if scan.asked is Asked.SCAN:
             _assert_no_ink_is_wet(scan.key.layer, MasterJournal(run).records[:at], known)
-    assert is_surface_of_passes(result, nodes), "the surface is of other passes"
+    height, possible = surface(nodes), _possible(result, known)
+    assert any(np.array_equal(height, one) for one in possible), "the surface is of other passes"
 
 
 def _assert_no_ink_is_wet(layer: int, before: Sequence[MasterRecord], known: dict[int, JournalRecord]) -> None:

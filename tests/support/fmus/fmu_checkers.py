@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from fmu_manipulation_toolbox.checker import get_checkers
 from fmu_manipulation_toolbox.operations import FMU
 
-from support.fmus.fmpy_check import by_fmpy
 from support.masters.java_programs import VDM_CHECK
-from support.masters.other_programs import FMPY, FMUTOOL, Program
 
 
 class _Kept(logging.Handler):
@@ -45,20 +41,3 @@ def by_vdm_check(file: Path) -> list[str]:
     if done.returncode == 0 and "No errors found" in done.stdout:
         return []
     return [line for line in done.stdout.splitlines() if not line.startswith("https:")]
-
-
-@dataclass(frozen=True)
-class Checker:
-    """A checker of others and the versions of FMI that it takes."""
-
-    name: str
-    program: Program
-    versions: tuple[str, ...]
-    check: Callable[[Path], list[str]]
-
-
-CHECKERS = (
-    Checker("`fmpy validate`", FMPY, ("2", "3"), by_fmpy),
-    Checker("`fmutool -check`", FMUTOOL, ("2", "3"), by_fmutool),
-    Checker("VDMCheck2", VDM_CHECK, ("2",), by_vdm_check),
-)

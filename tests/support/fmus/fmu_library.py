@@ -1,7 +1,7 @@
 """The libraries inside the FMUs: built once more from their own sources, with sanitizers, and described to C programs.
 
-`fmus/fuzz` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`, which
-prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
+`tests/fuzz/fmus` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`,
+which prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import fmpy
 from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu, job_template
-from support.benches.node_bench import FIRMWARE, ROOT
 from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
+from support.places import ROOT
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-FUZZ = ROOT / "fmus" / "fuzz"
+FUZZ = ROOT / "tests" / "fuzz"
 FORMS = ("fmi3", "fmi2")  # one library each; that of fmi3-fixed is the one of fmi3
 JOB = "LayerJob"
 NAMES = tuple(f"{model}-{form}" for model in (*MODELS, JOB) for form in FORMS)
@@ -174,9 +174,9 @@ def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, di
 
 def program(folder: Path, name: str, compiler: str, flags: Sequence[str], *, others: Sequence[Path] = ()) -> Path:
     """One of the C programs: `calls` (with `others` a driver, unless a fuzzer is linked in) or `side_by_side`."""
-    own = [FUZZ / f"{part}.c" for part in (name, *PARTS, *(("values",) if name == "calls" else ()))]
+    own = [FUZZ / "fmus" / f"{part}.c" for part in (name, *PARTS, *(("values",) if name == "calls" else ()))]
     path = folder / name
     fixed = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-g", "-O1", *WARNINGS)
-    places = (f"-I{FUZZ}", f"-I{FIRMWARE / 'fuzz'}", f"-isystem{HEADERS}")
+    places = (f"-I{FUZZ / 'fmus'}", f"-I{FUZZ / 'firmware'}", f"-isystem{HEADERS}")
     run((compiler, *fixed, *flags, *places, *own, *others, "-lm", "-ldl", "-lpthread", "-o", path))
     return path

@@ -8,7 +8,6 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from support.benches.node_bench import FIRMWARE
 from support.fmus import fmu_library
 
 INPUTS = 300
@@ -22,7 +21,7 @@ def drawn(name: str, count: int = INPUTS) -> list[bytes]:
 
 def calls(folder: Path, flags: Sequence[str] = ()) -> Path:
     """The fuzz target as a program that is fed inputs."""
-    return fmu_library.program(folder, "calls", "gcc", flags, others=[FIRMWARE / "fuzz" / "replay.c"])
+    return fmu_library.program(folder, "calls", "gcc", flags, others=[fmu_library.FUZZ / "firmware" / "replay.c"])
 
 
 def feed(program: Path, table: Path, inputs: list[bytes]) -> str:

@@ -1,11 +1,11 @@
 """The fuzz targets: inputs of the firmware and calls of the FMUs, built with sanitizers, run by libFuzzer where there
 is one, else fed with inputs.
 
-python tests/support/fmus/fuzzing.py [--seconds N] [target ...]
+PYTHONPATH=tests python -m support.fmus.fuzzing [--seconds N] [target ...]
 
 runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that violates
 an invariant or is caught by a sanitizer is kept there and named. Correct the firmware, then add the input, small and
-named after what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in
+named after what it found, to tests/fuzz/firmware/corpus; what an FMU did becomes a test in
 contract/test_fmu_fuzz.py.
 """
 
@@ -22,12 +22,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, codec
+from support.benches.node_bench import CORE, PLACES, ROOT, WIRE, codec
 from support.compiled import compile_kept, run
 
 TARGETS = ("frames", "isotp", "services", "slcan")
 PARTS = ("asking", "board", "invariants", "requests", "wire")
-FUZZ = FIRMWARE / "fuzz"
+FUZZ = ROOT / "tests" / "fuzz" / "firmware"
 CORPUS = FUZZ / "corpus"
 CLANGS = ("clang", *(f"clang-{version}" for version in range(22, 13, -1)))
 FLAGS = ("-std=c11", "-g1", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror", "-ffp-contract=off")

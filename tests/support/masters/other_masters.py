@@ -35,7 +35,6 @@ class Master:
 
     name: str
     program: Program
-    starts_from: str
     forms: tuple[tuple[str, str], ...]
     block_forms: tuple[str, ...]
     run: Callable[[Loop, System, str, Path], Iterator[Step]]
@@ -115,11 +114,11 @@ def _ecos(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[
 
 BOTH = tuple((fmi, algorithm) for fmi in ("2", "3") for algorithm in (JACOBI, GAUSS_SEIDEL))
 MASTERS = (
-    Master("FMPy, a loop of its calls", FMPY, "the FMUs", BOTH, ("2", "3"), by_calls),
-    Master("FMPy, `simulate_ssp`", FMPY, "an .ssp", (("2", JACOBI),), ("2",), by_simulate_ssp),
-    Master("fmucontainer", FMUTOOL, "its JSON", BOTH, ("2", "3"), _container),
-    Master("libcosim", LIBCOSIM, "OspSystemStructure.xml", (("2", JACOBI),), ("2",), _libcosim),
-    Master("Ecos", ECOS, "its Python calls", (("2", JACOBI),), ("2", "3"), _ecos),
-    Master("Maestro", MAESTRO, "its two JSON files", (("2", JACOBI),), ("2",), by_maestro),
-    Master("OMSimulator", OMSIMULATOR, "an .ssp", (("2", JACOBI),), ("2",), by_omsimulator),
+    Master("FMPy, a loop of its calls", FMPY, BOTH, ("2", "3"), by_calls),
+    Master("FMPy, `simulate_ssp`", FMPY, (("2", JACOBI),), ("2",), by_simulate_ssp),
+    Master("fmucontainer", FMUTOOL, BOTH, ("2", "3"), _container),
+    Master("libcosim", LIBCOSIM, (("2", JACOBI),), ("2",), _libcosim),
+    Master("Ecos", ECOS, (("2", JACOBI),), ("2", "3"), _ecos),
+    Master("Maestro", MAESTRO, (("2", JACOBI),), ("2",), by_maestro),
+    Master("OMSimulator", OMSIMULATOR, (("2", JACOBI),), ("2",), by_omsimulator),
 )

@@ -1,20 +1,15 @@
-"""Programs of other people that the tests run: which version is there, or why it is not."""
+"""Programs of other people that the tests run, or the reason why one is absent."""
 
 from __future__ import annotations
 
 import shutil
-import subprocess
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import version
 from typing import Protocol
 
 
 class Program(Protocol):
-    """Programs installed by pip or from Maven Central."""
-
-    @property
-    def version(self) -> str: ...
+    """A program that pip or Maven Central brings."""
 
     def reason_it_is_absent(self) -> str:
         """A sentence; "" where it is there."""
@@ -26,11 +21,6 @@ class PythonPackage:
 
     package: str
     module: str
-
-    @property
-    def version(self) -> str:
-        """As installed. Raises PackageNotFoundError."""
-        return version(self.package)
 
     def reason_it_is_absent(self) -> str:
         """A sentence; "" where it is there."""
@@ -45,15 +35,9 @@ class PythonPackage:
 
 @dataclass(frozen=True)
 class Executable:
-    """A program on the PATH that prints its version as `Name v1.2.3-...`."""
+    """A program on the PATH."""
 
     command: str
-
-    @property
-    def version(self) -> str:
-        """As it says. Raises OSError."""
-        output = subprocess.run([self.command, "--version"], capture_output=True, text=True, check=True).stdout
-        return output.split()[-1].lstrip("v").partition("-")[0]
 
     def reason_it_is_absent(self) -> str:
         """A sentence; "" where it is there."""

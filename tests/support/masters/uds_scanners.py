@@ -12,7 +12,6 @@ import os
 import re
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -47,23 +46,14 @@ class Scan:
     """Findings of a scan of one node. wrong: exchanges that ISO 14229-1 does not allow."""
 
     node: Node
-    asked: int = 0
     services: set[int] = field(default_factory=set)
     identifiers: set[int] = field(default_factory=set)
     routines: set[int] = field(default_factory=set)
-    refused: Counter[int] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
 
-    @property
-    def found(self) -> tuple[tuple[set[int], int], ...]:
-        """Services, identifiers and routines, with the digits of each."""
-        return (self.services, 2), (self.identifiers, 4), (self.routines, 4)
-
     def take(self, request: bytes, answer: bytes | None) -> None:
-        """Count an answer and judge it."""
-        self.asked += 1
+        """Judge an answer and keep its service, identifier or routine."""
         code = answer[2] if answer is not None and answer[0] == 0x7F else 0
-        self.refused.update([code] if code else [])
         if code != NOT_SUPPORTED:
             self.services.add(request[0])
         last = int.from_bytes(request[-2:], "big")

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from tools.figures import bench_faults
-from tools.figures.pages import read_json
-
 from support.benches.refusals import HEADS, rows
+from support.page_tables import rows_of
 
 
-def test_record_of_the_page_is_what_the_nodes_do() -> None:
-    heads, *recorded = read_json(bench_faults.RECORD)["refusals"]
-    assert tuple(heads) == HEADS
-    assert [tuple(row) for row in recorded] == rows(), "run: python -m tools.figures bench_faults/refusals"
+def test_page_shows_what_the_nodes_do() -> None:
+    assert rows_of("reference/bench-faults.md", HEADS) == rows()
 
 
 def test_nothing_stays_energised_in_any_row() -> None:

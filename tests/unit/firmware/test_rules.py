@@ -68,7 +68,7 @@ def unit(path: Path) -> str:
 
 def test_no_circle_joins_the_files_of_the_firmware(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     """Neither by includes nor by calls, of the node and its frames as of the emulator and the image."""
-    headers = {path.name: path for path in sorted(FIRMWARE.rglob("*.h")) if "fuzz" not in path.parts}
+    headers = {path.name: path for path in sorted(FIRMWARE.rglob("*.h"))}
     needs: dict[str, set[str]] = {}
     for path in (*headers.values(), *ALL, *HOST_ONLY, *(FIRMWARE / "cortex_m").glob("*.c")):
         found = re.findall(r'#include "(.*?)"', path.read_text(encoding="utf-8"))
@@ -92,7 +92,7 @@ def test_only_node_c_switches_everything_off(symbols: dict[Path, list[tuple[str,
 
 
 def test_every_source_of_the_firmware_is_checked_here() -> None:
-    elsewhere = ("host", "cortex_m", "fuzz")
+    elsewhere = ("host", "cortex_m")
     assert {path for path in FIRMWARE.rglob("*.c") if path.relative_to(FIRMWARE).parts[0] not in elsewhere} == set(ALL)
 
 

@@ -24,7 +24,6 @@ SOURCES = (FOLDERS[1] / "layer_map.c", CORE / "model" / "droplet_increments.c", 
 INKS = ((4.4e-6, 0.6e-6, 0.2e-6), (3.9e-6, 0.5e-6, 0.1e-6))
 NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=2) if step != (0, 0)]
 ALL = -1
-FLAT_CELLS = 64  # of droplet_increments.h
 SIZE, REAL = ctypes.c_size_t, ctypes.c_double
 REALS, INTEGERS = ctypes.POINTER(REAL), ctypes.POINTER(ctypes.c_int32)
 
@@ -206,29 +205,3 @@ def test_increments_of_volumes_are_the_rates_in_the_proportions_of_their_unit(in
         np.testing.assert_allclose(adds, stated, rtol=1e-9, atol=1e-17, err_msg=str(seed))
         for found, expected in zip(same, others, strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-24, err_msg=str(seed))
-
-
-def flat_adds(loaded: ctypes.CDLL, layer: JettedLayer, nx: int, ny: int, unit: Any = None) -> Any:
-    """Those of all cells, in blocks of a row."""
-    maps = 6 if unit is None else 2
-    adds = np.full((maps, nx, ny), np.nan)
-    for row, first in itertools.product(range(nx), range(0, ny, FLAT_CELLS)):
-        count, block = min(FLAT_CELLS, ny - first), np.full((maps, FLAT_CELLS), np.nan)
-        loaded.flat_adds(ctypes.byref(layer), SIZE(2), of(unit), SIZE(row), SIZE(first), SIZE(count), of(block))
-        adds[:, row, first : first + count] = block[:, :count]
-    return adds
-
-
-def test_increments_on_a_flat_surface_are_those_of_single_cells() -> None:
-    """Whatever the ink: there every neighbour takes its full part."""
-    loaded = compiled_library("as shipped")
-    for seed in range(12):
-        drawn = case(seed)
-        flat = replace(drawn, height=np.zeros_like(drawn.height), colours=(ALL,), inks=np.array(INKS))
-        nx, ny = flat.height.shape
-        none = np.zeros(1, np.int32)
-        layer = JettedLayer(nx, ny, of(flat.pattern), of(flat.factor), 1, of(none), 1)
-        rates = increments(loaded, flat)[0]
-        assert np.array_equal(flat_adds(loaded, layer, nx, ny), rates), seed
-        stated = np.einsum("ko,koij->kij", flat.inks, rates.reshape(2, 3, nx, ny))
-        np.testing.assert_allclose(flat_adds(loaded, layer, nx, ny, flat.inks), stated, rtol=1e-12, atol=0.0)

@@ -16,8 +16,8 @@ import pymoca.parser
 import pytest
 import rumoca
 
-from support.fmus.modelica_compilers import JMODELICA
-from support.fmus.modelica_compilers import MODELS as RUNNING
+from support.fmus.jmodelica import JMODELICA
+from support.fmus.jmodelica import MODELS as RUNNING
 from support.fmus.modelica_library import (
     LIBRARY,
     REFERENCE_MODELS,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import math
 import shutil
 import subprocess
@@ -228,15 +227,14 @@ def test_disk_is_what_a_print_takes_when_most_is_there(tmp_path: Path, monkeypat
 )
 def test_memory_is_within_a_quarter_of_what_a_print_takes(controller: str, options: dict[str, int]) -> None:
     """Processes that print grids other than those from which the estimate was taken."""
-    case = ("LayerDeposition", controller, options, 2)
     keys = {f"components.controller.{name}": value for name, value in ({"kind": controller} | options).items()}
     text = CUBOID.read_text().partition("[compare.")[0].replace("alpha = 0.8\n", "")
     estimate = Scenario.of_text(text, str(CUBOID), keys).footprint.memory_of_a_cell
     found = {}
     for side in (900, 1300):  # states of both are too large to be written after every layer
-        code = f"from benchmarks.footprint import peak; print(peak({case}, {side}))"
-        done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
-        found[side] = json.loads(done.stdout)["memory"]
+        code = f"from support.peak_memory import peak; print(peak({side}, {controller!r}, **{options}))"
+        command, folder = [sys.executable, "-c", code], ROOT / "tests"
+        found[side] = int(subprocess.run(command, check=True, capture_output=True, text=True, cwd=folder).stdout)
     of_a_cell = (found[1300] - found[900]) / (1300**2 - 900**2)
     assert of_a_cell == pytest.approx(estimate, rel=0.25, abs=0.0)
 

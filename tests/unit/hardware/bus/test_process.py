@@ -114,7 +114,7 @@ def test_reader_that_is_gone_ends_the_outbox_without_an_error() -> None:
     for _ in range(10):
         outbox.put(Kind.MESSAGE, b"without a reader")
     outbox.close()
-    assert not outbox.is_writing
+    assert not outbox._thread.is_alive()
 
 
 def message(number: int) -> can.Message:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tools.figures import identified_ink
-from tools.figures.pages import read_json
 
 from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
@@ -75,18 +73,6 @@ def test_drops_give_the_coefficients_of_the_model_they_were_made_with() -> None:
     assert found.coefficients["height_scale"] == pytest.approx(7.0751e-6, rel=1e-9, abs=0.0)
     assert set(found.rms) == set(found.counts)
     assert max(error for error, _ in found.rms.values()) < 1e-9
-
-
-def test_plain_means_of_exact_drops_give_them_too() -> None:
-    found = identified_ink.plain_means([motif_print(VolumeAreaDeposition(), 9)], 0.0)
-    assert found == pytest.approx({name: GAINS[name] for name in found}, rel=1e-9, abs=0.0)
-
-
-@pytest.mark.long
-def test_page_shows_what_the_code_identifies() -> None:
-    record = read_json(identified_ink.RECORD)
-    assert list(identified_ink.gains()) == record["gains"]
-    assert identified_ink.closed_loop() == record["closed loop"]
 
 
 def test_finer_noise_gives_the_coefficients_with_their_spread() -> None:

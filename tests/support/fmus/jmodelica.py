@@ -1,4 +1,4 @@
-"""Results of third-party compilers on the Modelica library: files read, models compiled, models run, messages."""
+"""JModelica, a compiler of others, on the Modelica library, and the models that it compiles."""
 
 from __future__ import annotations
 
@@ -6,17 +6,10 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import pymoca.parser
-import rumoca
+from support.fmus.modelica_library import LIBRARY
 
-from support.fmus.modelica_library import LIBRARY, compiled, simulate, stop_time
-from support.masters.other_programs import Program, PythonPackage
-
-FILES = sorted(LIBRARY.rglob("*.mo"))
 MODELS = [
     f"{folder}.{path.stem}"
     for folder in ("Examples", "Validation")
@@ -24,16 +17,6 @@ MODELS = [
     if path.stem != "package"
 ]
 """All models that run by themselves, by their names after `InkLoop.`."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Files and models that a compiler took, None: it was not asked; and its messages."""
-
-    files: int | None
-    compiled: int | None
-    run: int | None
-    messages: Sequence[str] = field(default_factory=tuple)
 
 
 class JModelica:
@@ -44,11 +27,6 @@ class JModelica:
     @property
     def _home(self) -> Path:
         return Path(os.environ["JMODELICA_HOME"])
-
-    @property
-    def version(self) -> str:
-        """As its installation says."""
-        return (self._home / "version.txt").read_text(encoding="utf-8").strip()
 
     def reason_it_is_absent(self) -> str:
         """A sentence; "" where it is there."""
@@ -90,43 +68,3 @@ class JModelica:
 
 
 JMODELICA = JModelica()
-
-
-def by_rumoca(folder: Path) -> Outcome:
-    """Files, models and runs to their stop times; the assertions of the models stop a run that is wrong."""
-    read = sum(not rumoca.validate(str(file)) for file in FILES)
-    taken = sum(compiled(model).structure().is_balanced for model in MODELS)
-    return Outcome(read, taken, sum(simulate(model, stop_time(model)).end == stop_time(model) for model in MODELS))
-
-
-def by_pymoca(folder: Path) -> Outcome:
-    """Files: its translator has no `when` with arrays and no functions with loops."""
-    return Outcome(sum(pymoca.parser.parse(file.read_text()) is not None for file in FILES), None, None)
-
-
-def by_jmodelica(folder: Path) -> Outcome:
-    """Models; the files are those that they need."""
-    library, taken, messages = JMODELICA.copy_of_library(folder), 0, []
-    for model in MODELS:
-        try:
-            messages += JMODELICA.compile(library, model)
-            taken += 1
-        except ValueError as error:
-            messages.append(str(error))
-    return Outcome(None, taken, None, messages)
-
-
-@dataclass(frozen=True)
-class ModelicaCompiler:
-    """A compiler of others; `read` works in a folder of its own."""
-
-    name: str
-    program: Program
-    read: Callable[[Path], Outcome]
-
-
-COMPILERS = (
-    ModelicaCompiler("rumoca", PythonPackage("rumoca", "rumoca"), by_rumoca),
-    ModelicaCompiler("pymoca, its parser", PythonPackage("pymoca", "pymoca.parser"), by_pymoca),
-    ModelicaCompiler("JModelica, up to code generation", JMODELICA, by_jmodelica),
-)
