@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -56,15 +55,19 @@ def test_maps_on_disk_take_the_memory_of_what_is_used(tmp_path: Path) -> None:
     variables: Any = {"height": (np.dtype(np.float64), {"units": "m"}), "none": (np.dtype(np.int32), {})}
     rows = [("height", layer, StoredArray(tmp_path / f"{layer}.npz", "height")) for layer in range(LAYERS)]
     maps = LayerMaps((LAYERS, SIDE, SIDE), variables, rows)
+    with rows[0][2].path.open() as file:
+        first_free = file.fileno()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + LAYERS // 2, hard))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (first_free + LAYERS // 2, hard))
     tracemalloc.start()
-    run = maps.laid_over(TABLE)
-    last = run.height[-1].values
-    means = [float(run.height[layer].mean()) for layer in range(LAYERS)]
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    try:
+        run = maps.laid_over(TABLE)
+        last = run.height[-1].values
+        means = [float(run.height[layer].mean()) for layer in range(LAYERS)]
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     assert peak < 4 * 8 * SIDE * SIDE
     assert np.allclose(means, 0.5, rtol=0.0, atol=0.01)
     *_, (_, _, expected) = random_maps(LAYERS)
