@@ -7,13 +7,10 @@ is built: no bus is opened, no FMU started, and nothing is written.
 from __future__ import annotations
 
 import math
-import zipfile
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
-
-from numpy.typing import NDArray
 
 from inkloop.contract import HEIGHT
 from inkloop.errors import ResultError
@@ -22,11 +19,11 @@ from inkloop.printing.device_log import LOG_FILE
 from inkloop.printing.run import scenario_file, scenario_of_run
 from inkloop.report.page.feed import Feed
 from inkloop.report.run_report import load_runs
+from inkloop.results import array_file
 from inkloop.results.checkpoint import layer_files
 from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
-from inkloop.results.stored_maps import mapped_rows
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
@@ -103,7 +100,7 @@ class _Layers:
         with classes_from(scenario_file(main).parent):
             self._scenario: Scenario = scenario_of_run(place)
         self._recorder = self._new_recorder()
-        self._rows: dict[Path, tuple[Stamp, Mapping[str, NDArray[Any]]]] = {}
+        self._rows: dict[Path, tuple[Stamp, Mapping[str, Any]]] = {}
 
     def read(self) -> Result | None:
         """The result of the layers on disk, None before the first surface is known."""
@@ -116,14 +113,14 @@ class _Layers:
             if path in self._rows and self._rows[path][0] == stamp:
                 continue
             try:
-                rows = mapped_rows(path)
+                with array_file.opened(path) as rows:
+                    self._recorder.put_rows(rows)
+                    self._rows[path] = stamp, {name: array_file.StoredArray(path, name) for name in rows}
             except FileNotFoundError:
                 continue  # the run ends at this moment; its result follows
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            except array_file.UNREADABLE as error:
                 reason = reason_of(error) if isinstance(error, OSError) else str(error)
                 raise ResultError(f"{path}: cannot be read: {reason}") from error
-            self._recorder.put_rows(rows)
-            self._rows[path] = stamp, rows
         taken = [self._rows[path][1] for path in layer_files(self._place) if path in self._rows]
         dataset, tables = self._recorder.maps(taken).laid_over(self._recorder.table()), self._scenario.tables
         if HEIGHT not in dataset:

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import gc
 import shutil
+from collections import UserDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from math import inf
 from pathlib import Path
@@ -28,7 +30,6 @@ from inkloop.files import reason_of, replaced, sync_folder
 from inkloop.results import array_file
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.recorder import Recorder
-from inkloop.results.stored_point import StoredOutputs, StoredStates
 
 __all__ = ["LAYERS_FOLDER", "last"]
 
@@ -247,24 +248,36 @@ def _packed(checkpoint: Checkpoint) -> Iterator[tuple[str, NDArray[Any]]]:
         yield from ((f"output/{name}/{port}", np.asarray(value)) for port, value in values.items())
 
 
+class _Later(UserDict[str, Any]):
+    """Values of components, each read when it is asked for: a print that resumes holds none of them."""
+
+    def __getitem__(self, component: str) -> Any:
+        return self.data[component]()
+
+
 def _stored(path: Path) -> Checkpoint:
-    """The checkpoint of a file. Raises what is in array_file.UNREADABLE."""
-    names = array_file.check(path)
-    states: list[str] = []
-    ports: dict[str, list[str]] = {}
-    for key in names:
-        kind, _, rest = key.partition("/")
+    """The checkpoint of a file, where outputs and states stay. Raises the errors in array_file.UNREADABLE."""
+    ports, states = dict[str, list[str]](), dict[str, Any]()
+    for key in array_file.check(path):
+        kind, _, place = key.partition("/")
         if kind == "state":
-            states.append(rest)
-            ports.setdefault(rest, [])
+            states[place] = partial(array_file.bytes_of, path, key)
+            ports.setdefault(place, [])  # a component may have no output
         elif kind == "output":
-            name, _, port = rest.partition("/")
-            ports.setdefault(name, []).append(port)
+            ports.setdefault(place.partition("/")[0], []).append(key)
     with array_file.opened(path) as stored:
         time_ns, layer, *file = (int(number) for number in stored["point"])
         refusal = str(stored["refusal"])
-    place = (file[0], file[1])
-    return Checkpoint(time_ns, layer, StoredOutputs(path, ports), StoredStates(path, states), refusal, place)
+    outputs = {component: partial(_outputs, path, keys) for component, keys in ports.items()}
+    return Checkpoint(time_ns, layer, _Later(outputs), _Later(states), refusal, (file[0], file[1]))
+
+
+def _outputs(path: Path, keys: Iterable[str]) -> Values:
+    with array_file.opened(path) as stored:
+        found = {key.rpartition("/")[2]: stored[key] for key in keys}
+    for value in found.values():
+        value.flags.writeable = False  # consumers share it
+    return found
 
 
 def _save(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]], durable: bool) -> None:

@@ -163,11 +163,13 @@ class Result:
 
         maps: those by layer, where `dataset` does not hold them.
         """
-        table, maps = (self.dataset, maps) if maps else LayerMaps.taken_from(self.dataset)
         with saving(folder):
             folder.mkdir(parents=True, exist_ok=True)
             with replaced(folder / RESULT_FILE) as partial:
-                maps.write(partial, table)
+                if maps:
+                    maps.write(partial, self.dataset)
+                else:
+                    netcdf.write(partial, self.dataset)
             write_text(folder / SCENARIO_FILE, self.scenario_text)
             write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap, Ink, Job
 from inkloop.geometry import cell_centers
@@ -19,13 +19,14 @@ STEP_M = 1e-6  # height of a voxel: a droplet brings several times that (assumed
 _BYTES_AT_ONCE = 1 << 28
 
 
-def layer_ink(pattern: NDArray[np.int32], inks: Sequence[Ink]) -> NDArray[np.int8]:
+def layer_ink(pattern: ArrayLike, inks: Sequence[Ink]) -> NDArray[np.int8]:
     """(nx, ny): the ink that fills most of what a layer adds to each cell: 1 A, 2 B, 0 nothing near.
 
     pattern: (nx, ny), 0 none, 1 A, 2 B. Shares are those of the flat surface, where a cell's own droplet brings more
     than all its neighbours together.
     """
-    shares = [_shares(pattern == number, ink) for number, ink in enumerate(inks, start=1)]
+    drops = np.asarray(pattern)
+    shares = [_shares(drops == number, ink) for number, ink in enumerate(inks, start=1)]
     filled = np.argmax(shares, axis=0) + 1
     return np.where(np.max(shares, axis=0) > 0.0, filled, 0).astype(np.int8)
 

@@ -70,9 +70,11 @@ class Feed:
             if self._problem or not self._runs:
                 return {"problem": self._problem or "No layer is finished yet."}
             is_same = (epoch, len(known)) == (str(self._epoch), len(self._runs))
-            found = content(
-                self._runs, list(self._maps.values()), known if is_same else (), FINAL_CELLS / len(self._runs)
-            )
+            cells = FINAL_CELLS / len(self._runs)
+            try:
+                found = content(self._runs, list(self._maps.values()), known if is_same else (), cells)
+            except InkloopError as error:  # a run has ended since the last look
+                return {"problem": str(error)}
             found["state"] = f"{found['state']} {self._owner}".rstrip()
             return {**found, "epoch": str(self._epoch), "devices": devices(self._log)}
 

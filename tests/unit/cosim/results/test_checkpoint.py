@@ -112,18 +112,3 @@ def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert size < peak < 1.5 * size + 2**20
-
-
-@pytest.mark.parametrize("is_device", [False, True])
-def test_older_state_is_kept_unless_a_part_lies_on_a_stage(is_device: bool, tmp_path: Path) -> None:
-    """What a device has printed since then would be printed again."""
-    states = [b"state"]
-    part: Any = SimpleNamespace(save=lambda: states.pop(), restore=None, is_device=is_device)
-    recorder: Any = SimpleNamespace(layers=0, scanned=-1, take_rows=lambda: {"row": np.array(recorder.layers)})
-    written = Checkpoints(tmp_path, {"part": part}, recorder)
-    written.initialized(0, {})
-    recorder.layers = 1
-    written.stepped(1, {})
-    found = last(tmp_path)
-    assert found is not None
-    assert (found.layer, "part cannot save its state" in found.refusal) == ((1, True) if is_device else (0, False))

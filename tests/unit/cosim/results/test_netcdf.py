@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import h5netcdf
-import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -75,33 +74,31 @@ def test_dimension_without_coordinates_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "writes",
-    [
-        [(slice(0, 2), slice(0, 8)), (slice(2, 4), slice(0, 8)), (slice(4, 5), slice(0, 8))],
-        [(slice(layer, layer + 1), slice(row, row + 3)) for layer in range(5) for row in range(0, 8, 3)],
-        [
-            (slice(0, 2), slice(0, 6)),
-            (slice(1, 5), slice(4, 8)),
-            (slice(0, 1), slice(6, 8)),
-            (slice(2, 5), slice(0, 4)),
-        ],
-        [(slice(2, 4), slice(0, 8)), (slice(0, 5), slice(0, 8))],
-    ],
-    ids=["whole chunks", "parts of chunks", "neither", "again"],
+    "parts",
+    [[(0, 2), (2, 4), (4, 5)], [(layer, layer + 1) for layer in range(5)], [(0, 3), (1, 5)], [(2, 4), (0, 5)]],
+    ids=["whole chunks", "parts of chunks", "both", "again"],
 )
 @pytest.mark.parametrize("dtype", [np.float64, np.int32, np.bool_])
-def test_maps_that_are_compressed_here_are_read_by_others(writes: Any, dtype: Any, tmp_path: Path) -> None:
+def test_maps_that_are_compressed_here_are_read_by_others(
+    parts: list[tuple[int, int]], dtype: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In chunks of two layers, three rows and four columns, that do not fill the maps."""
+    monkeypatch.setattr(netcdf, "_chunks", lambda shape: (2, 3, 4))
     values = np.random.default_rng(1).normal(size=(5, 8, 10)).round().astype(dtype)
-    path = tmp_path / "result.nc"
-    coordinates = {name: np.arange(count) for name, count in zip(("layer", "x", "y"), values.shape, strict=True)}
-    path.write_bytes(netcdf.packed(xr.Dataset(coords=coordinates)))
-    filters = netcdf.ChunkedMaps.FILTERS
-    with h5py.File(path, "r+") as file:
-        stored = netcdf.add(file, "map", ("layer", "x", "y"), np.dtype(dtype), {}, chunks=(2, 3, 4), **filters)
-        maps = netcdf.ChunkedMaps(stored)
-        for place in writes:
-            maps[place] = values[place]
+    path, dimensions = tmp_path / "result.nc", ("layer", "x", "y")
+    with netcdf.created(path) as (file, _):
+        coordinates = {name: np.arange(count) for name, count in zip(dimensions, values.shape, strict=True)}
+        netcdf.store(file, xr.Dataset(coords=coordinates))
+        stored = netcdf.add(file, "map", dimensions, values.shape, values.dtype, {})
+        for first, after in parts:
+            netcdf.fill(stored, first, values[first:after])
     with xr.open_dataset(path, engine="h5netcdf") as found:
         assert found["map"].dtype == dtype
         np.testing.assert_array_equal(found["map"], values)
+
+
+def test_chunk_holds_tiles_of_a_layer_or_layers_of_a_small_map() -> None:
+    assert netcdf._chunks((40, 12, 12)) == (40, 12, 12)
+    assert netcdf._chunks((3, 1000, 700)) == (1, 256, 256)
+    assert netcdf._chunks((5, 3, 1000, 700)) == (1, 1, 256, 256)
+    assert netcdf._chunks((12, 8)) == (12, 8)

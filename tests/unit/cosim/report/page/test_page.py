@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from inkloop.cli import main
+from inkloop.errors import ResultError
 from inkloop.printing.run import print_part
-from inkloop.printing.so_far import RunFolder
+from inkloop.printing.so_far import RunFolder, feed_of
 from inkloop.report import run_report
 from inkloop.report.page import page
 from inkloop.report.page.maps import LayerMaps, block_for
@@ -222,15 +223,22 @@ def test_layer_that_a_resumed_run_prints_again_is_not_shown(tmp_path: Path) -> N
 
 
 def test_layers_of_a_run_that_has_not_ended_stay_on_disk_until_they_are_used(tmp_path: Path) -> None:
-    """Also where the run ends meanwhile, and removes them."""
+    """No file of theirs is kept open; where the run ends meanwhile, and removes them, that is said."""
     unfinished(quick_cuboid(), tmp_path, 2)
     (result,) = RunFolder(tmp_path).runs().values()
     maps = [values for values in result.dataset.data_vars.values() if values.dims == ("layer", "x", "y")]
     assert len(maps) >= 4
     assert not any(values.variable._in_memory for values in maps)
-    before = [values.values for values in maps]
+    for values in maps:
+        whole = values.values
+        np.testing.assert_array_equal(values[-1, 2:5], whole[-1, 2:5])
+        np.testing.assert_array_equal(values[:, 3, [1, 4]], whole[:, 3, [1, 4]])
+        np.testing.assert_array_equal(values[1:], whole[1:])
+    feed = feed_of(tmp_path)
+    feed.refresh()
+    assert "problem" not in feed.content()
     for path in (tmp_path / LAYERS_FOLDER).glob("[0-9]*.npz"):
         path.unlink()
-    for values, expected in zip(maps, before, strict=True):
-        np.testing.assert_array_equal(values[-1, 2:5], expected[-1, 2:5])
-        np.testing.assert_array_equal(values[:, 3, [1, 4]], expected[:, 3, [1, 4]])
+    with pytest.raises(ResultError, match="is gone: the run has ended in the meantime"):
+        _ = maps[0].values
+    assert "is gone: the run has ended in the meantime" in feed.content()["problem"]
