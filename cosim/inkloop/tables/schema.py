@@ -98,6 +98,10 @@ class BenchTable(Table):
         description="file in the run folder with all frames, .blf or .asc; empty: none",
     )
     cure_ms: int = Field(default=100, ge=1, le=65534, description="light after each pass")
+    valid_share: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        default=0.5, description="share of cells that the first scan of a print, or of a dry run, must see"
+    )
+    on_part: bool = Field(default=False, description="the bed may carry a part when a print begins; also `--on-part`")
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
     )
