@@ -87,7 +87,9 @@ class BenchTable(Table):
     """
 
     interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
-    channel: str | None = Field(default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", ...')
+    channel: str | Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", 0, ...'
+    )
     bitrate: int | None = Field(default=None, ge=10_000, le=1_000_000, description="bit/s")
     data_bitrate: int | None = Field(default=None, ge=10_000, le=8_000_000, description="bit/s of the data of CAN FD")
     bit_rate_switch: bool = Field(default=False, description="the data of sent CAN FD frames travel at `data_bitrate`")
