@@ -1,16 +1,23 @@
-"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures."""
+"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures.
+
+All figures of a paper are in a CSV file beside the page; the page has those that the paper prints.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import shutil
 from pathlib import Path
 
-from tools.figures.pages import DOCS, ROOT, Texts
+from tools.figures.pages import DOCS, ROOT, Texts, table
 
 from inkloop.cli import main
 from inkloop.files import write_text
+from inkloop_lab.reproduce.comparison import HEADINGS
 
 HERE = DOCS / "reference"
+RECORDS = HERE / "papers"
 BUILD = ROOT / "build" / "figures"
 PAPERS = {
     "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
@@ -18,21 +25,6 @@ PAPERS = {
     "hume-rosen": ("droplet-errors", "line-on-a-step", "square", "square-walls"),
 }
 """Paper -> pictures that the page shows."""
-
-PAPERS_PAGE = """# The papers reproduced
-
-This page compares the figures printed in the papers behind the models with the results of inkloop. To repeat it:
-
-    inkloop reproduce lu | wu-chiu | hume-rosen [--quick] [--out DIR]
-
-A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and their provenance
-(`reproduce.json`). Ctrl-C keeps the finished steps; `--quick` uses fewer prints and coarser grids. Finite
-elements need `pip install inkloop[reproduce]` (scikit-fem). "Reproduced" is said of figures that the paper prints
-and of which nothing was put in. "-" means that there is nothing to compare: the paper gives no number, or one that
-was measured on another machine or plant, or ours was made with it or fitted to it. The number after "±" is the
-standard deviation over prints, or over groups of samples; of coefficients it is half the width of the 95 %
-interval. `make figures` writes this page.
-"""
 
 SCORE_PAGE = """# The score board
 
@@ -85,17 +77,32 @@ what they read, and pour ink on walls that are not where the scan shows them; wh
 
 
 def write_papers(runs: Path) -> None:
-    """the-papers.md and its pictures."""
-    page = PAPERS_PAGE
+    """The figures of each paper as CSV, and the pictures of the page."""
     for paper, pictures in PAPERS.items():
         if main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
             raise SystemExit(f"inkloop reproduce {paper} did not end well")
-        title, _, table = (runs / paper / "table.md").read_text(encoding="utf-8").partition("\n")
-        page += f"\n## {title.removeprefix('# ')}\n{table}"
+        write_text(record_of(paper), spreadsheet((runs / paper / "table.md").read_text(encoding="utf-8")))
         for picture in pictures:
             shutil.copy(runs / paper / f"{picture}.png", HERE / f"{picture}.png")
-            page += f"\n![{picture.replace('-', ' ')}]({picture}.png)\n"
-    write_text(HERE / "the-papers.md", page)
+
+
+def record_of(paper: str) -> Path:
+    """The file with all figures of a paper."""
+    return RECORDS / f"{paper}.csv"
+
+
+def spreadsheet(page: str) -> str:
+    """The rows of the table of a page, rounded as they are there, as CSV."""
+    lines = [line for line in page.splitlines() if line.startswith("| ")]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(line.strip("| ").split(" | ") for line in lines)
+    return text.getvalue()
+
+
+def rows_of(paper: str) -> list[list[str]]:
+    """All figures of a paper, in the columns of `HEADINGS`."""
+    with record_of(paper).open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))[1:]
 
 
 def write_score(runs: Path) -> None:
@@ -115,5 +122,10 @@ def run() -> None:
 
 
 def texts() -> Texts:
-    """None: `run` writes the pages as a whole."""
-    return {}
+    """The figures that each paper prints; `run` writes the score board as a whole."""
+    is_printed = HEADINGS.index("printed")
+    tables = {
+        paper: "\n" + table(HEADINGS, [row for row in rows_of(paper) if row[is_printed] != "-"]) + "\n"
+        for paper in PAPERS
+    }
+    return {HERE / "the-papers.md": tables}
