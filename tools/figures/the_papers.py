@@ -123,9 +123,13 @@ def run() -> None:
 
 def texts() -> Texts:
     """The figures that each paper prints; `run` writes the score board as a whole."""
+    return {HERE / "the-papers.md": {paper: "\n" + printed_figures(paper) + "\n" for paper in PAPERS}}
+
+
+def printed_figures(paper: str) -> str:
+    """Table of the figures that a paper prints; a place is named in its first row."""
     is_printed = HEADINGS.index("printed")
-    tables = {
-        paper: "\n" + table(HEADINGS, [row for row in rows_of(paper) if row[is_printed] != "-"]) + "\n"
-        for paper in PAPERS
-    }
-    return {HERE / "the-papers.md": tables}
+    rows = [row for row in rows_of(paper) if row[is_printed] != "-"]
+    places = [row[0] for row in rows]
+    shown = [["" if place == above else place, *row[1:]] for place, above, row in zip(places, ["", *places], rows)]
+    return table(HEADINGS, shown)
