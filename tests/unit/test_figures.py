@@ -69,6 +69,7 @@ def test_record_of_the_gallery_holds_every_scenario() -> None:
     record = read_json(gallery.RECORD)
     assert sorted(record) == sorted(path.stem for path in SCENARIOS.glob("*.toml"))
     assert all((gallery.HERE / f"{name}.png").exists() for name in record)
+    assert {each["seed"] for each in record.values()} == {1}  # which the page says
 
 
 def test_closed_loops_of_the_gallery_end_in_time() -> None:
