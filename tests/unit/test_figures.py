@@ -51,6 +51,11 @@ def test_table_of_a_paper_becomes_a_spreadsheet() -> None:
     assert the_papers.spreadsheet(page) == 'where,ours\n"Fig. 1: a, b",-\n'
 
 
+def test_page_of_the_score_board_leaves_out_the_inks() -> None:
+    inks = "Ink assumed by each controller, h1, h2, h3 in µm:\n\n| controller | lu |\n|---|---|\n| ours | 4.40 |\n"
+    assert the_papers.without_inks(f"## v1\n\n{inks}\n## v2\n\n| a |\n\n{inks}") == "## v1\n\n## v2\n\n| a |\n"
+
+
 def test_altered_figure_is_put_right_and_the_rest_is_kept() -> None:
     page = "It ends <!-- height -->3.1<!-- end --> um low.\n\n<!-- rows -->\n| a |\n<!-- end -->\n"
     assert marks(page) == ["height", "rows"]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import shutil
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from inkloop_lab.reproduce.comparison import HEADINGS
 
 HERE = DOCS / "reference"
 RECORDS = HERE / "papers"
+INKS = re.compile(r"Ink assumed by each controller.*\n\n(?:\|.*\n)+\n?")
 BUILD = ROOT / "build" / "figures"
 PAPERS = {
     "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
@@ -34,16 +36,16 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
 Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
-[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller: the part, the ink that a
-controller assumes, the droplets and their variation, the sensor. Version 1 has several printers, with sensors in
-register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
-three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after
-"plants" is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
+[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller. Version 1 has several printers, with
+sensors in register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with
+the same three seeds and therefore the same droplets. A version never changes and has a score of its own; tables with
+the same hash of its files (after "plants") can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
 run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
-the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cff), and the papers of the plants.
+The run folder holds `score.md`, also with the ink that each controller assumes, `score.tex` (with booktabs),
+`score.csv` (every print) and `score.png`. To cite, use the last line of the table, inkloop as given in
+[CITATION.cff](../../CITATION.cff), and the papers of the plants.
 
 | plant | the printer | the sensor |
 |---|---|---|
@@ -61,18 +63,15 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | `plant-v2/caps-scans` | that of `caps` | the same |
 | `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
-The ink that a controller assumes differs from what the plant does. "Lu nominal" knows the volume of a droplet, in the
-proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers
-printed on the plant beforehand. "Single droplet" is what one droplet leaves on flat ground: all that a model without
-flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
-`h1`, `h2` and `h3` during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly
-better than the volume alone does. Where no ink of this model describes the plant, as on `volume-area` and
-`young-laplace`, they do not: then the volume is used.
+"Lu nominal" knows the volume of a droplet, in the proportions of Lu et al., Table I. "Identified" is the least-squares
+fit of `h1`, `h2`, `h3` to eight random layers printed on the plant. "Single droplet" is what one droplet leaves on flat
+ground, which "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits the three
+heights during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly better than the
+volume alone.
 
-With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
-version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe
-what they read, and pour ink on walls that are not where the scan shows them; where readings are lost but right
-(`lu-dropout`) they do little harm.
+With a sensor in register no controller leaves a larger rms error than printing open loop. With the scans of version 2
+superposition, error diffusion and the paper's search do: they pour ink on walls that are not where the scan shows them.
+Readings that are lost but right (`lu-dropout`) do little harm.
 """
 
 
@@ -110,8 +109,13 @@ def write_score(runs: Path) -> None:
     if main(["score", "--out", str(runs / "score")]) != 0:
         raise SystemExit("inkloop score did not end well")
     shutil.copy(runs / "score" / "score.png", HERE / "score.png")
-    table = (runs / "score" / "score.md").read_text(encoding="utf-8")
-    write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{table}\n![rms by controller and plant](score.png)\n")
+    page = without_inks((runs / "score" / "score.md").read_text(encoding="utf-8"))
+    write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{page}\n![rms by controller and plant](score.png)\n")
+
+
+def without_inks(page: str) -> str:
+    """The tables of a score without those of the inks that controllers assume."""
+    return INKS.sub("", page).rstrip() + "\n"
 
 
 def run() -> None:
