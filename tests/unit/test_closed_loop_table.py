@@ -10,7 +10,6 @@ from benchmarks.prints import OPEN_LOOP, OURS, SHOWN, Metrics
 from benchmarks.target_table import Figure
 from tools.figures import closed_loop as closed_loop_page
 
-
 SHIFTED = closed_loop.SHIFTED[2]
 
 

@@ -135,5 +135,6 @@ def printed_figures(paper: str) -> str:
     is_printed = HEADINGS.index("printed")
     rows = [row for row in rows_of(paper) if row[is_printed] != "-"]
     places = [row[0] for row in rows]
-    shown = [["" if place == above else place, *row[1:]] for place, above, row in zip(places, ["", *places], rows)]
+    above = ["", *places[:-1]]
+    shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(rows, above, strict=True)]
     return table(HEADINGS, shown)
