@@ -154,7 +154,7 @@ def solid(scale: ErrorScale, height_um: tuple[float, float], edges: Edges) -> go
         ],
         {
             "margin": {"l": 0, "r": 0, "t": 34, "b": 84},
-            "title": {"text": f"Surface in 3D, heights times {float(f'{stretch:.2g}'):g}"},
+            "title": {"text": f"Surface in 3D, heights \u00d7 {float(f'{stretch:.2g}'):g}"},
             "coloraxis": {**scale.coloraxis, "colorbar": {**scale.coloraxis["colorbar"], "y": -0.02}},
             "uirevision": "camera",
             "scene": {

@@ -112,7 +112,7 @@ def test_solid_is_as_long_as_the_grid_and_says_how_much_heights_are_stretched() 
     assert scene.aspectratio.x == pytest.approx(2.0 * scene.aspectratio.y, rel=1e-9, abs=0.0)
     assert (scene.xaxis.range, scene.yaxis.range, scene.zaxis.range) == ((-0.05, 1.95), (-0.05, 0.95), (0.0, 50.0))
     stretch = scene.aspectratio.z / 50e-6 / (scene.aspectratio.x / 2e-3)
-    assert figure.layout.title.text == f"Surface in 3D, heights times {stretch:.2g}"
+    assert figure.layout.title.text == f"Surface in 3D, heights \u00d7 {stretch:.2g}"
 
 
 def test_markup_in_a_label_stays_text() -> None:
