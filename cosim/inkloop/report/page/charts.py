@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +42,7 @@ TEMPLATE = go.layout.Template(
         "yaxis": _AXIS,
         "coloraxis": {"colorbar": _BAR},
     },
-    data={"scatter": [{"mode": "lines"}], "heatmap": [{"hoverongaps": False, "colorbar": _BAR}]},
+    data={"scatter": [{"mode": "lines"}], "heatmap": [{"hoverongaps": False}]},
 )
 
 
@@ -89,35 +89,24 @@ def of_run(name: str, scale: ErrorScale, height_um: tuple[float, float], edges: 
 
 def error(title: str, scale: ErrorScale) -> go.Figure:
     """A map of errors; z: on the scale, customdata: in um."""
-    trace = go.Heatmap(
-        coloraxis="coloraxis", hovertemplate=PLACE + "target - height %{customdata:.2f} µm<extra></extra>"
-    )
-    return _map(title, trace, coloraxis=scale.coloraxis)
+    return _map(title, "target - height %{customdata:.2f} µm", scale.coloraxis)
 
 
 def surface(top_um: float) -> go.Figure:
     """A map of heights [um], on one scale for all layers."""
-    hover = PLACE + "height %{z:.2f} µm<extra></extra>"
-    bar = {"title": {"text": "height [µm]"}}
-    return _map(
-        "Surface", go.Heatmap(colorscale=HEIGHT_COLOURS, zmin=0, zmax=top_um, colorbar=bar, hovertemplate=hover)
-    )
+    colours = {"colorscale": HEIGHT_COLOURS, "cmin": 0, "cmax": top_um}
+    return _map("Surface", "height %{z:.2f} µm", {**colours, "colorbar": {"title": {"text": "height [µm]"}}})
 
 
 def droplets(inks: int) -> go.Figure:
     """A map of the droplets of a layer by ink, or for no ink of the share of cells with a droplet [%]."""
-    words = {0: [], 1: ["none", "droplet"], 2: ["none", "ink A", "ink B"]}[inks]
-    steps = [(at / len(words), INK_COLOURS[ink]) for ink in range(len(words)) for at in (ink, ink + 1)]
-    bar: dict[str, Any] = {
-        "title": {"text": "jetted in the layer"},
-        "tickvals": list(range(len(words))),
-        "ticktext": words,
-    }
-    look: dict[str, Any] = {"colorscale": steps, "zmin": -0.5, "zmax": len(words) - 0.5, "colorbar": bar}
     if not inks:
-        bar = {"title": {"text": "cells with a droplet [%]"}}
-        look = {"colorscale": ((0.0, INK_COLOURS[0]), (1.0, INK_COLOURS[1])), "zmin": 0, "zmax": 100, "colorbar": bar}
-    return _map("Droplets", go.Heatmap(**look, hovertemplate=f"{PLACE}%{{z}}{'' if inks else ' %'}<extra></extra>"))
+        share = {"colorscale": INK_COLOURS[:2], "cmin": 0, "cmax": 100}
+        return _map("Droplets", "%{z} %", {**share, "colorbar": {"title": {"text": "cells with a droplet [%]"}}})
+    words = ("none", "droplet") if inks == 1 else ("none", "ink A", "ink B")
+    steps = [(at / len(words), INK_COLOURS[ink]) for ink in range(len(words)) for at in (ink, ink + 1)]
+    bar = {"title": {"text": "jetted in the layer"}, "tickvals": list(range(len(words))), "ticktext": words}
+    return _map("Droplets", "%{z}", {"colorscale": steps, "cmin": -0.5, "cmax": len(words) - 0.5, "colorbar": bar})
 
 
 def section() -> go.Figure:
@@ -181,11 +170,15 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
-def _map(title: str, trace: go.Heatmap, **layout: Any) -> go.Figure:
+def _map(title: str, hover: str, colours: Mapping[str, Any]) -> go.Figure:
     axis = {"constrain": "domain", "showgrid": False, "ticks": "outside"}
-    axes = {
+    layout = {
+        "title": {"text": plain(title)},
+        "coloraxis": colours,
         "xaxis": {**axis, "title": {"text": "x [mm]"}},
         "yaxis": {**axis, "title": {"text": "y [mm]"}, "scaleanchor": "x"},
+        "margin": {"l": 46, "r": 10, "t": 44, "b": 106},
+        "plot_bgcolor": "#ececec",
+        "hovermode": "closest",
     }
-    look = {"margin": {"l": 46, "r": 10, "t": 44, "b": 106}, "plot_bgcolor": "#ececec", "hovermode": "closest"}
-    return go.Figure(trace, {"title": {"text": plain(title)}, **look, **axes, **layout})
+    return go.Figure(go.Heatmap(coloraxis="coloraxis", hovertemplate=f"{PLACE}{hover}<extra></extra>"), layout)

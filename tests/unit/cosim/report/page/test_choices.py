@@ -177,7 +177,9 @@ def test_page_draws_a_layer_of_more_cells_than_a_call_takes_arguments() -> None:
         {"layer": np.arange(2), "x": np.arange(401) * 1e-4, "y": np.arange(390) * 1e-4},
         plate().dataset.attrs,
     )
-    code = 'find("error").click(30.0, 0.7); return [find("surface").data[0].zmax, find("readout").textContent];'
+    code = (
+        'find("error").click(30.0, 0.7); return [find("surface").layout.coloraxis.cmax, find("readout").textContent];'
+    )
     top, text = drawn(shown(Result(dataset, plate().run)), code)
     assert top == pytest.approx(20.0, rel=1e-6, abs=0.0)
     assert text == (

@@ -98,11 +98,11 @@ def test_scale_of_errors_is_that_of_all_runs_with_round_numbers_on_both_sides() 
     [(1, ["none", "droplet"], (-0.5, 1.5)), (2, ["none", "ink A", "ink B"], (-0.5, 2.5)), (0, None, (0, 100))],
 )
 def test_droplets_are_shown_by_ink_or_as_a_share_of_their_block(inks: int, words: Any, ends: Any) -> None:
-    (trace,) = charts.droplets(inks).data
-    assert (trace.zmin, trace.zmax) == ends
-    assert trace.colorbar.ticktext == (tuple(words) if words else None)
+    colours = charts.droplets(inks).layout.coloraxis
+    assert (colours.cmin, colours.cmax) == ends
+    assert colours.colorbar.ticktext == (tuple(words) if words else None)
     shares = [0.0, *(at / len(words) for at in range(1, len(words)) for _ in "ab"), 1.0] if words else [0.0, 1.0]
-    assert [at for at, _ in trace.colorscale] == pytest.approx(shares, rel=1e-12, abs=0.0)
+    assert [at for at, _ in colours.colorscale] == pytest.approx(shares, rel=1e-12, abs=0.0)
 
 
 def test_solid_is_as_long_as_the_grid_and_says_how_much_heights_are_stretched() -> None:
