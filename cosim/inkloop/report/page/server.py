@@ -27,7 +27,7 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self, feed: Feed, port: int) -> None:
         super().__init__((HOST, port), _Answers)
-        self.feed, self.texts = feed, page.served()
+        self.feed, self.texts = feed, {**page.served(), "/favicon.ico": ""}
 
     @property
     def url(self) -> str:
