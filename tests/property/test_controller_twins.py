@@ -31,7 +31,7 @@ class World:
     seed: int
     noise: float  # of a reading [m]
     tilt: float  # of the scan's frame, more with each layer [m per cell]
-    holes: float  # share of the cells that a scan does not see
+    holes: float  # share of the cells that a scan does not see; the first one sees one cell in 50
     volume: float  # of the droplets, as a share of the nominal one
     dead_row: int  # no droplet of it comes from layer 3 on; -1: none
     unknown: frozenset[int]  # layers that were given up half way
@@ -40,9 +40,12 @@ class World:
     def inputs(self, height: Any, layer: int) -> dict[str, Any]:
         rng = np.random.default_rng((self.seed, layer))
         scan = height + rng.normal(0.0, self.noise, height.shape) + self.tilt * layer * np.indices(height.shape)[0]
+        valid = rng.random(height.shape) >= self.holes
+        if layer == 0:
+            valid.flat[: valid.size // 50 + 1] = True
         return {
             "measured_height": scan,
-            "valid": rng.random(height.shape) >= self.holes,
+            "valid": valid,
             "layers_scanned": np.asarray(self.first_layer + layer, np.int32),
             "layers_printed": np.asarray(self.first_layer + layer, np.int32),
             "layer_unknown": np.asarray(layer in self.unknown),

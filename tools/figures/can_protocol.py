@@ -10,6 +10,10 @@ from tools.figures.pages import DOCS, Texts
 from inkloop.units import MS_PER_S
 from inkloop_hardware.protocol.codec import Codec
 
+SUPERVISION = ("Crc8", "Counter")
+"""The signals of E2E profile 1, alike in all supervised frames."""
+SIGNAL_HEADS = ("| signal | bits | step | limits | unit | meaning |", "|---|---|---|---|---|---|")
+
 
 def run() -> None:
     """Nothing: the tables come from the DBC."""
@@ -28,10 +32,12 @@ def tables(codec: Codec) -> str:
     layouts: dict[tuple[str, ...], list[Message]] = {}
     for message in messages:
         layouts.setdefault(tuple(_layout(signal) for signal in message.signals), []).append(message)
+    supervised = [message for message in messages if codec.data_id(message.name)]
+    lines += ["", "### All supervised frames", "", *SIGNAL_HEADS]
+    lines += [_signal_row(supervised[0].get_signal_by_name(name), supervised) for name in SUPERVISION]
     for alike in layouts.values():
-        lines += ["", f"### {', '.join(message.name for message in alike)}", ""]
-        lines += ["| signal | bits | step | limits | unit | meaning |", "|---|---|---|---|---|---|"]
-        lines += [_signal_row(signal, alike) for signal in alike[0].signals]
+        lines += ["", f"### {', '.join(message.name for message in alike)}", "", *SIGNAL_HEADS]
+        lines += [_signal_row(signal, alike) for signal in alike[0].signals if signal.name not in SUPERVISION]
     dbc = codec.database.dbc
     for table, words in (dbc.value_tables if dbc else {}).items():
         listed = ", ".join(f"{number} `{word}`" for number, word in sorted(words.items()))

@@ -15,7 +15,6 @@ from inkloop.cli import main
 from inkloop.components.devices import KINDS
 from inkloop.report import run_report
 from inkloop.report.formats import PNG
-from inkloop.results.metrics import SIGN
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
@@ -48,6 +47,8 @@ PICTURES = {
     "uneven-start": "cross-section",
 }
 DEFAULT_PICTURE = "open-against-closed"
+LOOK_AT = "What to look at: "
+"""Begins the second part of a comment; the page shows what follows."""
 COLUMNS = {"mean_error_um": "mean error", "mae_um": "mae", "std_um": "std"}
 
 
@@ -105,30 +106,34 @@ def figures(run: Result) -> dict[str, float]:
 
 
 def texts() -> Texts:
-    """The entries of the page, from the scenarios and the record."""
+    """The figures of all runs and the entries of the page, from the scenarios and the record."""
     record = read_json(RECORD)
-    entries = (entry(path, record[path.stem]) for path in sorted(SCENARIOS.glob("*.toml")))
-    return {HERE / "README.md": {"scenarios": block(["", *entries])}}
+    paths = sorted(SCENARIOS.glob("*.toml"))
+    lines = [line for path in paths for line in figure_lines(path.stem, record[path.stem])]
+    entries = (entry(path, record[path.stem]) for path in paths)
+    heads = ("scenario", "run", *COLUMNS.values(), "layers")
+    return {HERE / "README.md": {"figures": table(heads, lines), "scenarios": block(["", *entries])}}
+
+
+def figure_lines(name: str, record: Mapping[str, Any]) -> Iterator[list[str]]:
+    """A line of the table for each run; the first one names the scenario."""
+    for index, (label, each) in enumerate(record["runs"].items()):
+        errors = (f"{each[key]:z.2f}" for key in COLUMNS)
+        yield [name if index == 0 else "", label, *errors, f"{each['layers']}"]
 
 
 def entry(path: Path, record: Mapping[str, Any]) -> str:
-    """Title, the comment on top of the file as text, the picture, and the figures of the runs."""
-    title = Scenario.load(path).tables.title
-    in_two_inks = any("mismatch_percent" in each for each in record["runs"].values())
-    heads = ["run", *COLUMNS.values(), *(["mismatch"] if in_two_inks else []), "layers", "droplets"]
-    rows = []
-    for label, each in record["runs"].items():
-        mismatch = [f"{each['mismatch_percent']:.1f} %"] if in_two_inks else []
-        counts = (f"{each[key]}" for key in ("layers", "droplets"))
-        rows.append([label, *(f"{each[key]:z.2f}" for key in COLUMNS), *mismatch, *counts])
+    """Title, the comment on top of the file as text, mismatch of two inks, and the picture."""
+    runs = record["runs"]
+    shares = [f"{label} {each['mismatch_percent']:.1f} %" for label, each in runs.items() if "mismatch_percent" in each]
+    mismatch = f"Mismatch: {', '.join(shares)}.\n\n" if shares else ""
     link = f"[{path.name}](../../scenarios/{path.name})"
-    return (
-        f"## {title}\n\n{link}: {comment(path)}\n\n![{title}]({path.stem}.png)\n\n"
-        f"Seed {record['seed']}, errors in µm ({SIGN}):\n{table(heads, rows)}"
-    )
+    title = Scenario.load(path).tables.title
+    return f"## {title}\n\n{link}: {comment(path)}\n\n{mismatch}![{path.stem}]({path.stem}.png)\n"
 
 
 def comment(path: Path) -> str:
-    """The comment on top of a scenario, without its marks."""
+    """The comment on top of a scenario as text."""
     lines = path.read_text(encoding="utf-8").split("title =")[0].splitlines()
-    return "\n".join(line.removeprefix("#").strip() for line in lines).strip()
+    what, _, look_at = "\n".join(line.removeprefix("#").strip() for line in lines).strip().partition(LOOK_AT)
+    return f"{what}{look_at[:1].upper()}{look_at[1:]}"

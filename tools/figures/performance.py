@@ -11,6 +11,10 @@ from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
 PAGE = DOCS / "reference" / "performance.md"
 RECORD = PAGE.with_suffix(".json")
 PRINTERS = "whole_layer"
+RECORD_ONLY = frozenset({"estimator"})
+"""Benchmarks whose tables are in the record only."""
+FOLLOWING = frozenset({"Numba / inkloop", "Numba, branch-free / inkloop", "NumPy / inkloop", "FMPy / inkloop", "gain"})
+"""Columns of the record that follow from other columns, which the page leaves out."""
 
 
 def run(*parts: str) -> None:
@@ -34,18 +38,22 @@ def _place(name: str) -> int:
 
 
 def texts() -> Texts:
-    """The machine, the versions, what a layer takes on printers of several sizes, and every other table."""
+    """The machine, the versions, what a layer takes on printers of several sizes, and the other tables."""
     record = read_json(RECORD)
-    others = [each for each in record["tables"] if each["benchmark"] != PRINTERS]
+    others = [each for each in record["tables"] if each["benchmark"] not in {PRINTERS, *RECORD_ONLY}]
     own = [each for each in record["tables"] if each["benchmark"] == PRINTERS]
     return {
         PAGE: {
-            "machine": table(("machine", "measured or read"), [list(pair) for pair in record["machine"].items()]),
-            "versions": table(("package", "version"), [list(pair) for pair in record["versions"].items()]),
+            "machine": _list(record["machine"]),
+            "versions": _list(record["versions"]),
             "printers": _tables(own),
             "tables": _tables(others),
         }
     }
+
+
+def _list(values: Mapping[str, str]) -> str:
+    return "; ".join(f"{name} {value}" for name, value in values.items())
 
 
 def _tables(tables: Sequence[Mapping[str, Any]]) -> str:
@@ -53,6 +61,11 @@ def _tables(tables: Sequence[Mapping[str, Any]]) -> str:
     for each in tables:
         command = f"`python -m benchmarks {each['benchmark']}`, {each['processor_s']:g} s of processor time."
         lines += ["", f"**{each['title'][:1].upper()}{each['title'][1:]}.** {command}", ""]
-        lines += table(each["headings"], each["rows"]).strip("\n").splitlines()
+        lines += _shown(each["headings"], each["rows"]).strip("\n").splitlines()
         lines += [line for note in each["notes"] for line in ("", f"{note[:1].upper()}{note[1:]}.")]
     return block([*lines[1:], ""])
+
+
+def _shown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    kept = [index for index, heading in enumerate(headings) if heading not in FOLLOWING]
+    return table([headings[index] for index in kept], [[row[index] for index in kept] for row in rows])

@@ -1,16 +1,25 @@
-"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures."""
+"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures.
+
+All figures of a paper are in a CSV file beside the page; the page has those that the paper prints.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+import re
 import shutil
 from pathlib import Path
 
-from tools.figures.pages import DOCS, ROOT, Texts
+from tools.figures.pages import DOCS, ROOT, Texts, table
 
 from inkloop.cli import main
 from inkloop.files import write_text
+from inkloop_lab.reproduce.comparison import HEADINGS
 
 HERE = DOCS / "reference"
+RECORDS = HERE / "papers"
+INKS = re.compile(r"Ink assumed by each controller.*\n\n(?:\|.*\n)+\n?")
 BUILD = ROOT / "build" / "figures"
 PAPERS = {
     "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
@@ -18,21 +27,6 @@ PAPERS = {
     "hume-rosen": ("droplet-errors", "line-on-a-step", "square", "square-walls"),
 }
 """Paper -> pictures that the page shows."""
-
-PAPERS_PAGE = """# The papers reproduced
-
-This page compares the figures printed in the papers behind the models with the results of inkloop. To repeat it:
-
-    inkloop reproduce lu | wu-chiu | hume-rosen [--quick] [--out DIR]
-
-A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and their provenance
-(`reproduce.json`). Ctrl-C keeps the finished steps; `--quick` uses fewer prints and coarser grids. Finite
-elements need `pip install inkloop[reproduce]` (scikit-fem). "Reproduced" is said of figures that the paper prints
-and of which nothing was put in. "-" means that there is nothing to compare: the paper gives no number, or one that
-was measured on another machine or plant, or ours was made with it or fitted to it. The number after "±" is the
-standard deviation over prints, or over groups of samples; of coefficients it is half the width of the 95 %
-interval. `make figures` writes this page.
-"""
 
 SCORE_PAGE = """# The score board
 
@@ -42,16 +36,16 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
 Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
-[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller: the part, the ink that a
-controller assumes, the droplets and their variation, the sensor. Version 1 has several printers, with sensors in
-register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
-three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after
-"plants" is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
+[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller. Version 1 has several printers, with
+sensors in register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with
+the same three seeds and therefore the same droplets. A version never changes and has a score of its own; tables with
+the same hash of its files (after "plants") can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
 run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
-the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cff), and the papers of the plants.
+The run folder holds `score.md`, also with the ink that each controller assumes, `score.tex` (with booktabs),
+`score.csv` (every print) and `score.png`. To cite, use the last line of the table, inkloop as given in
+[CITATION.cff](../../CITATION.cff), and the papers of the plants.
 
 | plant | the printer | the sensor |
 |---|---|---|
@@ -69,33 +63,45 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | `plant-v2/caps-scans` | that of `caps` | the same |
 | `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
-The ink that a controller assumes differs from what the plant does. "Lu nominal" knows the volume of a droplet, in the
-proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers
-printed on the plant beforehand. "Single droplet" is what one droplet leaves on flat ground: all that a model without
-flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
-`h1`, `h2` and `h3` during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly
-better than the volume alone does. Where no ink of this model describes the plant, as on `volume-area` and
-`young-laplace`, they do not: then the volume is used.
+"Lu nominal" knows the volume of a droplet, in the proportions of Lu et al., Table I. "Identified" is the least-squares
+fit of `h1`, `h2`, `h3` to eight random layers printed on the plant. "Single droplet" is what one droplet leaves on flat
+ground, which "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits the three
+heights during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly better than the
+volume alone.
 
-With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
-version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe
-what they read, and pour ink on walls that are not where the scan shows them; where readings are lost but right
-(`lu-dropout`) they do little harm.
+With a sensor in register no controller leaves a larger rms error than printing open loop. With the scans of version 2
+superposition, error diffusion and the paper's search do: they pour ink on walls that are not where the scan shows them.
+Readings that are lost but right (`lu-dropout`) do little harm.
 """
 
 
 def write_papers(runs: Path) -> None:
-    """the-papers.md and its pictures."""
-    page = PAPERS_PAGE
+    """The figures of each paper as CSV, and the pictures of the page."""
     for paper, pictures in PAPERS.items():
         if main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
             raise SystemExit(f"inkloop reproduce {paper} did not end well")
-        title, _, table = (runs / paper / "table.md").read_text(encoding="utf-8").partition("\n")
-        page += f"\n## {title.removeprefix('# ')}\n{table}"
+        write_text(record_of(paper), spreadsheet((runs / paper / "table.md").read_text(encoding="utf-8")))
         for picture in pictures:
             shutil.copy(runs / paper / f"{picture}.png", HERE / f"{picture}.png")
-            page += f"\n![{picture.replace('-', ' ')}]({picture}.png)\n"
-    write_text(HERE / "the-papers.md", page)
+
+
+def record_of(paper: str) -> Path:
+    """The file with all figures of a paper."""
+    return RECORDS / f"{paper}.csv"
+
+
+def spreadsheet(page: str) -> str:
+    """The rows of the table of a page, rounded as they are there, as CSV."""
+    lines = [line for line in page.splitlines() if line.startswith("| ")]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(line.strip("| ").split(" | ") for line in lines)
+    return text.getvalue()
+
+
+def rows_of(paper: str) -> list[list[str]]:
+    """All figures of a paper, in the columns of `HEADINGS`."""
+    with record_of(paper).open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))[1:]
 
 
 def write_score(runs: Path) -> None:
@@ -103,8 +109,13 @@ def write_score(runs: Path) -> None:
     if main(["score", "--out", str(runs / "score")]) != 0:
         raise SystemExit("inkloop score did not end well")
     shutil.copy(runs / "score" / "score.png", HERE / "score.png")
-    table = (runs / "score" / "score.md").read_text(encoding="utf-8")
-    write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{table}\n![rms by controller and plant](score.png)\n")
+    page = without_inks((runs / "score" / "score.md").read_text(encoding="utf-8"))
+    write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{page}\n![rms by controller and plant](score.png)\n")
+
+
+def without_inks(page: str) -> str:
+    """The tables of a score without those of the inks that controllers assume."""
+    return INKS.sub("", page).rstrip() + "\n"
 
 
 def run() -> None:
@@ -115,5 +126,15 @@ def run() -> None:
 
 
 def texts() -> Texts:
-    """None: `run` writes the pages as a whole."""
-    return {}
+    """The figures that each paper prints; `run` writes the score board as a whole."""
+    return {HERE / "the-papers.md": {paper: "\n" + printed_figures(paper) + "\n" for paper in PAPERS}}
+
+
+def printed_figures(paper: str) -> str:
+    """Table of the figures that a paper prints; a place is named in its first row."""
+    is_printed = HEADINGS.index("printed")
+    rows = [row for row in rows_of(paper) if row[is_printed] != "-"]
+    places = [row[0] for row in rows]
+    above = ["", *places[:-1]]
+    shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(rows, above, strict=True)]
+    return table(HEADINGS, shown)

@@ -122,7 +122,7 @@ def _show(found: Iterable[Any], console: Terminal) -> None:
     console.result(lines=[str(each) for each in shown], **({"nodes": nodes} if nodes else {}))
 
 
-def _other_channel(file: str, channel: str) -> str:
+def _other_channel(file: str, channel: str | int) -> str:
     return (
         f"{file}: bench.channel is {channel!r}, where devices are; the emulator listens on this machine: give "
         f"--port N or --pty, and give the run the channel that it then prints"

@@ -21,6 +21,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         metavar="DIR",
         help="new run folder (default: runs/NAME, or runs/NAME-2, ... if that exists)",
     )
+    parser.add_argument(
+        "--on-part",
+        action="append_const",
+        const="bench.on_part=true",
+        dest="overrides",
+        help="on devices: the bed may carry a part, as with --set bench.on_part=true",
+    )
     parser.add_argument("--no-compare", action="store_true", help="skip the comparison runs of the scenario")
     add_pictures(parser)
     add_isolate(parser)

@@ -34,7 +34,9 @@ class Bench:
             answer_s=table.answer_s,
             silence_s=table.silence_s,
         )
-        return load("inkloop_hardware.link.rig", "Rig")(settings, folder=self._folder)
+        return load("inkloop_hardware.link.rig", "Rig")(
+            settings, folder=self._folder, valid_share=table.valid_share, on_part=table.on_part
+        )
 
     @cached_property
     def journal(self) -> Any:

@@ -11,9 +11,9 @@ from inkloop.scenario.file import Scenario
 _LOCAL = re.compile(r"socket://127\.0\.0\.1:(\d+)")
 
 
-def local_port(channel: str | None) -> int | None:
+def local_port(channel: str | int | None) -> int | None:
     """Port of a channel on this machine that the emulator may listen at; None for any other channel."""
-    found = _LOCAL.fullmatch(channel or "")
+    found = _LOCAL.fullmatch(str(channel or ""))
     return int(found[1]) if found else None
 
 

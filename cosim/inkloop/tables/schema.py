@@ -87,7 +87,9 @@ class BenchTable(Table):
     """
 
     interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
-    channel: str | None = Field(default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", ...')
+    channel: str | Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", 0, ...'
+    )
     bitrate: int | None = Field(default=None, ge=10_000, le=1_000_000, description="bit/s")
     data_bitrate: int | None = Field(default=None, ge=10_000, le=8_000_000, description="bit/s of the data of CAN FD")
     bit_rate_switch: bool = Field(default=False, description="the data of sent CAN FD frames travel at `data_bitrate`")
@@ -98,6 +100,10 @@ class BenchTable(Table):
         description="file in the run folder with all frames, .blf or .asc; empty: none",
     )
     cure_ms: int = Field(default=100, ge=1, le=65534, description="light after each pass")
+    valid_share: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        default=0.5, description="share of cells that the first scan of a print, or of a dry run, must see"
+    )
+    on_part: bool = Field(default=False, description="the bed may carry a part when a print begins; also `--on-part`")
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
     )

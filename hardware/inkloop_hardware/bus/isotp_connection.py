@@ -28,6 +28,9 @@ again sooner than after N_Cr of ISO 15765-2 (1 s)."""
 PADDING = 0xCC
 GIVE_UP = bytes((0x32, 0, 0, *5 * (PADDING,)))
 """Flow control "overflow": the node stops sending and can be asked again."""
+FLOW_CONTROL, LONGEST_MS = 0x3, 0x7F
+SHORT_GAPS = range(0xF1, 0xFA)
+"""STmin of 100 to 900 microseconds; the values between these and 127 ms are reserved."""
 NEVER_MS = 3_600_000
 PARAMETERS = {
     "tx_padding": PADDING,
@@ -182,6 +185,7 @@ class IsoTpConnection(BaseConnection):
         if data is None:
             return None
         self._moved = now
+        data = without_reserved_gap(data)
         return isotp.CanMessage(
             arbitration_id=self._answer_id & ~EXTENDED, dlc=len(data), data=data, extended_id=self._extended
         )
@@ -198,3 +202,10 @@ class IsoTpConnection(BaseConnection):
     def _count(self, error: Exception) -> None:
         self.broken += 1
         self._torn = self._torn or isinstance(error, isotp.WrongSequenceNumberError)
+
+
+def without_reserved_gap(data: bytes) -> bytes:
+    """A frame, of a flow control with a reserved STmin that of 127 ms (ISO 15765-2, 9.6.5.4)."""
+    if len(data) < 3 or data[0] >> 4 != FLOW_CONTROL or data[2] <= LONGEST_MS or data[2] in SHORT_GAPS:
+        return data
+    return data[:2] + bytes([LONGEST_MS]) + data[3:]

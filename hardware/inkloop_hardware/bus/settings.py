@@ -26,7 +26,7 @@ class BusSettings:
     """
 
     interface: str | None = None
-    channel: str | None = None
+    channel: str | int | None = None
     bitrate: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     traffic_log: Path | None = None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import can
@@ -14,16 +16,40 @@ WRITERS = {".blf": BLFWriter, ".asc": ASCWriter}
 FLUSH_CYCLE = 1.0
 """Seconds between two writes to the disk. A frame waits one cycle for earlier ones, as two threads log: a sent frame
 has the time before it left, a received one that at which the adapter took it. A killed process loses two cycles."""
+SET = 0.05
+"""Seconds that the clock of the wall jumps by when it is set; less is how it is kept in step (assumed)."""
+
+
+class SteadyClock:
+    """Times of frames by the clock of the wall as it goes on if nobody sets it."""
+
+    def __init__(self, wall: Callable[[], float] = time.time, steady: Callable[[], float] = time.monotonic) -> None:
+        self._wall, self._steady = wall, steady
+        self._began = self._ahead = wall() - steady()
+
+    def of(self, timestamp: float) -> float:
+        """The time of a frame that has just come with this time of the wall, at most a cycle of the log ago.
+
+        Frames with the same time keep the same one.
+        """
+        steady = self._steady()
+        ahead = self._wall() - steady
+        if abs(ahead - self._ahead) > SET:
+            self._ahead = ahead
+        now = self._began + steady
+        return min(max(timestamp - (self._ahead - self._began), now - FLUSH_CYCLE), now + SET)
 
 
 class TrafficLog:
     """A log whose times never go back, and that stays readable without a close, up to shortly before its end.
 
-    BusError for an unknown suffix or a file that cannot be written. An existing file is kept: a resumed run continues
-    in traffic-2.blf.
+    time_of: the time that is logged, of that of a frame; default: by a `SteadyClock`, as somebody may set the clock of
+    the wall. BusError for an unknown suffix or a file that cannot be written. An existing file is kept: a resumed run
+    continues in traffic-2.blf.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, time_of: Callable[[float], float] | None = None) -> None:
+        self._time_of = time_of or SteadyClock().of
         if path.suffix.lower() not in WRITERS:
             raise BusError(f"traffic log {path}: its suffix is {path.suffix!r}, expected .blf or .asc")
         try:
@@ -37,6 +63,7 @@ class TrafficLog:
 
     def take(self, message: can.Message) -> None:
         """Log one frame, in the order of time; one that comes too late for it gets the time of the frame before."""
+        message.timestamp = self._time_of(message.timestamp)
         self._waiting.append(message)
         self._newest = max(self._newest, message.timestamp)
 

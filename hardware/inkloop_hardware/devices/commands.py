@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inkloop.component import Job
+from inkloop_hardware.devices.first_scan import check_seen
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, missing, set_dry_run
 from inkloop_hardware.devices.readiness import home as find_zero
@@ -107,6 +108,7 @@ def dry_run(rig: Rig, job: Job, *, cure_ms: int) -> Iterator[str]:
         yield f"a layer of {pattern.sum()} droplets in {passes}: all steps went through, nothing was jetted or lit"
         _, valid = read_map(steps.scan(1), job.nx, job.ny)
         yield f"its scan: {job.nx} x {job.ny} cells, {valid.mean():.0%} of them valid"
+        check_seen(valid, rig, "the scan")
 
 
 def _report(node: Node, state: NodeState, version: str, status: NodeStatus | None) -> NodeReport:

@@ -10,6 +10,7 @@ import numpy as np
 from inkloop.component import Job, Ports, Status, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError
+from inkloop_hardware.devices.first_scan import check_first_scan
 from inkloop_hardware.devices.journal_comparison import check_resumed_at
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.master_journal import MasterJournal
@@ -68,6 +69,8 @@ class Profiler:
             check_resumed_at(newest, self._journal.layer)
             found = retry_after_recovery(self._rig, NODES, lambda: steps.scan(newest))
             height, valid = read_map(found, self._job.nx, self._job.ny)
+            if self._scanned < 0:
+                check_first_scan(height, valid, self._job, self._rig)
             self._height, self._valid = np.where(valid, height, self._height), valid
             self._scanned = newest
         return self._outputs()

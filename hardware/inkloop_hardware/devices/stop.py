@@ -5,6 +5,7 @@ It is sent without MasterAlive, so that a print on the bus meets the request and
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -61,8 +62,8 @@ def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeSt
     arrive meanwhile."""
     codec = Codec()
     sender, cycle = Supervised(codec), codec.cycle_time(StopRequest.message) or 0.05
-    began, sent = time.monotonic(), 0
-    while sent < FRAMES_MIN or time.monotonic() < began + within_s:
+    began, sent, least = time.monotonic(), 0, max(FRAMES_MIN, math.ceil(within_s / cycle))
+    while sent < least or time.monotonic() < began + within_s:
         adapter.send(sender.frame(StopRequest(active, Source.OPERATOR)))
         sent += 1
         while (left := began + sent * cycle - time.monotonic()) > 0:

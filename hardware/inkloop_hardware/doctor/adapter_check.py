@@ -62,10 +62,10 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
     if channel is None:
         yield Finding.error("adapter", f"no channel is named for {name}", "set bench.channel, " + _example(name))
     elif name == "socketcan":
-        yield from _network_interface(channel, network)
-    elif name in ON_SERIAL_PORTS and channel.startswith("/"):
-        yield from _serial_port(Path(channel))
-    if name == "slcan" and settings.bitrate is None:
+        yield from _network_interface(str(channel), network)
+    elif name in ON_SERIAL_PORTS and str(channel).startswith("/"):
+        yield from _serial_port(Path(str(channel)))
+    if name == "slcan" and settings.bitrate is None and not _is_network(channel):
         yield Finding.warning("adapter", "no bit rate is set, the adapter keeps its own", "set bench.bitrate, 500000")
 
 
@@ -129,13 +129,18 @@ def serial_ports() -> Sequence[str]:
     return [f"{port.device} ({port.description})" for port in found if port.hwid != "n/a"]
 
 
+def _is_network(channel: str | int | None) -> bool:
+    """Whether the other end of a channel is a program, which has no bit rate."""
+    return str(channel).startswith("socket://")
+
+
 def _group_command(port: Path) -> str:
     return f"sudo usermod -a -G {port.group()} $USER` and a new login, or `sudo chmod a+rw {port}"
 
 
 def _advice(settings: BusSettings, error: BusError) -> str:
     cause = error.__cause__
-    local = (settings.channel or "").startswith("socket://")
+    local = _is_network(settings.channel)
     text, number = str(cause), getattr(cause, "errno", None)
     if isinstance(cause, DRIVER_MISSING) or "library" in text or number == errno.EAFNOSUPPORT:
         return (

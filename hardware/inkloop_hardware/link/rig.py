@@ -38,12 +38,16 @@ class Rig:
     adapter and sends MasterAlive every 100 ms, as long as this one keeps it alive: by `keep_alive`, and by waiting in a
     link. Changes of nodes are logged as sentences by the logger "inkloop_hardware".
 
-    settings: the bus; folder: of a relative traffic log. To be used by one thread.
+    settings: the bus; folder: of a relative traffic log; valid_share: cells that the first scan must see; on_part: the
+    bed need not be empty. To be used by one thread.
     """
 
-    def __init__(self, settings: BusSettings, *, folder: Path | None = None) -> None:
+    def __init__(
+        self, settings: BusSettings, *, folder: Path | None = None, valid_share: float = 0.0, on_part: bool = True
+    ) -> None:
         self.settings = settings
         self.folder = folder
+        self.valid_share, self.on_part = valid_share, on_part
         self.codec = Codec()
         self._session = 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 + secrets.randbelow(JOB_MAX)

@@ -26,6 +26,7 @@ from inkloop.contract import (
     contract_ports,
 )
 from inkloop.errors import ComponentError
+from inkloop_hardware.devices.first_scan import check_first_scan
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
@@ -146,6 +147,8 @@ class Mapped:
         if newest != self._scanned:
             self._do(f"scan of layer {newest}", self._mapping.tables.profiler, newest)
             height, self._valid = self._made.scan
+            if self._scanned < 0:
+                check_first_scan(height, self._valid, self._job, self._rig)
             self._height, self._scanned = np.where(self._valid, height, self._height), newest
 
     def _do(self, what: str, steps: Sequence[Step], layer: int, *, is_layer: bool = False) -> None:

@@ -46,7 +46,8 @@ class MappedBus:
         self.readings: dict[str, Reading] = {}
         self.inbox: dict[str, deque[Reading]] = {}
         self._codec, self._heartbeat = mapping.codec, mapping.tables.heartbeat
-        self._known = {id_of(message) for message in self._codec.database.messages}
+        self._names = {id_of(message): message.name for message in self._codec.database.messages}
+        self._dropped: dict[str, str] = {}
         self._counters: dict[str, int] = {}
         self._enables = Enables.NONE
         self._keep_alive_due = 0.0
@@ -88,7 +89,7 @@ class MappedBus:
             self._bus.send_keep_alive(self._enables)
         while self._bus.others:
             _, frame = self._bus.others.popleft()
-            if frame.arbitration_id in self._known:
+            if frame.arbitration_id in self._names:
                 self._read(frame)
 
     def forget(self) -> None:
@@ -114,9 +115,9 @@ class MappedBus:
                 if unless is not None and self._has(reading, signal, unless):
                     raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; check the rig")
             if time.monotonic() > until:
-                last = self.readings.get(message)
-                found = f"it is {self._value(last, signal)}" if last else "no frame of it was received"
-                raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {found}")
+                raise LinkTimeout(
+                    f"{message}.{signal} was not {expected} within {limit_s:g} s; {self._found(message, signal)}"
+                )
             time.sleep(PAUSE)
 
     @contextmanager
@@ -146,8 +147,9 @@ class MappedBus:
 
     def _read(self, frame: Frame) -> None:
         try:
-            reading = self._codec.decode(frame)
-        except FrameError:  # of another length or out of its limits: no usable value
+            reading = self._codec.decode(frame, strict=False)
+        except FrameError as error:  # too short, or a container
+            self._dropped[self._names[frame.arbitration_id]] = str(error)
             return
         if reading.intact:
             self.readings[reading.message] = reading
@@ -159,6 +161,16 @@ class MappedBus:
         if isinstance(expected, str):
             return self._codec.choice(reading.message, signal, reading.values[signal]) == expected
         return abs(reading.values[signal] - expected) <= 1e-9 * max(1.0, abs(expected))
+
+    def _found(self, message: str, signal: str) -> str:
+        """The last value of a signal in words, or why there is none."""
+        last = self.readings.get(message)
+        if last is None:
+            reason = self._dropped.get(message)
+            return f"its frames were dropped: {reason}" if reason else "no frame of it was received"
+        if signal in last.dropped:
+            return f"its value was dropped: {last.dropped[signal]}"
+        return f"it is {self._value(last, signal)}"
 
     def _value(self, reading: Reading, signal: str) -> str:
         value = reading.values.get(signal, float("nan"))

@@ -64,7 +64,7 @@ def load(path: Path, job: Job) -> RigMapping:
         errors = [_sentence(detail) for detail in error.errors()]
         raise ScenarioError(str(path), [*errors, *_missing_dbc(path.parent, raw.get("dbc"))]) from error
     try:
-        codec = Codec(path.parent / tables.dbc)
+        codec = Codec(path.parent / tables.dbc, strict=tables.strict)
     except FrameError as error:
         raise ScenarioError(str(path), [f"dbc: {error}"]) from error
     check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})

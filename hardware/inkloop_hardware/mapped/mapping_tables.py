@@ -154,6 +154,7 @@ class MappingFile(Table):
     the beginning of a run, `stop` those of a person who stops the rig."""
 
     dbc: str = Field(description="file name, in the folder of the mapping file")
+    strict: bool = Field(default=True, description="overlapping signals, or ones beyond their message, are errors")
     heartbeat: bool = Field(default=False, description="send MasterAlive, as inkloop's own nodes need it")
     peers: dict[str, Peer] = {}
     pattern: PatternTable | None = None

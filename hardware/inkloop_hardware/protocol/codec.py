@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -65,20 +65,22 @@ class Reading:
     """Content of a frame: physical values by signal, in the units of the DBC.
 
     `counter` is None for a message that is not supervised. `intact` is False, and `values` empty, when the check byte
-    is wrong.
+    is wrong. `dropped`: signals without a usable value, and why.
     """
 
     message: str
     values: Mapping[str, float]
     counter: int | None = None
     intact: bool = True
+    dropped: Mapping[str, str] = field(default_factory=dict)
 
 
-def _loaded(path: Path) -> Database:
+def _loaded(path: Path, strict: bool = True) -> Database:
     try:
-        database = cantools.database.load_file(path, strict=True)
+        database = cantools.database.load_file(path, strict=strict)
     except (OSError, cantools_errors.Error) as error:
-        raise FrameError(f"{path} cannot be read as a DBC: {error}") from error
+        advice = "; strict = false reads the messages without overlapping signals all the same" if strict else ""
+        raise FrameError(f"{path} cannot be read as a DBC: {error}{advice}") from error
     if not isinstance(database, Database):
         raise FrameError(f"{path} is no CAN database; expected a DBC")
     return database
@@ -91,10 +93,10 @@ def _bench_database() -> Database:
 
 
 class Codec:
-    """Encodes and decodes frames by one DBC."""
+    """Encodes and decodes frames by one DBC. strict: signals that overlap, or do not fit, are an error of the file."""
 
-    def __init__(self, path: Path = BENCH_DBC) -> None:
-        self.database = database = _bench_database() if path == BENCH_DBC else _loaded(path)
+    def __init__(self, path: Path = BENCH_DBC, *, strict: bool = True) -> None:
+        self.database = database = _bench_database() if path == BENCH_DBC else _loaded(path, strict)
         self._by_name = {message.name: message for message in database.messages}
         self._by_id = {id_of(message): message for message in database.messages}
 
@@ -153,38 +155,51 @@ class Codec:
         p01.e2e_p01_protect(data, data_id, increment_counter=False)
         return Frame(id_of(message), bytes(data), is_fd(message))
 
-    def decode(self, frame: Frame) -> Reading:
+    def decode(self, frame: Frame, *, strict: bool = True) -> Reading:
         """The content of a frame.
 
-        Raises FrameError for an unknown id, a wrong format or length, or an undamaged value out of its limits. A wrong
-        check byte raises nothing: the supervision counts it (`e2e_monitor`).
+        strict: the frame is one of our protocol: another format or length, or a value out of its limits, is an error.
+        Otherwise bytes beyond the message are ignored, classic and FD are alike, and a value out of its limits is
+        dropped; one of the value table never is. Raises FrameError for an unknown id, for too few bytes, and if strict.
+        A wrong check byte raises nothing: the supervision counts it (`e2e_monitor`).
         """
         message = self._by_id.get(frame.arbitration_id)
         if message is None:
             raise FrameError(f"frame {frame}: no message with this id in the DBC")
-        if frame.is_fd != is_fd(message):
+        if strict and frame.is_fd != is_fd(message):
             found, expected = ("CAN FD", "classic") if frame.is_fd else ("classic", "CAN FD")
             raise FrameError(f"frame {frame} of {message.name} is a {found} frame, expected a {expected} one")
-        if len(frame.data) != message.length:
+        if len(frame.data) != message.length if strict else len(frame.data) < message.length:
             raise FrameError(f"frame {frame} of {message.name} has {len(frame.data)} bytes, expected {message.length}")
         data_id = self.data_id(message.name)
         counter = frame.data[1] & 0xF if data_id else None
         if data_id and not p01.e2e_p01_check(bytearray(frame.data), data_id):
             return Reading(message.name, {}, counter, intact=False)
-        raw = message.decode(frame.data, decode_choices=False, scaling=False)
+        try:
+            raw = message.decode(frame.data[: message.length], decode_choices=False, scaling=False)
+        except cantools_errors.Error as error:
+            raise FrameError(f"frame {frame} of {message.name} cannot be read, as its signals overlap") from error
         if not isinstance(raw, dict):
             raise FrameError(f"frame {frame} of {message.name} is a container; only plain messages are read")
-        values = {
-            signal: _physical(message, signal, number)
-            for signal, number in raw.items()
-            if not (data_id and signal in SUPERVISION_SIGNALS) and isinstance(number, int | float)
-        }
-        return Reading(message.name, values, counter)
+        values, dropped = dict[str, float](), dict[str, str]()
+        for signal, number in raw.items():
+            if (data_id and signal in SUPERVISION_SIGNALS) or not isinstance(number, int | float):
+                continue
+            try:
+                values[signal] = _physical(message, signal, number)
+            except FrameError as error:
+                if strict:
+                    raise
+                dropped[signal] = str(error)
+        return Reading(message.name, values, counter, dropped=dropped)
 
     def choice(self, name: str, signal: str, value: float) -> str | None:
-        """The name of a value in the signal's value table, None if it has none."""
-        choices = self.message(name).get_signal_by_name(signal).choices
-        return str(choices[int(value)]) if choices and int(value) in choices else None
+        """The name of a physical value in the value table of a signal, whose keys are raw; None if it has none."""
+        found = self.message(name).get_signal_by_name(signal)
+        steps = (value - found.offset) / found.scale
+        raw = round(steps) if math.isfinite(steps) else 0
+        is_raw = math.isfinite(steps) and abs(steps - raw) <= 1e-6
+        return str(found.choices[raw]) if is_raw and found.choices and raw in found.choices else None
 
     @staticmethod
     def _encode_raw(message: Message, raw: Mapping[str, float]) -> bytes:
@@ -240,5 +255,7 @@ def _raw(message: Message, name: str, value: float | str) -> float:
 def _physical(message: Message, name: str, raw: float) -> float:
     signal = message.get_signal_by_name(name)
     value = raw if signal.scale == 1 and signal.offset == 0 else raw * signal.scale + signal.offset
+    if signal.choices and raw in signal.choices:
+        return value
     _checked(message, signal, value, slack=1e-9 * abs(signal.scale))
     return value

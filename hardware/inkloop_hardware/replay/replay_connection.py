@@ -44,7 +44,7 @@ class ReplayConnection:
         self.disconnected = ""
         self.clock = 0.0
         codec = Codec()
-        path = Path(settings.channel)
+        path = Path(str(settings.channel))
         parts = [read_traffic(part) for part in parts_of(path)]
         self._seen = [one for part in parts for one in part]
         self._passed = 0

@@ -78,6 +78,7 @@ class NodeRig(Base):
     def __init__(self, bench: node_bench.NodeBench, job: int = 7) -> None:
         self.bench, self._job = bench, job
         self.users, self.takes_coded, self.kept_alive = 0, True, 0
+        self.valid_share, self.on_part = 0.0, True
         self.enables: list[int] = []
         self.downloads: list[tuple[int, bool]] = []
         self._links = {node: NodeLink(self, node) for node in Node}

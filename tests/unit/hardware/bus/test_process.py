@@ -24,7 +24,7 @@ from inkloop_hardware.bus.messages import (
     unpack_frames,
     write_message,
 )
-from inkloop_hardware.bus.traffic_log import TrafficLog
+from inkloop_hardware.bus.traffic_log import SteadyClock, TrafficLog
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import EXTENDED, FD_LENGTHS, Frame
 
@@ -125,7 +125,7 @@ def message(number: int) -> can.Message:
 @pytest.mark.parametrize("is_closed", [True, False])
 def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_closed: bool) -> None:
     """Also of a process that was killed: the file is copied as it is on the disk."""
-    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    log = TrafficLog(tmp_path / f"traffic{suffix}", float)
     for number in range(250):
         log.take(message(number))
         if number % 100 == 99:
@@ -156,7 +156,7 @@ def logged(path: Path) -> list[can.Message]:
 def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
     """Frames of one cycle are put in order; one that comes too late gets the time of the frame before it."""
     path = tmp_path / f"traffic{suffix}"
-    log = TrafficLog(path)
+    log = TrafficLog(path, float)
     for cycle, numbers in enumerate([(5, 3, 8), (6, 12, 11), (2, 20, 19)], 1):
         for number in numbers:
             log.take(message(number))
@@ -173,7 +173,7 @@ def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
 def test_log_holds_frames_of_can_fd_with_long_ids(tmp_path: Path, suffix: str) -> None:
     frames = [Frame(EXTENDED | 0x18DA10F1, bytes(range(64)), True), Frame(0x123, b"12345678", True), Frame(0x7FF, b"1")]
-    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    log = TrafficLog(tmp_path / f"traffic{suffix}", float)
     for number, frame in enumerate(frames):
         sent = message_of(frame, bit_rate_switch=True)
         sent.timestamp = 1.7e9 + number
@@ -186,7 +186,7 @@ def test_log_holds_frames_of_can_fd_with_long_ids(tmp_path: Path, suffix: str) -
 
 def test_log_of_before_is_kept(tmp_path: Path) -> None:
     for count in (1, 2, 3):
-        log = TrafficLog(tmp_path / "traffic.asc")
+        log = TrafficLog(tmp_path / "traffic.asc", float)
         for number in range(count):
             log.take(message(number))
         log.close()
@@ -200,3 +200,23 @@ def test_log_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
         TrafficLog(tmp_path / "file" / "a.blf")
     with pytest.raises(BusError, match=r"its suffix is '\.csv', expected \.blf or \.asc"):
         TrafficLog(tmp_path / "a.csv")
+
+
+def test_times_of_a_log_go_on_when_the_clock_of_the_machine_is_set(tmp_path: Path) -> None:
+    """Back by an hour between two frames, and forward by two between the next; each came 1 ms before it is logged."""
+    now, wall = 50.0, 1.8e9
+
+    class Clock:
+        steady, set_by = now, 0.0
+
+        def wall(self) -> float:
+            return wall + self.steady - now + self.set_by
+
+    clock = Clock()
+    log = TrafficLog(tmp_path / "traffic.blf", SteadyClock(clock.wall, lambda: clock.steady).of)
+    for set_by in (0.0, -3600.0, 3600.0):
+        clock.steady, clock.set_by = clock.steady + 0.25, set_by
+        log.take(can.Message(timestamp=clock.wall() - 1e-3, arbitration_id=1))
+    log.close()
+    times = [message.timestamp - wall for message in can.LogReader(tmp_path / "traffic.blf")]
+    assert times == pytest.approx([0.249, 0.499, 0.749], rel=0.0, abs=1e-6)

@@ -360,10 +360,18 @@ def test_channel_that_is_no_file_is_not_looked_for() -> None:
 
 
 def test_adapter_without_a_bit_rate_keeps_its_own() -> None:
-    found = list(before_opening(BusSettings("slcan", "socket://127.0.0.1:28550")))
-    assert [finding.found for finding in found if finding.grade is Grade.WARNING] == [
-        "no bit rate is set, the adapter keeps its own"
-    ]
+    """The emulator has none."""
+    for channel, words in (
+        ("COM3", ["no bit rate is set, the adapter keeps its own"]),
+        ("socket://127.0.0.1:28550", []),
+    ):
+        found = list(before_opening(BusSettings("slcan", channel)))
+        assert [finding.found for finding in found if finding.grade is Grade.WARNING] == words
+
+
+def test_channel_may_be_a_number() -> None:
+    assert errors(list(before_opening(BusSettings("virtual", 0)))) == {}
+    assert str(BusSettings("kvaser", 0)) == "kvaser on 0"
 
 
 @pytest.mark.parametrize("missing", [os.R_OK, os.W_OK])

@@ -69,6 +69,10 @@ def state(code: int, layers: int = 0, bed_mm: float = 0.0, celsius: float = 0.0)
     return Frame(544, struct.pack("<BHHhx", code, layers, round(bed_mm * 100), round(celsius * 10)))
 
 
+ANY_BED: dict[str, Any] = {"is_open": False, "valid_share": 0.0, "on_part": True}
+"""Of a rig that does not look at its first scan."""
+
+
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
@@ -261,7 +265,9 @@ class Peer:
 def rig(tmp_path: Path, clock: Clock) -> Any:
     """A rig after its start, its bus and its peers."""
     part = Mapped(JOB, mapping=str(written(tmp_path)))
-    rig = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=5, job=9, is_open=False)
+    rig = SimpleNamespace(
+        settings=BusSettings(), folder=tmp_path, session=5, job=9, is_open=False, valid_share=0.0, on_part=True
+    )
     part.use_rig(rig)  # type: ignore[arg-type]
     part.initialize(0, {"layer_command": np.asarray(2)})
     bus: Any = part._bus
@@ -317,7 +323,9 @@ def test_state_of_a_rig_comes_back(rig: Any, tmp_path: Path) -> None:
     before = rig.part.do_step(0, 1, {"pattern": np.zeros((6, 5), np.int32), "layer_command": np.asarray(2)})
     saved = rig.part.save()
     other = Mapped(JOB, mapping=str(tmp_path / "rig.toml"))
-    own = SimpleNamespace(settings=BusSettings(), folder=tmp_path, session=6, job=1, is_open=False)
+    own = SimpleNamespace(
+        settings=BusSettings(), folder=tmp_path, session=6, job=1, is_open=False, valid_share=0.0, on_part=True
+    )
     other.use_rig(own)  # type: ignore[arg-type]
     other.initialize(0, {})
     other.restore(saved)

@@ -7,6 +7,7 @@ import io
 
 import numpy as np
 import pytest
+from tools.figures import the_papers
 
 from inkloop.cli import main
 from inkloop.component import Job
@@ -26,7 +27,6 @@ from inkloop_lab.reproduce.finite_elements import solve, triangles
 from inkloop_lab.reproduce.hume_rosen import time_scales
 from inkloop_lab.reproduce.liquid import Liquid
 from support.long_proofs import rest_is_long
-from support.places import ROOT
 
 
 def ours(part: Part) -> dict[str, float]:
@@ -118,14 +118,12 @@ NOT_PRINTED_OR_PUT_IN = {
 """Places of which no row, or one row, may count as reproduced: no paper prints the figure, or it was an input."""
 
 
-def rows_of_the_page() -> list[list[str]]:
-    lines = (ROOT / "docs" / "reference" / "the-papers.md").read_text(encoding="utf-8").splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
-    return [row for row in rows if row[0] != "where"]
+def recorded_rows() -> list[list[str]]:
+    return [row for paper in the_papers.PAPERS for row in the_papers.rows_of(paper)]
 
 
 def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> None:
-    rows = rows_of_the_page()
+    rows = recorded_rows()
     assert {row[0] for row in rows} >= NOT_PRINTED_OR_PUT_IN.keys()
     for where, figure, _, printed, _, reproduced in rows:
         if where in NOT_PRINTED_OR_PUT_IN and NOT_PRINTED_OR_PUT_IN[where] in ("", figure):
@@ -133,16 +131,16 @@ def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> 
         assert reproduced == "-" or printed != "-", (where, figure)
 
 
-def test_the_page_holds_the_figures_of_the_present_code() -> None:
+def test_the_record_holds_the_figures_of_the_present_code() -> None:
     """Of the steps that take moments; `tools/figures/the_papers.py` writes all of them."""
     steps = (layer_growth.find, droplet_spacing.find, wu_chiu.printed_sample, time_scales)
-    page = rows_of_the_page()
+    record = recorded_rows()
     for row in (row for step in steps for row in step(False).rows):
-        assert list(row.cells) in page
+        assert list(row.cells) in record
 
 
 def test_size_of_a_mean_error_is_not_called_mean_error() -> None:
-    figures = [figure for where, figure, *_ in rows_of_the_page() if where.startswith(("Fig. 11", "Fig. 12"))]
+    figures = [figure for where, figure, *_ in recorded_rows() if where.startswith(("Fig. 11", "Fig. 12"))]
     assert sum(figure.endswith(": absolute mean error") for figure in figures) == 6
     assert not any(figure.endswith(": mean error") for figure in figures)
 

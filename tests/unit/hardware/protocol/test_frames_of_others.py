@@ -1,0 +1,102 @@
+"""Frames of DBCs of others, read as their files mean them: miniatures with the features of public ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inkloop_hardware.bus.isotp_connection import without_reserved_gap
+from inkloop_hardware.errors import FrameError
+from inkloop_hardware.protocol.codec import EXTENDED, Codec, Frame, Reading
+
+HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: Pc Plc\n'
+SCALED = """BO_ 544 PlcState: 4 Plc
+ SG_ State : 0|8@1+ (0.5,-10) [-10|50] "" Pc
+ SG_ Level : 8|8@1+ (1,0) [0|100] "%" Pc
+ SG_ Angle : 16|12@1- (0.1,0) [-180|180] "deg" Pc
+VAL_ 544 State 1 "IDLE" 2 "READY" 255 "NOT_AVAILABLE" ;
+"""
+MOTOROLA = """BO_ 2566848560 Axis: 12 Plc
+ SG_ Mode M : 7|4@0+ (1,0) [0|15] "" Pc
+ SG_ Speed m1 : 15|16@0- (0.01,0) [-300|300] "mm/s" Pc
+ SG_ Which m2M : 15|8@0+ (1,0) [0|255] "" Pc
+ SG_ Torque m7 : 23|32@0- (1,0) [0|0] "Nm" Pc
+SG_MUL_VAL_ 2566848560 Speed Mode 1-1;
+SG_MUL_VAL_ 2566848560 Which Mode 2-2;
+SG_MUL_VAL_ 2566848560 Torque Which 7-7;
+SIG_VALTYPE_ 2566848560 Torque : 1;
+"""
+OVERLAPPING = 'BO_ 100 Odd: 2 Plc\n SG_ One : 0|8@1+ (1,0) [0|255] "" Pc\n SG_ Two : 4|8@1+ (1,0) [0|255] "" Pc\n'
+
+
+def codec(folder: Path, messages: str, **options: Any) -> Codec:
+    (folder / "others.dbc").write_text(HEAD + messages)
+    return Codec(folder / "others.dbc", **options)
+
+
+def read(codec: Codec, data: bytes, **frame: Any) -> Reading:
+    return codec.decode(Frame(544, data, **frame), strict=False)
+
+
+@pytest.mark.parametrize(("raw", "name"), [(1, "IDLE"), (2, "READY"), (255, "NOT_AVAILABLE"), (3, None), (0, None)])
+def test_names_of_a_scaled_signal_belong_to_raw_values(raw: int, name: str | None, tmp_path: Path) -> None:
+    """Also where the value of a name is beyond the limits, as 117.5 here."""
+    of = codec(tmp_path, SCALED)
+    value = read(of, bytes([raw, 0, 0, 0])).values["State"]
+    assert value == pytest.approx(0.5 * raw - 10.0, rel=0.0, abs=1e-12)
+    assert of.choice("PlcState", "State", value) == name
+    if name is not None:
+        assert of.encode("PlcState", {"State": name, "Level": 0, "Angle": 0}).data[0] == raw
+
+
+def test_value_that_lies_between_two_raw_ones_has_no_name(tmp_path: Path) -> None:
+    of = codec(tmp_path, SCALED)
+    for value in (-9.4, float("nan"), float("inf")):
+        assert of.choice("PlcState", "State", value) is None
+
+
+def test_signal_beyond_its_limits_drops_itself_alone(tmp_path: Path) -> None:
+    of, data = codec(tmp_path, SCALED), bytes([2, 101, 0xFF, 0xFF])
+    found = read(of, data)
+    assert found.values == {"State": pytest.approx(-9.0), "Angle": pytest.approx(-0.1)}
+    assert found.dropped == {"Level": "message PlcState: Level is 101 %, expected 0 to 100 %"}
+    with pytest.raises(FrameError, match="Level is 101 %"):
+        of.decode(Frame(544, data))  # of our own protocol
+
+
+def test_longer_and_fd_frames_are_read_and_shorter_ones_are_not(tmp_path: Path) -> None:
+    of, data = codec(tmp_path, SCALED), bytes([2, 7, 0, 0])
+    for frame in (Frame(544, data), Frame(544, data + b"\xcc\xcc"), Frame(544, data, is_fd=True)):
+        assert of.decode(frame, strict=False).values["Level"] == 7.0
+    with pytest.raises(FrameError, match="has 3 bytes, expected 4"):
+        read(of, data[:3])
+
+
+def test_cascaded_multiplex_with_long_ids_motorola_order_and_floats(tmp_path: Path) -> None:
+    of = codec(tmp_path, MOTOROLA)
+    axis = EXTENDED | 0x18FF0030
+    speed = of.decode(Frame(axis, bytes([0x10, 0xFE, 0x0C]) + bytes(9), is_fd=True), strict=False)
+    assert speed.values == {"Mode": 1.0, "Speed": pytest.approx(-5.0)}
+    torque = of.decode(Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True), strict=False)
+    assert torque.values["Torque"] == -2.5
+
+
+def test_other_messages_of_a_file_with_overlapping_signals_are_read_if_that_is_meant(tmp_path: Path) -> None:
+    with pytest.raises(FrameError, match=r"cannot be read as a DBC: .*; strict = false reads the messages without"):
+        codec(tmp_path, OVERLAPPING + SCALED)
+    found = codec(tmp_path, OVERLAPPING + SCALED, strict=False)
+    assert read(found, bytes([2, 7, 0, 0])).values["Level"] == 7.0
+    with pytest.raises(FrameError, match="of Odd cannot be read, as its signals overlap"):
+        found.decode(Frame(100, bytes([0x34, 0x12])), strict=False)
+
+
+@pytest.mark.parametrize(
+    ("gap", "read_as"),
+    [(0, 0), (127, 127), (0x80, 127), (0xF0, 127), (0xF1, 0xF1), (0xF9, 0xF9), (0xFA, 127), (0xFF, 127)],
+)
+def test_reserved_gap_of_a_flow_control_is_the_longest_one(gap: int, read_as: int) -> None:
+    assert without_reserved_gap(bytes([0x30, 8, gap, 0xCC])) == bytes([0x30, 8, read_as, 0xCC])
+    assert without_reserved_gap(bytes([0x21, 8, gap])) == bytes([0x21, 8, gap])
+    assert without_reserved_gap(bytes([0x30, 8])) == bytes([0x30, 8])
