@@ -13,7 +13,7 @@ from inkloop.fmu_writer.export import find_fmu
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
 
-HEAVY = ("matplotlib", "scipy", "xarray", "pandas", "casadi", "plotly", "starlette", "uvicorn", "anyio")
+HEAVY = ("matplotlib", "scipy", "xarray", "pandas", "casadi", "plotly")
 CODE = """
 import json, sys
 from inkloop.cli import main

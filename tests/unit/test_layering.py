@@ -57,8 +57,7 @@ DOORS = {
     "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "spaces", "target_offset")),
     "skfem": ("inkloop_lab.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
-    "plotly": ("inkloop.report.page.page",),
-    **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
+    "plotly": tuple(f"inkloop.report.page.{name}" for name in ("page", "charts", "curves")),
 }
 ROOT_NAMES_MAX = {"inkloop": 24, "inkloop_controller": 10, "inkloop_hardware": 10, "inkloop_lab": 9}
 CORE_LEVELS = {"problem": 0, "model": 1, "observer": 2, "search": 2, "relaxation": 2, "planner": 3, "step": 4, "": 5}

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import errno
-import socket
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inkloop.commands.options import screen
 from inkloop.errors import InkloopError
+
+if TYPE_CHECKING:
+    from inkloop.report.page.feed import Feed
+    from inkloop.report.page.server import Server
 
 PORT = 8050
 
@@ -28,43 +31,31 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit code."""
-    try:
-        from inkloop.report.page import server
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("inkloop"):
-            raise
-        raise InkloopError(f"inkloop watch needs {error.name}; pip install 'inkloop[live]'") from error
     from inkloop.printing.so_far import feed_of
 
     feed = feed_of(options.run)
-    with _listening(options.port) as listening:
-        url = f"http://{server.HOST}:{listening.getsockname()[1]}/"
+    with _server(feed, options.port) as server:
         terminal = screen(options)
-        terminal.sentence(f"{options.run}: open {url} in a browser; Ctrl-C ends the view, not the print")
-        terminal.result(folder=options.run, url=url)
+        terminal.sentence(f"{options.run}: open {server.url} in a browser; Ctrl-C ends the view, not the print")
+        terminal.result(folder=options.run, url=server.url)
         try:
-            server.server(feed).run(sockets=[listening])
+            server.serve_forever()
         except KeyboardInterrupt:
             terminal.sentence("the view has ended")
     return 0
 
 
-def _listening(port: int) -> socket.socket:
-    """A socket that listens on this machine. Raises InkloopError where the port cannot be had."""
-    from inkloop.report.page.server import HOST
+def _server(feed: Feed, port: int) -> Server:
+    """The server of a feed. Raises InkloopError where the port cannot be had."""
+    from inkloop.report.page.server import Server
 
     if not 0 <= port < 65536:
         raise InkloopError(f"--port is {port}; expected a number from 0, any free port, to 65535")
-    found = socket.socket()
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        found.bind((HOST, port))
-        found.listen()
+        return Server(feed, port)
     except OSError as error:
-        found.close()
         if error.errno == errno.EADDRINUSE:
             raise InkloopError(
                 f"port {port} is in use, perhaps by another inkloop watch; take another one with --port, or --port 0"
             ) from error
         raise InkloopError(f"port {port} cannot be opened: {error.strerror}; take another one with --port") from error
-    return found

@@ -25,7 +25,6 @@ from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
 from inkloop.scenario.class_path import classes_from
-from inkloop.scenario.file import Scenario
 
 Stamp: TypeAlias = tuple[int, int, int]
 """State of a file: its inode, its length, and the time of its last change."""
@@ -49,19 +48,15 @@ def state_of(folder: Path) -> str:
 
 
 class RunFolder:
-    """The run in `folder` and its comparison runs; files that have not changed since are not read again."""
+    """The run in `folder` and its comparison runs; a run whose files have not changed since is not read again."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: dict[Path, tuple[dict[Path, Stamp], Result]] = {}
-        self._layers: dict[Path, _Layers] = {}
+        self._known: dict[Path, tuple[dict[Path, Stamp], Result | None]] = {}
 
     def stamps(self) -> dict[Path, Stamp]:
         """State of the files that `runs` reads; equal if nothing has changed."""
-        found: dict[Path, Stamp] = {}
-        for place in self._places():
-            found |= _stamps([place / RUN_FILE, place / RESULT_FILE, *layer_files(place)])
-        return found
+        return {path: stamp for place in self._places() for path, stamp in _stamps(place).items()}
 
     def runs(self) -> dict[str, Result]:
         """The run first, then its comparison runs, by name. Raises ResultError, ScenarioError."""
@@ -76,73 +71,50 @@ class RunFolder:
 
     def _result(self, place: Path) -> Result | None:
         """The run of one folder, None before its first layer."""
-        stamps = _stamps([place / RUN_FILE, place / RESULT_FILE, *layer_files(place)])
-        if place in self._known and self._known[place][0] == stamps:
-            return self._known[place][1]
-        record = read_record(place)
-        if record.get("stop_reason") != "running":
-            result: Result | None = Result.load(place)
-            self._layers.pop(place, None)
-        else:
-            if place not in self._layers:
-                self._layers[place] = _Layers(place, self._folder)
-            result = self._layers[place].read()
-        if result:
-            self._known[place] = stamps, result
-        return result
+        stamps = _stamps(place)
+        if place not in self._known or self._known[place][0] != stamps:
+            is_running = read_record(place).get("stop_reason") == "running"
+            self._known[place] = stamps, _so_far(place, self._folder) if is_running else Result.load(place)
+        return self._known[place][1]
 
 
-class _Layers:
-    """The layers of one run that has not ended; their maps stay on disk until they are used."""
+def _so_far(place: Path, main: Path) -> Result | None:
+    """The layers of a run that has not ended, None before the first; their maps stay on disk until they are used.
 
-    def __init__(self, place: Path, main: Path) -> None:
-        self._place = place
-        with classes_from(scenario_file(main).parent):
-            self._scenario: Scenario = scenario_of_run(place)
-        self._recorder = self._new_recorder()
-        self._rows: dict[Path, tuple[Stamp, Mapping[str, Any]]] = {}
-
-    def read(self) -> Result | None:
-        """The result of the layers on disk, None before the first surface is known."""
-        stamps = _stamps(layer_files(self._place))
-        if not stamps:
-            return None
-        if not self._rows.keys() <= stamps.keys():  # a resumed run has removed a layer to print it again
-            self._recorder, self._rows = self._new_recorder(), {}
-        for path, stamp in stamps.items():
-            if path in self._rows and self._rows[path][0] == stamp:
-                continue
-            try:
-                with array_file.opened(path) as rows:
-                    self._recorder.put_rows(rows)
-                    self._rows[path] = stamp, {name: array_file.StoredArray(path, name) for name in rows}
-            except FileNotFoundError:
-                continue  # the run ends at this moment; its result follows
-            except array_file.UNREADABLE as error:
-                reason = reason_of(error) if isinstance(error, OSError) else str(error)
-                raise ResultError(f"{path}: cannot be read: {reason}") from error
-        taken = [self._rows[path][1] for path in layer_files(self._place) if path in self._rows]
-        dataset, tables = self._recorder.maps(taken).laid_over(self._recorder.table()), self._scenario.tables
-        if HEIGHT not in dataset:
-            return None
-        return Result.of(
-            dataset,
-            title=tables.title,
-            label=tables.label,
-            scenario_text=self._scenario.text,
-            seed=tables.seed,
-            stop_reason="running",
-            wall_s={"total": math.nan},
-            components={},
-        )
-
-    def _new_recorder(self) -> Recorder:
-        return Recorder(self._scenario.job(), self._scenario.ports)
+    main: folder of the run that it is, or is compared with.
+    """
+    with classes_from(scenario_file(main).parent):
+        scenario = scenario_of_run(place)
+    recorder, taken = Recorder(scenario.job(), scenario.ports), list[Mapping[str, Any]]()
+    for path in layer_files(place):
+        try:
+            with array_file.opened(path) as rows:
+                recorder.put_rows(rows)
+                taken.append({name: array_file.StoredArray(path, name) for name in rows})
+        except FileNotFoundError:
+            continue  # the run ends at this moment; its result follows
+        except array_file.UNREADABLE as error:
+            reason = reason_of(error) if isinstance(error, OSError) else str(error)
+            raise ResultError(f"{path}: cannot be read: {reason}") from error
+    dataset, tables = recorder.maps(taken).laid_over(recorder.table()), scenario.tables
+    if HEIGHT not in dataset:
+        return None
+    return Result.of(
+        dataset,
+        title=tables.title,
+        label=tables.label,
+        scenario_text=scenario.text,
+        seed=tables.seed,
+        stop_reason="running",
+        wall_s={"total": math.nan},
+        components={},
+    )
 
 
-def _stamps(paths: list[Path]) -> dict[Path, Stamp]:
+def _stamps(place: Path) -> dict[Path, Stamp]:
+    """State of the files of one run."""
     found = {}
-    for path in paths:
+    for path in (place / RUN_FILE, place / RESULT_FILE, *layer_files(place)):
         try:
             state = path.stat()
         except FileNotFoundError:

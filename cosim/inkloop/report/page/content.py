@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+import xarray as xr
 
 from inkloop.metrology.evaluation.table import PRINTED_UNITS, Parameter, evaluate
 from inkloop.metrology.evaluation.treatment import Evaluation
-from inkloop.report.page import curves, maps
+from inkloop.report.page import charts, curves, maps
 from inkloop.report.page.maps import LayerMaps
 from inkloop.report.run_report import CAPTION, Summary, grid
 from inkloop.results.evaluated_surface import parameters_of, subject_of
@@ -15,6 +18,8 @@ from inkloop.results.result import Result
 
 PARAMETERS = ("Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr")
 """Parameters of ISO 25178-2 that need no filter and no shape of the part."""
+LOG_LINES = 40
+"""Number of last lines of a log of devices that a page shows."""
 ENDS = {
     "done": "The controller ended the print",
     "layers_max": "The print ended at `layers_max` of the scenario",
@@ -29,38 +34,53 @@ ENDS = {
 
 
 def content(
-    runs: Mapping[str, Result], layer_maps: Sequence[LayerMaps], known: Sequence[int] = (), cells: float = 0.0
+    runs: Mapping[str, Result], layer_maps: Sequence[LayerMaps], log: Path, known: Sequence[int] = ()
 ) -> dict[str, Any]:
     """The content of a page for runs by name, the run itself first.
 
-    layer_maps: of each run; known: layers of each run that the page already has; cells: of each final error
-    map at most.
+    layer_maps: of each run; log: of its devices, a file that may not exist; known: layers of each run that the page
+    already has.
     """
     main, summary = next(iter(runs.values())), Summary.of(runs)
     labelled = {name: result.dataset for name, result in runs.items()}
+    errors = {name: curves.final_error(run) for name, run in labelled.items()}
+    scale = charts.ErrorScale.of(list(errors.values()))
     first = [max(0, min(count, len(own.heights)) - 1) for count, own in zip(known, layer_maps, strict=False)]
     first += [0] * (len(runs) - len(first))
+    nodes = _devices(log)
     return {
-        "title": str(main.dataset.attrs["title"]),
-        "state": state(main),
-        "table": _table(summary),
+        "texts": {
+            "title": str(main.dataset.attrs["title"]),
+            "state": state(main),
+            "scenario": main.scenario_text,
+            "log": "\n".join(nodes["log"]) if nodes else "",
+        },
+        "tables": {
+            "table": _table(summary),
+            "metrology": _metrology(main),
+            "facts": {"rows": _facts(main)},
+        }
+        | ({"nodes": nodes} if nodes else {}),
         "remarks": list(summary.remarks),
-        "metrology": _metrology(main),
-        "facts": _facts(main),
-        "scenario": main.scenario_text,
-        "curves": curves.by_layer(labelled),
-        "distribution": curves.distribution(labelled),
+        "template": charts.TEMPLATE.to_plotly_json(),
+        "width": scale.width,
+        "curves": charts.values(curves.by_layer(labelled)),
+        "distribution": charts.values(curves.distribution(errors)),
         "runs": [
-            {
-                "name": name,
-                **own.described(run),
-                "layers": own.packed(begin),
-                "final": maps.final_errors(run, cells),
-                "inks": 2 if "mismatch" in run else 1,
-            }
+            _run(name, run, own, begin, scale, maps.FINAL_CELLS / len(runs))
             for (name, run), own, begin in zip(labelled.items(), layer_maps, first, strict=True)
         ],
     }
+
+
+def _run(
+    name: str, run: xr.Dataset, own: LayerMaps, first: int, scale: charts.ErrorScale, cells: float
+) -> dict[str, Any]:
+    """Maps and charts of a run; cells: of its final error map at most."""
+    inks = 2 if "mismatch" in run else 1
+    described, final = own.described(run), maps.final_errors(run, cells)
+    shown = charts.of_run(name, scale, own.range_um, described["edges"], inks if own.blocks.block == 1 else 0)
+    return {"name": name, "inks": inks, **described, "layers": own.packed(first), "final": final, "charts": shown}
 
 
 def state(result: Result) -> str:
@@ -71,7 +91,7 @@ def state(result: Result) -> str:
 
 def _table(summary: Summary) -> dict[str, Any]:
     headings = [" ".join(heading.replace("-\n", "").split()) for heading in summary.headings]
-    return {"headings": headings, "rows": summary.rows, "caption": CAPTION}
+    return {"headings": headings, "rows": summary.rows, "caption": CAPTION, "words": 1}
 
 
 def _metrology(main: Result) -> dict[str, Any]:
@@ -81,7 +101,7 @@ def _metrology(main: Result) -> dict[str, Any]:
     shown = held or evaluate(subject_of(run, "last layer"), wanted)
     treatment = run[held[0].symbol].attrs["treatment"] if held else str(wanted.treatment)
     rows = [[parameter.symbol, parameter.name, _value(parameter)] for parameter in shown]
-    return {"rows": rows, "caption": f"last layer, over the part; {treatment}"}
+    return {"rows": rows, "caption": f"last layer, over the part; {treatment}", "words": 2}
 
 
 def _value(parameter: Parameter) -> str:
@@ -99,3 +119,18 @@ def _facts(main: Result) -> list[list[str]]:
         shown = {name: f"{value:.2f} s" if group == "wall_s" else str(value) for name, value in entries.items()}
         facts += [[f"{label}{name}", text] for name, text in shown.items()]
     return facts + [["event", str(event)] for event in run.get("events", ())]
+
+
+def _devices(log: Path) -> dict[str, Any] | None:
+    """A table of the last message of each node in a log of devices, and the last lines; None without a log."""
+    try:
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        return None
+    nodes: dict[str, list[str]] = {}
+    for line in lines:
+        day, time, level, message = (*line.split(" ", 3), "", "", "", "")[:4]
+        node, separator, words = message.partition(": ")
+        if separator and " " not in node:
+            nodes[node] = [node, f"{day} {time}", "" if level == "INFO" else level.lower(), words]
+    return {"headings": ["node", "time", "", "last message"], "rows": list(nodes.values()), "log": lines[-LOG_LINES:]}

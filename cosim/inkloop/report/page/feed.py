@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,9 +10,8 @@ from typing import Any, Protocol
 
 from inkloop.errors import InkloopError
 from inkloop.report.page.content import content
-from inkloop.report.page.devices import devices
-from inkloop.report.page.maps import FINAL_CELLS, LayerMaps
-from inkloop.report.page.page import MAPS_BYTES_MAX, PACKED_SHARE, first_block
+from inkloop.report.page.maps import LayerMaps
+from inkloop.report.page.page import CONTENT_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
 LOOKS_PER_STATE = 8
@@ -31,7 +31,7 @@ class Source(Protocol):
 
 
 class Feed:
-    """The newest content of `source`; `version` grows with each change.
+    """The newest content of `source`, which is read when a page asks.
 
     state: a sentence on a run that has not ended; log: of its devices, a file that may not exist; layers: expected for
     each run. A page gets all layers that it does not have yet, even after missed changes.
@@ -43,61 +43,64 @@ class Feed:
         self._seen: object = None
         self._runs: dict[str, Result] = {}
         self._maps: dict[str, LayerMaps] = {}
-        self._epoch, self._looks, self._problem, self._owner = 0, 0, "", ""
-        self.version = 0
+        self._block, self._looks, self._version = 0, 0, 0
+        self._epoch, self._problem, self._owner = _new_epoch(), "", ""
 
-    def refresh(self) -> bool:
-        """Read what has changed; whether anything has."""
-        if self._looks % LOOKS_PER_STATE == 0:
-            self._owner = self._state()
-        self._looks += 1
-        seen = (self._owner, self._source.stamps(), _length(self._log))
-        if seen == self._seen:
-            return False
-        with self._lock:
-            try:
-                self._take(self._source.runs())
-                self._problem = ""
-            except (InkloopError, OSError) as error:
-                self._problem = str(error)
-            self._seen = seen
-            self.version += 1
-        return True
+    def content(self, version: str = "", epoch: str = "", known: Sequence[int] = ()) -> dict[str, Any] | None:
+        """The content for a page that has this version, with so many layers of each run; None if nothing has changed.
 
-    def content(self, epoch: str = "", known: Sequence[int] = ()) -> dict[str, Any]:
-        """The content for a page that has so many layers of each run; all layers if it is of another epoch."""
+        All layers if they are of another epoch.
+        """
         with self._lock:
-            if self._problem or not self._runs:
-                return {"problem": self._problem or "No layer is finished yet."}
-            is_same = (epoch, len(known)) == (str(self._epoch), len(self._runs))
-            cells = FINAL_CELLS / len(self._runs)
+            self._look()
+            if self._problem:
+                return {"problem": self._problem}
+            if (version, epoch) == (str(self._version), self._epoch):
+                return None
+            is_same = (epoch, len(known)) == (self._epoch, len(self._runs))
             try:
-                found = content(self._runs, list(self._maps.values()), known if is_same else (), cells)
+                found = content(self._runs, list(self._maps.values()), self._log, known if is_same else ())
             except InkloopError as error:  # a run has ended since the last look
                 return {"problem": str(error)}
-            found["state"] = f"{found['state']} {self._owner}".rstrip()
-            return {**found, "epoch": str(self._epoch), "devices": devices(self._log)}
+            found["texts"]["state"] = f"{found['texts']['state']} {self._owner}".rstrip()
+            return {**found, "version": str(self._version), "epoch": self._epoch}
+
+    def _look(self) -> None:
+        """Read what has changed; after a problem, all of it."""
+        try:
+            if self._looks % LOOKS_PER_STATE == 0:
+                self._owner = self._state()
+            self._looks += 1
+            seen = (self._owner, self._source.stamps(), _length(self._log))
+            if seen != self._seen:
+                self._take(self._source.runs())
+                self._seen, self._problem = seen, ""
+                self._version += 1
+        except (InkloopError, OSError) as error:
+            self._seen, self._problem = None, str(error)
 
     def _take(self, runs: dict[str, Result]) -> None:
         """Add the new layers to the maps; begin again where a run has fewer layers, or the blocks become too small."""
         expected = max(self._layers, *(result.dataset.sizes["layer"] for result in runs.values())) * len(runs)
-        block = first_block(runs, MAPS_BYTES_MAX / PACKED_SHARE, round(ROOM * expected))
+        block = first_block(runs, CONTENT_BYTES_MAX / PACKED_SHARE, round(ROOM * expected))
         is_shorter = any(
             name in self._maps and len(self._maps[name].heights) > result.dataset.sizes["layer"]
             for name, result in runs.items()
         )
-        blocks = {maps.blocks.block for maps in self._maps.values()}
-        if is_shorter or any(old < block for old in blocks):
-            self._maps, blocks = {}, set()
-            self._epoch += 1
-        block = max(blocks, default=block)
+        if is_shorter or self._block < block:
+            self._maps, self._epoch, self._block = {}, _new_epoch(), block
         for name, result in runs.items():
             if name not in self._maps:
-                self._maps[name] = LayerMaps(result.dataset, block)
+                self._maps[name] = LayerMaps(result.dataset, self._block)
             elif self._runs.get(name) is not result:
                 self._maps[name].extend(result.dataset)
         self._maps = {name: self._maps[name] for name in runs}
         self._runs = runs
+
+
+def _new_epoch() -> str:
+    """A text that no other epoch has, of this watcher or of another one that served an open page before."""
+    return secrets.token_hex(8)
 
 
 def _length(path: Path) -> int:

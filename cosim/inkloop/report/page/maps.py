@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from dataclasses import dataclass
 from itertools import count
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -32,56 +30,37 @@ _TYPES = (np.dtype("<i1"), np.dtype("<i2"), np.dtype("<i4"))
 Whole = NDArray[np.int32]
 
 
-@dataclass(frozen=True)
 class Blocks:
-    """Square blocks of `block` cells a side on a grid; at the far edges of the grid they may be smaller."""
+    """Square blocks of `block` cells a side on a grid; at the far edges of the grid they may be smaller.
 
-    nx: int
-    ny: int
-    block: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Blocks along x and along y."""
-        return -(-self.nx // self.block), -(-self.ny // self.block)
-
-    def sums(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Sums over the cells of each block; values: (..., nx, ny)."""
-        if self.block == 1:
-            return values
-        starts = [np.arange(0, cells, self.block) for cells in (self.nx, self.ny)]
-        return np.asarray(np.add.reduceat(np.add.reduceat(values, starts[0], axis=-2), starts[1], axis=-1))
-
-    def spread(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The value of its block in each cell; values: of `shape`."""
-        wide = np.repeat(np.repeat(values, self.block, axis=0), self.block, axis=1)
-        return wide[: self.nx, : self.ny]
-
-
-class PartMeans:
-    """Means over blocks of cells; in a block that contains cells of the part, over those only.
-
-    So errors on the edge of the part are those of the part. part: blocks that contain cells of it.
+    shape: blocks along x and along y; part: blocks with cells of the part, whose `mask` is (nx, ny).
     """
 
     def __init__(self, mask: BoolMap, block: int) -> None:
-        self.blocks = Blocks(mask.shape[0], mask.shape[1], block)
-        self.part: BoolMap = self.blocks.sums(mask.astype(np.int64)) > 0
-        counted = np.where(self.blocks.spread(self.part), mask, True).astype(np.float64)
-        self._weights: FloatMap = counted / self.blocks.spread(self.blocks.sums(counted))
+        self.block = block
+        self._starts = [np.arange(0, cells, block) for cells in mask.shape]
+        self.shape = len(self._starts[0]), len(self._starts[1])
+        self.part: BoolMap = self.sums(mask) > 0
+        nx, ny = mask.shape
+        self._counted = mask | ~self.part.repeat(block, axis=0).repeat(block, axis=1)[:nx, :ny]
+        self._cells = self.sums(self._counted)
 
-    def of(self, values: FloatMap) -> FloatMap:
-        """The means of a map (nx, ny)."""
-        return np.asarray(self.blocks.sums(values * self._weights))
+    def sums(self, values: NDArray[Any]) -> FloatMap:
+        """Sums over the cells of each block; values: (nx, ny)."""
+        along_x = np.add.reduceat(values, self._starts[0], axis=0, dtype=np.float64)
+        return np.asarray(np.add.reduceat(along_x, self._starts[1], axis=1))
+
+    def means(self, values: FloatMap) -> FloatMap:
+        """Means over the cells of each block, over those of the part if it has any: so the edge keeps its error."""
+        return self.sums(np.where(self._counted, values, 0.0)) / self._cells
 
 
 class LayerMaps:
     """Heights and droplets of a run by layer in blocks; `extend` adds the new layers of a dataset."""
 
     def __init__(self, run: xr.Dataset, block: int) -> None:
-        self._means = PartMeans(run["mask"].values.astype(bool), block)
-        self.blocks, self.part = self._means.blocks, self._means.part
-        self.target: FloatMap = self._means.of(run["target_height"].values) * UM_PER_M
+        self.blocks = Blocks(run["mask"].values.astype(bool), block)
+        self.target: FloatMap = self.blocks.means(run["target_height"].values) * UM_PER_M
         self.step_um = step_um(run)
         self.heights: Whole = np.zeros((0, *self.blocks.shape), np.int32)
         self.droplets: NDArray[np.int8] = np.zeros((0, *self.blocks.shape), np.int8)
@@ -96,9 +75,8 @@ class LayerMaps:
             if np.isnan(height).any():  # jumped over, or not yet scanned
                 heights.append(heights[-1] if heights else np.zeros(self.blocks.shape, np.int32))
             else:
-                heights.append(np.rint(self._means.of(height) * (UM_PER_M / self.step_um)).astype(np.int32))
-            pattern = run[PATTERN][layer].values if PATTERN in run else np.zeros((self.blocks.nx, self.blocks.ny))
-            droplets.append(self._droplets(pattern))
+                heights.append(np.rint(self.blocks.means(height) * (UM_PER_M / self.step_um)).astype(np.int32))
+            droplets.append(self._droplets(run[PATTERN][layer].values if PATTERN in run else np.zeros(height.shape)))
         self.heights, self.droplets = np.array(heights), np.array(droplets)
 
     def packed(self, first: int = 0) -> dict[str, Any]:
@@ -111,23 +89,28 @@ class LayerMaps:
         }
 
     def described(self, run: xr.Dataset) -> dict[str, Any]:
-        """Grid, target and part, which do not change while a run is printed; lengths in mm, heights in um."""
+        """Grid, target and part, which do not change while a run is printed; edges of blocks in mm, heights in um."""
         return {
-            "grid": [self.blocks.nx, self.blocks.ny],
             "block": self.blocks.block,
-            "shape": self.blocks.shape,
-            "pitch_mm": float(run.attrs["pitch"]) * MM_PER_M,
-            "step_um": self.step_um,
+            "edges": edges(run, self.blocks.block),
+            "pitch": float(run.attrs["pitch"]) * MM_PER_M,
+            "step": self.step_um,
             "target": packed(self.target.astype("<f4")),
-            "part": packed(self.part.astype(np.int8)),
+            "part": packed(self.blocks.part.astype(np.int8)),
         }
+
+    @property
+    def range_um(self) -> tuple[float, float]:
+        """Least and greatest height of all layers and of the target, with the ground."""
+        low, high = (float(end) * self.step_um for end in (self.heights.min(), self.heights.max()))
+        return min(0.0, low, float(self.target.min())), max(1.0, high, float(self.target.max()))
 
     def _droplets(self, pattern: NDArray[Any]) -> NDArray[np.int8]:
         """Droplet of each cell, 0, 1 (A) or 2 (B); for larger blocks the share of cells with a droplet [%]."""
         if self.blocks.block == 1:
             return np.asarray(pattern, np.int8)
-        cells = self.blocks.sums(np.ones(pattern.shape))
-        return np.asarray(np.rint(100.0 * self.blocks.sums((pattern != 0) * 1.0) / cells), np.int8)
+        shares = self.blocks.sums(pattern != 0) / self.blocks.sums(np.ones(pattern.shape))
+        return np.asarray(np.rint(100.0 * shares), np.int8)
 
 
 def step_um(run: xr.Dataset) -> float:
@@ -137,27 +120,33 @@ def step_um(run: xr.Dataset) -> float:
 
 def final_errors(run: xr.Dataset, cells: float) -> dict[str, Any]:
     """Target minus final height over the part, in blocks of its own: at most `cells`, more than those of a layer."""
-    block = block_for(run, cells)
-    means = PartMeans(run["mask"].values.astype(bool), block)
-    error = means.of((run["target_height"] - run[HEIGHT][-1]).values) * (UM_PER_M / step_um(run))
+    blocks = Blocks(run["mask"].values.astype(bool), block_for(run, cells))
+    error = blocks.means((run["target_height"] - run[HEIGHT][-1]).values) * (UM_PER_M / step_um(run))
     return {
-        "block": block,
-        "shape": means.blocks.shape,
-        "part": packed(means.part.astype(np.int8)),
-        "errors": packed(np.rint(np.where(means.part, np.nan_to_num(error), 0.0)).astype(np.int32)),
+        "edges": edges(run, blocks.block),
+        "part": packed(blocks.part.astype(np.int8)),
+        "errors": packed(np.rint(np.where(blocks.part, np.nan_to_num(error), 0.0)).astype(np.int32)),
     }
+
+
+def edges(run: xr.Dataset, block: int) -> list[list[float]]:
+    """Edges of blocks along x and along y [mm]; the centre of the first cell is at 0."""
+    pitch = float(run.attrs["pitch"]) * MM_PER_M
+    ends = [[*range(0, run.sizes[axis], block), run.sizes[axis]] for axis in "xy"]
+    return [[round((end - 0.5) * pitch, 6) for end in each] for each in ends]
 
 
 def block_for(run: xr.Dataset, cells: float) -> int:
     """The smallest side of blocks that are at most so many on the grid of a run."""
     nx, ny = run.sizes["x"], run.sizes["y"]
-    return next(b for b in count(1) if prod(Blocks(nx, ny, b).shape) <= max(cells, 1.0))
+    return next(b for b in count(1) if -(-nx // b) * -(-ny // b) <= max(cells, 1.0))
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:
-    """An array for a page: whole numbers in the smallest type that holds them, deflated (RFC 1950), in base64."""
+    """Maps (..., nx, ny) in rows along x, deflated (RFC 1950), in base64; whole numbers in the smallest type."""
     if values.dtype.kind in "iu":
         low, high = (int(values.min()), int(values.max())) if values.size else (0, 0)
         values = values.astype(next(t for t in _TYPES if np.iinfo(t).min <= low and high <= np.iinfo(t).max))
-    data = base64.b64encode(zlib.compress(np.ascontiguousarray(values).tobytes())).decode("ascii")
-    return {"type": values.dtype.name, "shape": values.shape, "data": data}
+    rows = np.ascontiguousarray(values.swapaxes(-1, -2))
+    data = base64.b64encode(zlib.compress(rows.tobytes())).decode("ascii")
+    return {"type": values.dtype.name, "shape": rows.shape, "data": data}

@@ -1,183 +1,208 @@
 "use strict";
-/* The page: texts and tables, the choice of run, layer and cell, and, where a server sends it, further layers. */
+/* The page: texts, tables and charts, the choice of run, layer and cell, and, from `inkloop watch`, further layers. */
 
-const page = { runs: [], run: 0, layer: 0, cell: null, along: "x", scale: null, content: null };
+const PLATES = 100; /* along a side of the 3D picture at most */
+const LOOK_MS = 500; /* between two questions to the server */
+const CONFIG = { responsive: true, displaylogo: false, scrollZoom: false };
+const BUTTONS = ["toImage", "zoom2d", "pan2d", "resetScale2d"], SOLID_BUTTONS = ["toImage", "orbitRotation", "resetCameraDefault3d"];
+const page = { runs: [], run: 0, layer: 0, cell: null, along: "x", version: "", content: null };
 const find = (id) => document.getElementById(id);
 
 /* Texts of users go into the page as text, never as markup. */
-function text(id, value) {
-  find(id).textContent = value;
-}
+const element = (name, textContent) => Object.assign(document.createElement(name), { textContent });
 
-function fillTable(id, headings, lines, caption, numbersFrom = Infinity) {
-  const table = find(id);
-  table.replaceChildren();
-  if (caption) table.createCaption().textContent = caption;
-  const addRow = (section, tag, cells) => {
-    const row = section.insertRow();
-    cells.forEach((value, place) => {
-      const cell = document.createElement(tag);
-      cell.textContent = value;
-      if (place >= numbersFrom) cell.className = "number";
-      row.append(cell);
-    });
+/* words: columns of text before those of numbers. */
+function fillTable(table, { headings, rows, caption, words = Infinity }) {
+  const row = (name, cells) => {
+    const found = document.createElement("tr");
+    found.append(...cells.map((text, k) => Object.assign(element(name, text), { className: k < words ? "" : "number" })));
+    return found;
   };
-  if (headings) addRow(table.createTHead(), "th", headings);
-  const body = table.createTBody();
-  lines.forEach((line) => addRow(body, "td", line));
+  table.replaceChildren(element("caption", caption ?? ""), document.createElement("thead"), document.createElement("tbody"));
+  table.tHead.append(...(headings ? [row("th", headings)] : []));
+  table.tBodies[0].append(...rows.map((cells) => row("td", cells)));
 }
 
-function showTexts(content) {
-  document.title = `${content.title}: inkloop report`;
-  text("title", content.title);
-  text("state", content.state);
-  fillTable("table", content.table.headings, content.table.rows, content.table.caption, 1);
-  find("remarks").replaceChildren(...content.remarks.map((remark) => {
-    const item = document.createElement("li");
-    item.textContent = remark;
-    return item;
-  }));
-  fillTable("metrology", null, content.metrology.rows, content.metrology.caption, 2);
-  fillTable("facts", null, content.facts, null);
-  text("scenario", content.scenario);
-  find("devices").hidden = !content.devices;
-  if (content.devices) {
-    fillTable("nodes", ["node", "time", "", "last message"], content.devices.nodes, null);
-    text("log", content.devices.log.join("\n"));
-  }
+function showTexts({ texts, tables, remarks }) {
+  document.title = `${texts.title}: inkloop report`;
+  Object.entries(texts).forEach(([id, text]) => { find(id).textContent = text; });
+  Object.entries(tables).forEach(([id, table]) => fillTable(find(id), table));
+  find("remarks").replaceChildren(...remarks.map((remark) => element("li", remark)));
+  find("devices").hidden = !("nodes" in tables);
 }
 
-function draw(id, chart, config = CONFIG) {
-  const place = typeof id === "string" ? find(id) : id;
-  return Plotly.react(place, chart.data, { font: FONT, ...chart.layout }, config);
+/* Draw a figure of plotly.py with the arrays of its traces and what the page adds to its layout; chosen: by a click. */
+async function draw(place, figure, arrays = [], layout = {}, chosen = null) {
+  const isNew = !place.data;
+  const data = figure.data.map((trace, k) => ({ ...trace, ...arrays[k] }));
+  const config = { ...CONFIG, modeBarButtons: [figure.layout.scene ? SOLID_BUTTONS : BUTTONS] };
+  await Plotly.react(place, data, { template: page.content.template, ...figure.layout, ...layout }, config);
+  if (isNew && chosen) place.on("plotly_click", (event) => chosen(event.points[0]));
 }
 
-/* A chart that Python has made, with the page's font and margins. */
-function drawFigure(id, figure, margin) {
-  const layout = { margin, paper_bgcolor: "#fff", plot_bgcolor: "#fff", ...figure.layout };
-  return draw(id, { data: figure.data, layout });
+/* A map of blocks, coarse or fine, with these edges along x and y. */
+function heatmap([x, y], values, more = {}) {
+  const width = x.length - 1;
+  const rows = (all) => Array.from({ length: y.length - 1 }, (_, j) => all.subarray(j * width, (j + 1) * width));
+  return { x, y, z: rows(values), ...(more.um ? { customdata: rows(more.um) } : {}) };
 }
 
-/* A click on a cell of a map chooses it; coarse or fine, blocks are converted to those of the layers. */
-function choosesCell(place, run, block) {
-  place.removeAllListeners("plotly_click");
-  place.on("plotly_click", (event) => {
-    const [j, i] = event.points[0].pointIndex;
-    const own = page.runs[run()];
-    page.run = run();
-    if (place.closest("#finals")) page.layer = own.layers - 1;
-    page.cell = { i: Math.floor((i * block()) / own.block), j: Math.floor((j * block()) / own.block) };
-    showLayer();
-  });
+const onScale = (errors) => errors.map((error) => Math.asinh(error / page.content.width));
+const errorMap = (edges, um) => heatmap(edges, onScale(um), { um });
+
+/* The run and the cell of a click on a map. */
+function choose(run, { x, y }, layer) {
+  const { pitch, block } = page.runs[run];
+  const [i, j] = [x, y].map((mm) => Math.floor((mm / pitch + 0.5) / block));
+  Object.assign(page, { run, layer, cell: { i, j } });
+  redraw();
 }
 
-async function showFinals() {
-  const places = find("finals");
-  while (places.children.length < page.runs.length) places.append(Object.assign(document.createElement("div"), { className: "plot" }));
-  while (places.children.length > page.runs.length) places.lastChild.remove();
-  await Promise.all(page.runs.map(async (run, number) => {
-    const place = places.children[number];
-    await draw(place, finalChart(run, page.scale));
-    choosesCell(place, () => number, () => page.runs[number].final.block);
-  }));
-  await drawFigure("distribution", page.content.distribution, { l: 58, r: 10, t: 60, b: 84 });
-  const curves = find("curves");
-  await drawFigure("curves", page.content.curves, { l: 50, r: 10, t: 64, b: 44 });
-  curves.removeAllListeners("plotly_click");
-  curves.on("plotly_click", (event) => {
-    page.layer = Math.min(event.points[0].x, page.runs[page.run].layers - 1);
-    showLayer();
-  });
+async function showRuns() {
+  const places = find("finals"), { curves, distribution } = page.content;
+  page.runs.slice(places.children.length).forEach(() => places.append(Object.assign(element("div", ""), { className: "plot" })));
+  [...places.children].slice(page.runs.length).forEach((place) => place.remove());
+  await Promise.all(page.runs.map((run, k) => draw(places.children[k], run.charts.final, [errorMap(run.finalEdges, run.final)], {},
+    (point) => choose(k, point, page.runs[k].layers - 1))));
+  await draw(find("distribution"), distribution);
+  await draw(find("curves"), curves, [], {}, ({ x }) => { page.layer = x; redraw(); });
 }
-
-const LAYER_MAPS = ["surface", "droplets", "error"];
 
 async function showLayer() {
-  const run = page.runs[page.run];
-  page.layer = Math.min(page.layer, run.layers - 1);
+  const run = page.runs[page.run], last = run.layers - 1;
+  page.layer = Math.min(page.layer, last);
   page.cell ??= { i: Math.floor(run.nx / 2), j: Math.floor(run.ny / 2) };
-  const { layer, cell } = page;
+  const { layer, cell: { i, j } } = page, errors = run.errors(layer);
   find("run").value = String(page.run);
-  Object.assign(find("layer"), { max: run.layers - 1, value: layer });
-  text("layer-number", `${layer} of ${run.layers - 1}`);
-  text("readout", readout(run, layer, cell));
-  text("blocks", run.block > 1 ? `Each value is the mean of a block of ${run.block} x ${run.block} cells: all cells would not fit into the page.` : "");
-  const top = Math.max(extremes(run.target)[1], quantile(run.heights(run.layers - 1), 1));
+  Object.assign(find("layer"), { max: last, value: layer });
+  find("layer-number").textContent = `${layer} of ${last}`;
+  find("readout").textContent = readout(run);
+  find("blocks").textContent = run.block > 1 ? `Each value is the mean of a block of ${run.block} x ${run.block} cells: all cells would not fit into the page.` : "";
+  const ring = { shapes: [{ type: "rect", x0: run.edges[0][i], x1: run.edges[0][i + 1], y0: run.edges[1][j], y1: run.edges[1][j + 1], line: { color: "#000", width: 2 } }] };
+  const maps = { surface: heatmap(run.edges, run.heights(layer)), droplets: heatmap(run.edges, run.jetted[layer]), error: errorMap(run.edges, errors) };
   await Promise.all([
-    draw("surface", surfaceChart(run, layer, cell, top)),
-    draw("droplets", dropletChart(run, layer, cell)),
-    draw("error", layerErrorChart(run, layer, cell, page.scale)),
-    draw("section", sectionChart(run, layer, cell, page.along)),
-    draw("solid", solidChart(run, layer, page.scale, find("solid").clientWidth < 600), SOLID_CONFIG),
+    ...Object.entries(maps).map(([id, map]) => draw(find(id), run.charts[id], [map], ring, (point) => choose(page.run, point, page.layer))),
+    draw(find("section"), run.charts.section, ...section(run, errors)),
+    draw(find("solid"), run.charts.solid, solid(run, errors), camera(run.charts.solid.layout.scene)),
   ]);
-  LAYER_MAPS.forEach((id) => choosesCell(find(id), () => page.run, () => page.runs[page.run].block));
 }
 
-function readout(run, layer, cell) {
-  const index = cell.i * run.ny + cell.j;
-  const height = run.steps[layer][index] * run.step;
-  const [x, y] = [cell.i, cell.j].map((k, axis) => middles(run.grid[axis], run.block, run.pitch)[k].toFixed(3));
+function readout(run) {
+  const { layer, cell } = page, index = cell.j * run.nx + cell.i;
+  const height = run.steps[layer][index] * run.step, target = run.target[index], jetted = run.jetted[layer][index];
+  const [x, y] = [cell.i, cell.j].map((k, axis) => run.middles(axis)[k].toFixed(3));
   const cells = [cell.i, cell.j].map((k) => (run.block > 1 ? `${k * run.block}…` : String(k)));
-  const jetted = run.jetted[layer][index];
   const droplet = run.block > 1 ? `${jetted} % of the cells with a droplet` : ["no droplet", run.inks > 1 ? "ink A" : "a droplet", "ink B"][jetted];
-  const error = run.target[index] - height;
-  const judged = run.part[index] ? `, target ${run.target[index].toFixed(2)} µm: ${Math.abs(error).toFixed(2)} µm too ${error < 0 ? "high" : "low"}` : ", outside the part";
+  const judged = run.part[index] ? `, target ${target.toFixed(2)} µm: ${Math.abs(target - height).toFixed(2)} µm too ${target < height ? "high" : "low"}` : ", outside the part";
   return `Cell (${cells.join(", ")}) at x ${x} mm, y ${y} mm, layer ${layer}: height ${height.toFixed(2)} µm${judged}; ${droplet}.`;
 }
 
-/* Of several requests while a drawing is under way only the newest is drawn. */
-function newestOnly(work) {
-  let running = false, wanted = false;
-  return async () => {
-    wanted = true;
-    if (running) return;
-    running = true;
-    while (wanted) {
-      wanted = false;
-      await work();
-    }
-    running = false;
+/* Heights and errors on the row or column of blocks through the cell, with some ten earlier layers. */
+function section(run, errors) {
+  const { layer, cell } = page, isAlongX = page.along === "x";
+  const [own, other, here, at] = isAlongX ? [0, 1, cell.i, cell.j] : [1, 0, cell.j, cell.i];
+  const x = run.middles(own), across = run.middles(other)[at].toFixed(2);
+  const cut = (values) => x.map((_, k) => values[isAlongX ? at * run.nx + k : k * run.nx + at]);
+  const every = Math.max(1, Math.floor(layer / 10));
+  const earlier = Array.from({ length: Math.ceil(layer / every) }, (_, k) => cut(run.heights(k * every)));
+  const before = { x: earlier.flatMap(() => [...x, null]), y: earlier.flatMap((line) => [...line, null]) };
+  const lines = [run.target, run.heights(layer), errors].map((values) => ({ x, y: cut(values) }));
+  const line = { type: "line", x0: x[here], x1: x[here], yref: "paper", y0: 0, y1: 1, line: { color: "#999", width: 1, dash: "2px,2px" } };
+  return [[before, ...lines], { shapes: [line], title: { text: `Cut at ${isAlongX ? "y" : "x"} = ${across} mm` },
+    xaxis2: { ...run.charts.section.layout.xaxis2, title: { text: `${page.along} [mm]` } } }];
+}
+
+/* The surface as plates, one for each block, with upright walls between them. */
+function solid(run, errors) {
+  const by = Math.ceil(Math.max(run.nx, run.ny) / PLATES);
+  const [xs, ys] = run.edges.map((edges) => edges.filter((_, k) => k % by === 0 || k === edges.length - 1));
+  const nx = xs.length - 1, ny = ys.length - 1;
+  const [heights, colours] = [run.heights(page.layer), errors].map((values) => coarser(run, values, by, nx, ny));
+  const corners = { x: [], y: [], z: [] }, body = { i: [], j: [], k: [] }, tops = { i: [], j: [], k: [], intensity: [] };
+  const face = (faces, a, b, c, d) => {
+    faces.i.push(a, a);
+    faces.j.push(b, c);
+    faces.k.push(c, d);
   };
+  heights.forEach((height, cell) => {
+    const i = cell % nx, j = Math.floor(cell / nx), own = 4 * cell, right = own + 4, behind = own + 4 * nx;
+    const isPart = !Number.isNaN(colours[cell]);
+    corners.x.push(xs[i], xs[i + 1], xs[i + 1], xs[i]);
+    corners.y.push(ys[j], ys[j], ys[j + 1], ys[j + 1]);
+    corners.z.push(height, height, height, height);
+    face(isPart ? tops : body, own, own + 1, own + 2, own + 3);
+    if (isPart) tops.intensity.push(...onScale([colours[cell], colours[cell]]));
+    if (i + 1 < nx) face(body, own + 1, right, right + 3, own + 2);
+    if (j + 1 < ny) face(body, own + 3, own + 2, behind + 1, behind);
+  });
+  return [{ ...corners, ...body }, { ...corners, ...tops }];
+}
+
+/* Means over squares of `by` blocks a side, of those that have a number. */
+function coarser(run, values, by, nx, ny) {
+  const sums = new Float64Array(nx * ny), counts = new Float64Array(nx * ny);
+  values.forEach((value, cell) => {
+    if (Number.isNaN(value)) return;
+    const wide = Math.floor(Math.floor(cell / run.nx) / by) * nx + Math.floor((cell % run.nx) / by);
+    sums[wide] += value;
+    counts[wide] += 1;
+  });
+  return sums.map((sum, wide) => sum / counts[wide]);
+}
+
+/* From farther away in a narrow window, where the picture is taller than wide. */
+function camera(scene) {
+  const far = find("solid").clientWidth < 600 ? 1.64 : 1, { eye, center } = scene.camera;
+  return { scene: { ...scene, camera: { center, eye: { x: eye.x * far, y: eye.y * far, z: eye.z * far } } } };
+}
+
+/* Of the requests during a drawing the newest is drawn. */
+let wanted = 0;
+async function redraw() {
+  if (wanted++) return;
+  try {
+    for (let seen = 0; seen !== wanted;) {
+      seen = wanted;
+      await showLayer();
+    }
+  } finally {
+    wanted = 0;
+  }
 }
 
 /* Take a content: the first one, or one with the layers that the page does not have yet. */
 async function take(content) {
   const wasLast = page.runs.length === 0 || page.layer >= page.runs[page.run].layers - 1;
   page.content = content;
-  page.runs = await Promise.all(content.runs.map(async (description, number) => {
-    const run = description.layers.first > 0 ? page.runs[number] : new Run(description);
-    await run.add(description);
-    return run;
-  }));
-  page.scale = new ErrorScale(page.runs);
+  page.runs = await Promise.all(content.runs.map((description, k) => (description.layers.first ? page.runs[k] : new Run()).add(description)));
+  page.run = Math.min(page.run, page.runs.length - 1);
   if (wasLast) page.layer = Infinity;
   showTexts(content);
-  find("run").replaceChildren(...page.runs.map((run, number) => new Option(run.name, String(number))));
+  find("run").replaceChildren(...page.runs.map((run, k) => new Option(run.name, String(k))));
   find("run-choice").hidden = page.runs.length < 2;
-  await showFinals();
-  await showLayer();
+  await showRuns();
+  await redraw();
   document.body.dataset.layers = page.runs.map((run) => run.layers).join(",");
 }
 
-/* The server says that there is something new; the page asks for it when it has drawn what it had. */
-function follow() {
-  let epoch = "";
-  const update = newestOnly(async () => {
-    const known = page.runs.map((run) => run.layers).join(",");
-    const answer = await fetch(`content?epoch=${epoch}&known=${known}`, { cache: "no-store" });
-    const content = await answer.json();
-    if (content.problem) text("state", content.problem);
-    else if (content.runs) {
-      epoch = content.epoch;
-      await take(content);
-    }
-  });
-  const events = new EventSource("events");
-  events.onmessage = () => update().catch((error) => text("state", `The page could not be updated: ${error.message}`));
-  events.onerror = () => text("state", `${page.content?.state ?? ""} No connection to inkloop watch; it is tried again.`);
+/* Ask the server for what is new; the sentence on the run. */
+async function look() {
+  const known = page.runs.map((run) => run.layers).join(",");
+  const query = `version=${page.version}&epoch=${page.content?.epoch ?? ""}&known=${known}`;
+  const answer = await fetch(`content?${query}`, { cache: "no-store" }).catch(() => { throw new Error("no connection to inkloop watch"); });
+  const content = answer.status === 204 ? page.content : await answer.json();
+  if (content.problem) return content.problem;
+  if (content !== page.content) await take(content);
+  page.version = content.version;
+  return content.texts.state;
 }
 
-const redraw = newestOnly(showLayer);
+async function follow() {
+  const state = await look().catch((error) => `The page could not be updated: ${error.message}. It is tried again.`);
+  if (find("state").textContent !== state) find("state").textContent = state;
+  setTimeout(follow, LOOK_MS);
+}
+
 find("layer").addEventListener("input", (event) => { page.layer = Number(event.target.value); redraw(); });
 find("run").addEventListener("change", (event) => { page.run = Number(event.target.value); redraw(); });
 find("along").addEventListener("change", (event) => { page.along = event.target.value; redraw(); });

@@ -14,39 +14,42 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from plotly.offline import get_plotlyjs
+
 from inkloop.files import write_text
 from inkloop.report.page import maps
 from inkloop.report.page.content import content
-from inkloop.report.page.devices import devices
 from inkloop.report.page.maps import LayerMaps
 from inkloop.report.terminal import without_nan
 from inkloop.results.result import Result
 
 FILE = "report.html"
-SCRIPTS = ("maps.js", "charts.js", "page.js")
+SCRIPTS = ("maps.js", "page.js")
 """Scripts of this package, in the order in which they run; Plotly runs before them."""
 FILE_BYTES_MAX = 25_000_000
 OTHERS_BYTES = 6_500_000
-"""Bytes of a file besides the maps: Plotly, 4.8 MB, style, scripts, texts and curves."""
-MAPS_BYTES_MAX = FILE_BYTES_MAX - OTHERS_BYTES
+"""Bytes of a file besides the content: Plotly, 4.8 MB, style and scripts, with room for later versions."""
+CONTENT_BYTES_MAX = FILE_BYTES_MAX - OTHERS_BYTES
 PACKED_SHARE = 0.5
 """Bytes in base64 per byte of differences in rough layers (measured); smooth layers have fewer."""
+POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data: blob:; style-src 'unsafe-inline'"
+LIVE_SOURCES = "script-src 'self'; connect-src 'self'"
+"""Sources that the live page may load, in addition to `POLICY`."""
 
 
 def write(path: Path, runs: Mapping[str, Result], log: Path) -> None:
     """Write one file with runs by name, the run itself first; log: of its devices, if it has any. Raises OSError."""
-    write_text(path, standalone({**content_within(runs, MAPS_BYTES_MAX), "devices": devices(log)}))
+    write_text(path, standalone(content_within(runs, log, CONTENT_BYTES_MAX)))
 
 
-def content_within(runs: Mapping[str, Result], bytes_max: int) -> dict[str, Any]:
-    """The content with the smallest blocks of cells for which all maps take at most so many bytes."""
-    cells = maps.FINAL_CELLS / len(runs)
-    block = first_block(runs, bytes_max / PACKED_SHARE)
-    while True:
-        found = content(runs, [LayerMaps(result.dataset, block) for result in runs.values()], cells=cells)
-        if bytes_of_maps(found) <= bytes_max:
-            return found
+def content_within(runs: Mapping[str, Result], log: Path, bytes_max: int) -> str:
+    """The content as JSON, with the smallest blocks of cells for which it is so short."""
+    grid = next(iter(runs.values())).dataset.sizes
+    block, text = first_block(runs, bytes_max / PACKED_SHARE), ""
+    while not text or (len(text) > bytes_max and block <= max(grid["x"], grid["y"])):
+        text = as_json(content(runs, [LayerMaps(result.dataset, block) for result in runs.values()], log))
         block += 1
+    return text
 
 
 def first_block(runs: Mapping[str, Result], bytes_max: float, expected: int = 0) -> int:
@@ -59,36 +62,18 @@ def first_block(runs: Mapping[str, Result], bytes_max: float, expected: int = 0)
     return maps.block_for(run, bytes_max / (layers * maps.BYTES_OF_A_CELL_AND_LAYER))
 
 
-def bytes_of_maps(content_: Mapping[str, Any]) -> int:
-    """The size of all packed arrays of a content."""
-    groups = [group for run in content_["runs"] for group in (run, run["layers"], run["final"])]
-    return sum(len(array["data"]) for group in groups for array in _arrays(group))
-
-
-def standalone(content_: Mapping[str, Any]) -> str:
-    """The page as one text."""
-    scripts = [plotly(), *map(own_file, SCRIPTS)]
+def standalone(content_: str) -> str:
+    """The page as one text; content_: JSON."""
+    scripts = [get_plotlyjs(), *map(own_file, SCRIPTS)]
     hashes = " ".join(f"'sha256-{_sha256(script)}'" for script in scripts)
-    data = f'<script type="application/json" id="content">{as_json(content_)}</script>'
+    data = f'<script type="application/json" id="content">{content_}</script>'
     return _page(f"script-src {hashes}", [data, *(f"<script>{script}</script>" for script in scripts)])
 
 
-def served() -> str:
-    """The page that loads its scripts and its content from its server."""
-    sources = ["plotly.js", *SCRIPTS]
-    return _page(LIVE_SOURCES, [f'<script src="{source}"></script>' for source in sources])
-
-
-LIVE_SOURCES = "script-src 'self'; connect-src 'self'"
-"""Sources that the live page may load, in addition to `POLICY`."""
-POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data: blob:; style-src 'unsafe-inline'"
-
-
-def plotly() -> str:
-    """The JavaScript of the installed Plotly."""
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
+def served() -> dict[str, str]:
+    """The page that loads its scripts and its content from its server, at `/`, and its scripts by their paths."""
+    scripts = {"/plotly.js": get_plotlyjs(), **{f"/{name}": own_file(name) for name in SCRIPTS}}
+    return {"/": _page(LIVE_SOURCES, [f'<script src="{path[1:]}"></script>' for path in scripts]), **scripts}
 
 
 def own_file(name: str) -> str:
@@ -107,10 +92,6 @@ def _page(sources: str, scripts: list[str]) -> str:
     for mark, text in {"policy": f"{POLICY}; {sources}", "style": style, "scripts": "\n".join(scripts)}.items():
         frame = frame.replace(f"<!-- {mark} -->", text, 1)
     return frame
-
-
-def _arrays(group: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [value for value in group.values() if isinstance(value, dict) and "data" in value and "type" in value]
 
 
 def _sha256(script: str) -> str:

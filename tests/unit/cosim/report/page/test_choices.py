@@ -1,4 +1,4 @@
-"""Choices of a user on the page and the values shown: cells, layers, inks, and the scale of the errors."""
+"""Choices of a user on the page and the values shown: layers, cells, runs, cuts, and further layers of a print."""
 
 from __future__ import annotations
 
@@ -8,158 +8,181 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from inkloop.report.page.maps import LayerMaps, final_errors
+from inkloop.results.result import Result
 from support.page_scripts import drawn, needs_node
+from support.pages import HEIGHT, MASK, PATTERN, TARGET, plate, shown
 
 pytestmark = [needs_node, pytest.mark.system]
 
-SHAPE, PITCH = (6, 4), 1e-4
-MASK = np.ones(SHAPE, np.bool_)
-MASK[0] = False
-PATTERN = np.zeros((3, *SHAPE), np.int32)
-PATTERN[1:, 1:, :2], PATTERN[1:, 1:, 3] = 1, 2
+UM, ERROR = HEIGHT * 1e6, np.where(MASK, (TARGET - HEIGHT) * 1e6, np.nan)
+HALF: dict[str, Any] = {"rtol": 0.0, "atol": 0.0051}
+EXACT: dict[str, Any] = {"rtol": 0.0, "atol": 1e-9}
+EDGES = [(np.arange(cells + 1) - 0.5) * 0.1 for cells in MASK.shape]
 
 
-def printed() -> xr.Dataset:
-    """Two inks in layers of 5 um on a part of 8 um, whose first row of cells lies outside the part."""
-    height = np.arange(3)[:, None, None] * np.where(MASK, 5e-6, 0.0)
-    maps = {"height": (("layer", "x", "y"), height), "pattern": (("layer", "x", "y"), PATTERN)}
-    flat = {"target_height": (("x", "y"), np.where(MASK, 8e-6, 0.0)), "mask": (("x", "y"), MASK)}
-    places = {"layer": np.arange(3), "x": np.arange(6) * PITCH, "y": np.arange(4) * PITCH}
-    return xr.Dataset(maps | flat, places, {"pitch": PITCH})
+def means(values: Any, block: int = 2) -> Any:
+    """Over blocks of cells, which are smaller at the far edges."""
+    nx, ny = (-(-cells // block) for cells in values.shape)
+    places = [[np.s_[block * i : block * (i + 1), block * j : block * (j + 1)] for j in range(ny)] for i in range(nx)]
+    return np.array([[np.nanmean(values[place]) if np.isfinite(values[place]).any() else np.nan for place in row]
+                     for row in places])  # fmt: skip
 
 
-def described(block: int = 1, layers: int = 3) -> dict[str, Any]:
-    """The first layers of the run as the page gets them."""
-    dataset = printed().isel(layer=slice(layers))
-    maps = LayerMaps(dataset, block)
-    more = {"layers": maps.packed(), "final": final_errors(dataset, 1e6), "inks": 2}
-    return {"name": "run", **maps.described(dataset), **more}
+def test_maps_are_the_heights_droplets_and_errors_of_the_layer_around_a_ring() -> None:
+    found = drawn(shown(plate()), """
+        await show(2, 3, 5);
+        return ["surface", "droplets", "error"].map((id) => [find(id).data[0], find(id).layout.shapes[0]])
+          .concat([[find("finals").children[0].data[0], content.width]]);
+    """)  # fmt: skip
+    (surface, ring), (droplets, _), (error, _), (final, width) = found
+    np.testing.assert_allclose(surface["z"], UM.T, **HALF)
+    np.testing.assert_array_equal(droplets["z"], PATTERN[2].T)
+    for trace in (error, final):
+        np.testing.assert_allclose(np.array(trace["customdata"], float), ERROR.T, **HALF)
+        np.testing.assert_allclose(np.sinh(np.array(trace["z"], float)) * width, ERROR.T, **HALF)
+    for trace in (surface, droplets, error, final):
+        np.testing.assert_allclose(np.concatenate([trace["x"], trace["y"]]), np.concatenate(EDGES), **EXACT)
+    assert [ring[name] for name in ("x0", "x1", "y0", "y1")] == pytest.approx([0.25, 0.35, 0.45, 0.55], rel=1e-9, abs=0)
 
 
-def test_cell_says_which_ink_fell_and_whether_it_is_of_the_part() -> None:
-    cells = [(0, 1), (1, 0), (1, 2), (1, 3)]
-    code = "run.target[1] = 7; return given.cells.map(([i, j]) => readout(run, 2, { i, j }));"
-    found = drawn(described() | {"cells": cells}, code)
-    assert [text.rsplit("; ", 1)[1] for text in found] == ["no droplet.", "ink A.", "no droplet.", "ink B."]
+def test_cuts_are_the_row_and_the_column_of_the_cell() -> None:
+    found = drawn(shown(plate()), """
+        const cuts = [];
+        for (page.along of ["x", "y"]) {
+          await show(2, 3, 5);
+          cuts.push([find("section").data, find("section").layout.title.text, find("section").layout.shapes[0].x0]);
+        }
+        return cuts;
+    """)  # fmt: skip
+    cuts: Any = (("y = 0.50 mm", 12, np.s_[:, 5], 0.3), ("x = 0.30 mm", 9, np.s_[3, :], 0.5))
+    for (data, title, at), (place, count, line, here) in zip(found, cuts, strict=True):
+        assert (title, at) == (f"Cut at {place}", pytest.approx(here, rel=1e-9, abs=0.0))
+        earlier = np.array(data[0]["y"], float).reshape(2, -1)  # each layer ends in a gap
+        np.testing.assert_allclose(earlier[:, :-1], [0.0 * UM[line], UM[line] / 2], **HALF)
+        for trace, values in zip(data[1:], (TARGET * 1e6, UM, ERROR), strict=True):
+            np.testing.assert_allclose(trace["x"], np.arange(count) * 0.1, **EXACT)
+            np.testing.assert_allclose(np.array(trace["y"], float), values[line], **HALF)
+
+
+def test_solid_has_a_plate_for_each_cell_and_coarser_ones_for_many() -> None:
+    body, tops, heights, errors = drawn(shown(plate()), """
+        await show(2, 3, 5);
+        const wide = [run.heights(2), run.errors(2)].map((values) => coarser(run, values, 2, 6, 5));
+        return [...find("solid").data, ...wide];
+    """)  # fmt: skip
+    corners = np.array([body[axis] for axis in "xyz"]).reshape(3, 9, 12, 4).swapaxes(1, 2)
+    np.testing.assert_allclose(corners[:2].mean(axis=-1), np.indices((12, 9)) * 0.1, **EXACT)
+    np.testing.assert_allclose(np.ptp(corners, axis=-1)[:, 0, 0], [0.1, 0.1, 0.0], **EXACT)
+    np.testing.assert_allclose(corners[2, ..., 0], UM, **HALF)
+    assert len(tops["intensity"]) == len(tops["i"]) == 2 * MASK.sum()
+    for found, values in ((heights, UM), (errors, ERROR)):
+        np.testing.assert_allclose(np.array(found, float).reshape(5, 6).T, means(values), **HALF)
+
+
+def test_read_out_says_height_error_and_ink_of_the_cell() -> None:
+    cells = [(0, 1), (3, 4), (3, 1), (3, 5)]
+    code = "return more.map(([i, j]) => { Object.assign(page, { layer: 1, cell: { i, j } }); return readout(run); });"
+    found = drawn(shown(plate()), code, cells)
+    assert [text.rsplit("; ", 1)[1] for text in found] == ["no droplet.", "no droplet.", "ink A.", "ink B."]
     assert [", outside the part;" in text for text in found] == [True, False, False, False]
-    assert all("2.00 µm too high" in text for text in found[1:])
-    (blocks,) = drawn(described(block=2) | {"cells": [(1, 1)]}, code)
-    assert blocks.startswith("Cell (2…, 2…) at x 0.250 mm, y 0.250 mm, layer 2: height 10.00 µm, target 8.00 µm")
-    assert blocks.endswith("; 50 % of the cells with a droplet.")
-
-
-def test_droplets_are_shown_by_ink_or_as_a_share_of_their_block() -> None:
-    code = """return given.numbers.map((inks) => {
-        run.inks = inks;
-        const look = dropletChart(run, 2, { i: 1, j: 1 }).data[0];
-        return [look.colorbar.ticktext, look.colorbar.tickvals, look.zmin, look.zmax, look.colorscale.map(([at]) => at),
-          look.z, look.colorbar.title.text];
-    });"""
-    two, one = drawn(described() | {"numbers": [2, 1]}, code)
-    assert two[:4] == [["none", "ink A", "ink B"], [0, 1, 2], -0.5, 2.5]
-    assert one[:4] == [["none", "droplet"], [0, 1], -0.5, 1.5]
-    assert two[4] == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1], rel=1e-12, abs=0.0)
-    assert two[5] == PATTERN[2].T.tolist()
-    jetted = (PATTERN[2] > 0).reshape(3, 2, 2, 2).mean(axis=(1, 3)) * 100.0
-    for shares in drawn(described(block=2) | {"numbers": [2, 1]}, code):
-        assert (shares[2], shares[3], shares[6]) == (0, 100, "cells with a droplet [%]")
-        np.testing.assert_allclose(shares[5], jetted.T, rtol=0.0, atol=0.5)
-
-
-def test_scales_are_those_of_the_whole_run_from_the_ground_up() -> None:
-    code = """
-        Object.assign(page, { runs: [run], layer: 1, scale: new ErrorScale([run]) });
-        await showLayer();
-        const top = find("surface").data[0].zmax, half = quantile(Float64Array.of(3, NaN, 1, NaN, 2, NaN, NaN), 0.5);
-        run.target.fill(8);
-        run.steps[2].fill(100);
-        const ground = solidChart(run, 2, page.scale, false).layout.scene.zaxis.range[0];
-        return [top, half, ground, plainText("<b> & </b>")];
-    """
-    assert drawn(described(), code) == [10, 2, 0, "&lt;b&gt; &amp; &lt;/b&gt;"]
-
-
-def test_scale_of_errors_has_round_numbers_on_both_sides() -> None:
-    code = """
-        const scale = Object.assign(new ErrorScale([run]), { width: 0.7, limit: 30 });
-        const { zmin, zmax, colorbar, colorscale } = scale.axis();
-        return [zmin, zmax, colorbar.tickvals, colorbar.ticktext, colorscale[0], colorscale.at(-1)];
-    """
-    zmin, zmax, values, texts, first, last = drawn(described(), code)
-    assert texts == ["-20", "-5", "-1", "0", "1", "5", "20"]
-    np.testing.assert_allclose(values, np.arcsinh(np.array(texts, float) / 0.7), rtol=1e-12)
-    np.testing.assert_allclose([zmin, zmax], np.arcsinh([-30 / 0.7, 30 / 0.7]), rtol=1e-12)
-    assert (first, last) == ([0, "#67001f"], [1, "#053061"])
+    height = round(UM[3, 5] / 2, 2)
+    begin = f"Cell (3, 5) at x 0.300 mm, y 0.500 mm, layer 1: height {height:.2f} µm, target 20.00 µm"
+    assert found[3] == f"{begin}: {20.0 - height:.2f} µm too low; ink B."
+    (one,) = drawn(shown(plate(mismatch=None)), code, cells[2:3])
+    assert one.endswith("; a droplet.")
+    (block,) = drawn(shown(plate(), block=2), code, [(5, 4)])
+    assert block.startswith("Cell (10…, 8…) at x 1.050 mm, y 0.800 mm, layer 1: height 0.00 µm, outside the part")
+    assert block.endswith("; 0 % of the cells with a droplet.")
 
 
 def test_click_on_a_map_of_finer_cells_chooses_the_block_of_the_layers() -> None:
     """The pictures of the final errors show the last layer; a click on another run shows that run."""
     code = """
-        const other = new Run(given);
-        await other.add(given);
-        Object.assign(page, { runs: [other, run], layer: 0, scale: new ErrorScale([run]) });
-        const place = find("a final picture");
-        place.closest = (name) => (name === "#finals" ? {} : null);
-        choosesCell(place, () => 1, () => 1);
-        place.click({ points: [{ pointIndex: [3, 4] }] });
-        const fine = page.cell;
-        choosesCell(place, () => 1, () => 3);
-        place.click({ points: [{ pointIndex: [1, 0] }] });
-        return [page.run, page.layer, fine, page.cell, find("layer-number").textContent, find("layer").max];
+        await show(0, 1, 1);
+        find("finals").children[1].click(0.3, 0.5);
+        const seen = [page.run, page.layer, page.cell, find("layer-number").textContent, find("layer").max];
+        page.layer = 1;
+        find("error").click(1.05, 0.8);
+        return [...seen, page.run, page.layer, page.cell];
     """
-    assert drawn(described(block=2), code) == [1, 2, {"i": 2, "j": 1}, {"i": 0, "j": 1}, "2 of 2", 2]
+    found = drawn(shown(plate(), plate("open"), block=2), code)
+    assert found == [1, 2, {"i": 1, "j": 2}, "2 of 2", 2, 1, 1, {"i": 5, "j": 4}]
 
 
 @pytest.mark.parametrize(("layer", "expected"), [(1, 2), (0, 0)])
-def test_open_page_follows_the_print_while_it_shows_the_last_layer(layer: int, expected: int) -> None:
+def test_open_page_takes_what_it_lacks_and_follows_the_print_while_it_shows_the_last_layer(
+    layer: int, expected: int
+) -> None:
+    """Layer 1 was scanned since the page got it, and layer 2 was printed."""
+    begun, whole = Result(plate().dataset.isel(layer=slice(2)), plate().run), plate()
+    scanned = whole.dataset["height"][1].values + 1e-6
+    whole.dataset["height"][1] = scanned
     code = """
-        showTexts = () => {};
-        showFinals = async () => {};
-        globalThis.Option = class {};
-        document.body = { dataset: {} };
-        find("run").replaceChildren = () => {};
-        Object.assign(page, { runs: [run], layer: given.looks });
-        await take({ runs: [given.later] });
-        return [page.layer, page.runs[0] === run, find("layer-number").textContent, document.body.dataset.layers];
+        page.layer = more.layer;
+        await take(more.later);
+        return [page.layer, page.runs[0] === run, find("layer-number").textContent, document.body.dataset.layers,
+          [0, 1, 2].map((layer) => run.heights(layer)), run.jetted.length];
     """
-    update = described() | {"layers": LayerMaps(printed(), 1).packed(2)}
-    given = described(layers=2) | {"later": update, "looks": layer}
-    assert drawn(given, code) == [expected, True, f"{expected} of 2", "3"]
+    later = shown(whole, known=[2])
+    *found, heights, jetted = drawn(shown(begun), code, {"later": later, "layer": layer})
+    assert (found, jetted) == ([expected, True, f"{expected} of 2", "3"], 3)
+    for values, stored in zip(heights, (0.0 * HEIGHT, scanned, HEIGHT), strict=True):
+        np.testing.assert_allclose(np.reshape(values, (9, 12)).T, stored * 1e6, **HALF)
 
 
 def test_requests_during_a_drawing_end_in_one_more() -> None:
     code = """
         let count = 0, end;
-        const update = newestOnly(() => { count += 1; return new Promise((ended) => { end = ended; }); });
-        const first = update();
-        update(); update(); update();
+        const drawing = new Map([[find("solid"), (ended) => { count += 1; end = ended; }]]);
+        Plotly.react = (place) => new Promise(drawing.get(place) ?? ((ended) => ended()));
+        const rest = () => new Promise(setImmediate), first = redraw();
+        redraw(); redraw(); redraw();
         const during = count;
-        end();
-        await new Promise((rest) => setTimeout(rest, 0));
-        end();
-        await first;
-        const after = count, again = update();
-        end();
-        await again;
+        end(); await rest(); end(); await first;
+        const after = count, again = redraw();
+        end(); await again;
         return [during, after, count];
     """
-    assert drawn(described(), code) == [1, 2, 3]
+    assert drawn(shown(plate()), code) == [1, 2, 3]
 
 
-def test_problem_of_the_server_is_shown() -> None:
+def test_problem_of_the_server_is_shown_until_it_is_gone() -> None:
     code = """
-        let events;
-        globalThis.EventSource = class { constructor() { events = this; } };
-        globalThis.fetch = async () => ({ json: async () => ({ problem: "run.json cannot be read" }) });
-        follow();
-        events.onmessage();
-        await new Promise((rest) => setTimeout(rest, 0));
-        const problem = find("state").textContent;
-        globalThis.fetch = async () => { throw new Error("no answer"); };
-        events.onmessage();
-        await new Promise((rest) => setTimeout(rest, 0));
-        return [problem, find("state").textContent];
+        const states = [];
+        const answers = [{ json: async () => ({ problem: "run.json cannot be read" }) }, null, { status: 204 }];
+        globalThis.fetch = async () => answers.shift() ?? Promise.reject(new Error("refused"));
+        for (let look = 0; look < 3; look++) {
+          await follow();
+          states.push(find("state").textContent);
+        }
+        return states;
     """
-    expected = ["run.json cannot be read", "The page could not be updated: no answer"]
-    assert drawn(described(), code) == expected
+    assert drawn(shown(plate()), code) == [
+        "run.json cannot be read",
+        "The page could not be updated: no connection to inkloop watch. It is tried again.",
+        "The print ended at `layers_max` of the scenario: 2 layers.",
+    ]
+
+
+def test_page_draws_a_layer_of_more_cells_than_a_call_takes_arguments() -> None:
+    cells, flat = np.zeros((401, 390)), ("x", "y")
+    dataset = xr.Dataset(
+        {
+            "height": (("layer", *flat), np.stack([cells, cells + 9e-6])),
+            "target_height": (flat, cells + 20e-6),
+            "mask": (flat, np.ones_like(cells, np.bool_)),
+            "mean_error": ("layer", [20e-6, 11e-6]),
+            "std": ("layer", [0.0, 0.0]),
+        },
+        {"layer": np.arange(2), "x": np.arange(401) * 1e-4, "y": np.arange(390) * 1e-4},
+        plate().dataset.attrs,
+    )
+    code = (
+        'find("error").click(30.0, 0.7); return [find("surface").layout.coloraxis.cmax, find("readout").textContent];'
+    )
+    top, text = drawn(shown(Result(dataset, plate().run)), code)
+    assert top == pytest.approx(20.0, rel=1e-6, abs=0.0)
+    assert text == (
+        "Cell (300, 7) at x 30.000 mm, y 0.700 mm, layer 1: height 9.00 µm, target 20.00 µm: 11.00 µm too low; "
+        "no droplet."
+    )

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import http.client
 import json
 import socket
-import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import anyio
 import numpy as np
 import pytest
 
@@ -25,9 +21,7 @@ from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
 from inkloop.printing.so_far import RunFolder, feed_of, state_of
 from inkloop.report.page import page, server
-from inkloop.report.page.devices import devices
 from inkloop.report.page.feed import Feed
-from inkloop.report.page.maps import FINAL_CELLS
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import RUN_FILE, SCHEMA_VERSION, Result
 from inkloop.scenario.file import Scenario
@@ -36,8 +30,7 @@ from support.pages import heights_of, unfinished, unpacked
 from support.prints import quick_cuboid
 
 EVIL = "evil.example"
-LINES_MAX = 60
-"""Of a stream of events until the layer has come; an idle server sends two in fifteen seconds."""
+QUERIES = ("epoch=4&known=3,12345678", "epoch=4&known=3,123456789,x", "version=7&epoch=4", "")
 
 
 class Still:
@@ -70,75 +63,83 @@ def feed_of_six(folder: Path, layers: int = 0) -> tuple[Feed, Still]:
     return Feed(source, lambda: "", folder / "bench.log", 6), source
 
 
+def sent(feed: Feed, version: str = "", epoch: str = "", known: Sequence[int] = ()) -> dict[str, Any]:
+    """A content that is new to a page."""
+    found = feed.content(version, epoch, known)
+    assert found is not None
+    return found
+
+
 def test_page_gets_the_layers_that_it_does_not_have_whatever_it_missed(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path, 1)
-    assert feed.refresh()
-    assert not feed.refresh()
-    assert source.readings == 1
-    first = feed.content()
+    first = sent(feed)
     assert heights_of(first["runs"][0]).shape[0] == 2
+    assert feed.content(first["version"], first["epoch"], [2]) is None
+    assert source.readings == 1
     for source.layers in (2, 3, 5):
-        assert feed.refresh()
-    later = feed.content(first["epoch"], [2])["runs"][0]["layers"]
+        sent(feed)  # to another page
+    later = sent(feed, first["version"], first["epoch"], [2])["runs"][0]["layers"]
     assert later["first"] == 1  # which may have been scanned since
     steps = np.cumsum(unpacked(later["heights"]).astype(np.int64), axis=0)
     before = heights_of(first["runs"][0])[0]
     expected = printed().dataset.height.values[1:6] * 1e6
     assert np.abs(before + steps * 0.01 - expected).max() <= 0.005 * (1 + 1e-9)
-    assert heights_of(feed.content("", [2])["runs"][0]).shape[0] == 6  # of another epoch: all of them
-    assert feed.content(first["epoch"], [10**8])["runs"][0]["layers"]["first"] == 5
+    assert heights_of(sent(feed, known=[2])["runs"][0]).shape[0] == 6  # of another epoch: all of them
+    assert sent(feed, "1", first["epoch"], [10**8])["runs"][0]["layers"]["first"] == 5
+
+
+def test_page_of_another_watcher_gets_everything(tmp_path: Path) -> None:
+    before = sent(feed_of_six(tmp_path, 2)[0])
+    after = sent(feed_of_six(tmp_path, 2)[0], before["version"], before["epoch"], [3])
+    assert heights_of(after["runs"][0]).shape[0] == 3
 
 
 def test_run_that_begins_again_is_a_new_epoch(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path, 4)
-    feed.refresh()
-    epoch = feed.content()["epoch"]
+    before = sent(feed)
     source.layers = 1
-    feed.refresh()
-    assert feed.content(epoch, [5])["epoch"] != epoch
-    assert heights_of(feed.content(epoch, [5])["runs"][0]).shape[0] == 2
+    after = sent(feed, before["version"], before["epoch"], [5])
+    assert after["epoch"] != before["epoch"]
+    assert heights_of(after["runs"][0]).shape[0] == 2
 
 
 def test_problem_of_a_folder_is_shown_until_it_is_gone(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path, 2)
-    assert feed.content() == {"problem": "No layer is finished yet."}
-    assert feed.refresh()
-    good = source.runs
+    good, page_has = source.runs, sent(feed)
 
     def damaged() -> dict[str, Result]:
         raise ResultError("0002.npz: cannot be read")
 
     source.runs, source.layers = damaged, 3
-    assert feed.refresh()
-    assert feed.content() == {"problem": "0002.npz: cannot be read"}
-    source.runs, source.layers = good, 4
-    assert feed.refresh()
-    assert heights_of(feed.content()["runs"][0]).shape[0] == 5
-    assert feed.version == 3
+    for _ in range(2):
+        assert feed.content(page_has["version"], page_has["epoch"], [3]) == {"problem": "0002.npz: cannot be read"}
+    source.runs = good
+    later = sent(feed, page_has["version"], page_has["epoch"], [3])
+    assert later["runs"][0]["layers"]["first"] == 2
 
 
 def test_new_message_of_a_device_is_a_change_of_its_own(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path, 2)
-    feed.refresh()
-    epoch = feed.content()["epoch"]
-    (tmp_path / "bench.log").write_text("a message\n")
-    assert feed.refresh()
-    assert not feed.refresh()
+    first = sent(feed)
+    (tmp_path / "bench.log").write_text("2026-01-01 10:00:00.002 INFO head: idle\n")
+    later = sent(feed, first["version"], first["epoch"], [3])
+    assert later["epoch"] == first["epoch"]  # as many layers as before
+    assert later["tables"]["nodes"]["rows"] == [["head", "2026-01-01 10:00:00.002", "", "idle"]]
+    assert feed.content(later["version"], later["epoch"], [3]) is None
     assert source.readings == 2
-    assert feed.content(epoch, [3])["epoch"] == epoch  # as many layers as before
 
 
 def test_owner_of_a_run_is_looked_up_once_in_eight_looks(tmp_path: Path) -> None:
-    source, owners = Still(printed()), list[str]()
+    owners = list[str]()
 
     def owner() -> str:
         owners.append(f"Being printed by process {len(owners)}.")
         return owners[-1]
 
-    feed = Feed(source, owner, tmp_path / "bench.log", 6)
-    changed = [feed.refresh() for _ in range(17)]
-    assert [number for number, is_new in enumerate(changed) if is_new] == [0, 8, 16]
-    assert feed.content()["state"].endswith(": 0 layers. Being printed by process 2.")
+    feed = Feed(Still(printed()), owner, tmp_path / "bench.log", 6)
+    states = [sent(feed)["texts"]["state"] for _ in range(17)]
+    assert [states.index(state) for state in dict.fromkeys(states)] == [0, 8, 16]
+    assert states[-1].endswith(": 0 layers. Being printed by process 2.")
 
 
 def test_only_a_run_that_has_not_ended_has_a_state(tmp_path: Path) -> None:
@@ -149,30 +150,6 @@ def test_only_a_run_that_has_not_ended_has_a_state(tmp_path: Path) -> None:
         found[reason] = state_of(tmp_path)
     unowned = f"No process of this machine prints it; `inkloop resume {tmp_path}` continues it."
     assert found == {"running": unowned, "interrupted": unowned, "target reached": ""}
-
-
-def test_runs_that_are_compared_share_the_cells_of_the_last_maps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def content(runs: Any, maps: Any, known: Any, cells: float) -> dict[str, Any]:
-        asked.append((list(runs), [len(each.heights) for each in maps], list(known), cells))
-        return {"state": ""}
-
-    monkeypatch.setattr("inkloop.report.page.feed.content", content)
-    source = Still(printed())
-    two = {
-        name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
-    }
-    source.runs = lambda: two
-    feed = Feed(source, lambda: "", tmp_path / "bench.log", 6)
-    feed.refresh()
-    feed.content("0", [2, 5])
-    feed.content("0", [2])
-    feed.content("1", [2, 5])
-    cells = FINAL_CELLS / 2
-    assert asked == [(["a", "b"], [3, 5], known, cells) for known in ([2, 5], [], [])]
 
 
 def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_anew(
@@ -189,13 +166,17 @@ def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_an
     source.runs = lambda: {  # a new result each time
         name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
     }
-    feed = Feed(source, lambda: "", tmp_path / "bench.log", 7)
-    epochs = []
+    feed, epochs = Feed(source, lambda: "", tmp_path / "bench.log", 7), []
     for source.layers in range(4):
-        feed.refresh()
-        epochs.append(feed.content()["epoch"])
+        found = sent(feed)
+        epochs.append(found["epoch"])
+        assert [run["block"] for run in found["runs"]] == [[2, 2, 3, 3][source.layers]] * 2
+        later = feed.content("", found["epoch"], [3, 5])  # as many runs as before, or all again
+        assert [run["layers"]["first"] for run in later["runs"]] == [2, 4] if later else None
+        again = sent(feed, "", found["epoch"], [3])
+        assert [run["layers"]["first"] for run in again["runs"]] == [0, 0]
     assert asked == [(["a", "b"], 21)] * 4
-    assert epochs == [epochs[0]] * 2 + [epochs[2]] * 2
+    assert len(set(epochs[:2])) == len(set(epochs[2:])) == 1
     assert epochs[0] != epochs[2]
 
 
@@ -204,12 +185,11 @@ def test_watch_says_where_it_serves_on_this_machine_alone(
 ) -> None:
     bound = list[Any]()
 
-    class Host:
-        def run(self, sockets: Any) -> None:
-            bound.extend(each.getsockname() for each in sockets)
-            raise KeyboardInterrupt
+    def serve_forever(host: server.Server) -> None:
+        bound.append(host.server_address)
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(server, "server", lambda feed: Host())
+    monkeypatch.setattr(server.Server, "serve_forever", serve_forever)
     unfinished(quick_cuboid(), tmp_path / "run", 0)
     assert main(["watch", str(tmp_path / "run"), "--port", "0", "--json"]) == 0
     ((host, port),) = bound
@@ -217,54 +197,17 @@ def test_watch_says_where_it_serves_on_this_machine_alone(
     assert json.loads(capsys.readouterr().out) == {"folder": str(tmp_path / "run"), "url": f"http://127.0.0.1:{port}/"}
 
 
-def test_numbers_of_layers_have_eight_digits_at_most(tmp_path: Path) -> None:
-    asked = []
-    feed: Any = SimpleNamespace(
-        content=lambda epoch, known: asked.append((epoch, known)) or {"runs": []}, refresh=lambda: False, version=0
-    )
-    with served(feed) as port:
-        answers = [asked_page(port, f"/content?epoch=4&known={known}") for known in ("3,12345678", "3,123456789,x", "")]
-        _, _, headers = asked_page(port, "/")
-    assert asked == [("4", [3, 12345678]), ("4", [3]), ("4", [])]
-    assert {(status, body) for status, body, _ in answers} == {(200, b'{"runs":[]}')}
-    assert answers[0][2]["Content-Type"] == "application/json"
-    assert "; frame-ancestors 'none'" in headers["Content-Security-Policy"]
-    assert headers["Content-Security-Policy"].startswith(page.POLICY)
-
-
-def test_stream_sends_the_newest_change_only(tmp_path: Path) -> None:
-    feed, source = feed_of_six(tmp_path)
-
-    async def watched() -> list[str]:
-        events, ended = server.Events(feed), anyio.Event()
-        await events.look()
-        stream = events.stream(ended)
-        sent = [(await anext(stream))["data"]]
-        for source.layers in (1, 2, 3):
-            await events.look()
-        sent.append((await anext(stream))["data"])
-        waiting = asyncio.ensure_future(anext(stream, {"data": "end"}))
-        await asyncio.sleep(0)
-        assert not waiting.done()  # nothing is new
-        ended.set()
-        await events.look()
-        return [*sent, (await waiting)["data"]]
-
-    assert asyncio.run(watched()) == ["1", "4", "end"]
-
-
 @contextmanager
-def served(feed: Feed) -> Iterator[int]:
+def served(feed: Any) -> Iterator[int]:
     """The port on which a feed is served by a thread."""
-    listening = socket.create_server((server.HOST, 0))
-    host = server.server(feed)
-    thread = threading.Thread(target=host.run, kwargs={"sockets": [listening]})
-    thread.start()
-    try:
-        yield listening.getsockname()[1]
-    finally:
-        host.should_exit = True
-        thread.join()
+    with server.Server(feed, 0) as host:
+        thread = threading.Thread(target=host.serve_forever)
+        thread.start()
+        try:
+            yield host.server_port
+        finally:
+            host.shutdown()
+            thread.join()
 
 
 def asked_page(port: int, path: str, method: str = "GET", host: str = "") -> tuple[int, bytes, Any]:
@@ -274,35 +217,39 @@ def asked_page(port: int, path: str, method: str = "GET", host: str = "") -> tup
     return answer.status, answer.read(), answer.headers
 
 
-def test_server_answers_this_machine_only_and_tells_of_layers(tmp_path: Path) -> None:
-    unfinished(quick_cuboid(), tmp_path / "run", 1)
-    with served(feed_of(tmp_path / "run")) as port:
-        connection = http.client.HTTPConnection(server.HOST, port, timeout=60)
-        connection.request("GET", "/events")
-        events = connection.getresponse()
-        assert events.getheader("Content-Type", "").startswith("text/event-stream")
-        lines = (line for line in islice(events, LINES_MAX) if line.startswith(b"data:"))
-        before = next(found for _ in lines if (found := layers_at(port)))  # the first event may come before the files
-        resume_one_layer(tmp_path / "run")
-        assert any(layers_at(port) > before for _ in lines)  # each event is waited for; no clock is looked at
-        events.close()
-        connection.close()
+def test_server_answers_this_machine_only_and_only_with_the_page() -> None:
+    asked = list[Any]()
+    feed = SimpleNamespace(content=lambda *known: asked.append(known) or (None if known[0] else {"runs": []}))
+    with served(feed) as port:
         for host, status in (("", 200), (f"localhost:{port}", 200), (EVIL, 400), (f"{EVIL}:{port}", 400)):
             assert asked_page(port, "/", host=host)[0] == status
             assert asked_page(port, "/content", host=host)[0] == status
-        assert [asked_page(port, path, "POST")[0] for path in ("/", "/content", "/events")] == [405] * 3
-        _, _, headers = asked_page(port, "/")
-        assert "script-src 'self'" in headers["Content-Security-Policy"]
+        assert [asked_page(port, path, "POST")[0] for path in ("/", "/content")] == [501, 501]
+        _, body, headers = asked_page(port, "/")
+        assert headers["Content-Security-Policy"].startswith(f"{page.POLICY}; script-src 'self'; connect-src 'self'; ")
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
         assert "Access-Control-Allow-Origin" not in headers
-        for source in page.served().split('<script src="')[1:]:
-            assert asked_page(port, f"/{source.partition(chr(34))[0]}")[0] == 200
+        sources = body.decode().split('<script src="')[1:]
+        assert len(sources) == 1 + len(page.SCRIPTS)
+        assert {asked_page(port, f"/{source.partition(chr(34))[0]}")[0] for source in sources} == {200}
         assert asked_page(port, "/../scenario.toml")[0] == asked_page(port, "/scenario.toml")[0] == 404
+        asked.clear()
+        answers = [asked_page(port, f"/content?{query}") for query in QUERIES]
+    assert asked == [("", "4", [3, 12345678]), ("", "4", [3]), ("7", "4", []), ("", "", [])]
+    assert [(status, body) for status, body, _ in answers] == [(200, b'{"runs":[]}')] * 2 + [(204, b""), answers[0][:2]]
+    assert answers[0][2].get_content_type() == "application/json"
 
 
-def layers_at(port: int) -> int:
-    """Layers of the run that the server sends to a new page; 0 before it has read any."""
-    found = json.loads(asked_page(port, "/content")[1])
-    return int(found["runs"][0]["layers"]["heights"]["shape"][0]) if "runs" in found else 0
+def test_layer_that_is_printed_comes_with_the_next_question(tmp_path: Path) -> None:
+    unfinished(quick_cuboid(), tmp_path / "run", 1)
+    with served(feed_of(tmp_path / "run")) as port:
+        first = json.loads(asked_page(port, "/content")[1])
+        query = f"version={first['version']}&epoch={first['epoch']}&known=2"
+        assert asked_page(port, f"/content?{query}")[:2] == (204, b"")
+        resume_one_layer(tmp_path / "run")
+        (later,) = json.loads(asked_page(port, f"/content?{query}")[1])["runs"]
+        assert later["layers"]["first"] == 1
+        assert later["layers"]["heights"]["shape"][0] == 2
 
 
 def resume_one_layer(folder: Path) -> None:
@@ -338,25 +285,6 @@ def test_print_that_is_watched_is_the_print_that_is_not(tmp_path: Path) -> None:
             assert values.values.tobytes() == watched[name].values.tobytes(), name
 
 
-def test_nodes_of_a_bench_are_shown_with_their_last_message(tmp_path: Path) -> None:
-    log = tmp_path / "bench.log"
-    assert devices(log) is None
-    log.write_text(
-        "2026-01-01 10:00:00.001 INFO slcan on socket://127.0.0.1:28550 is open\n"
-        "2026-01-01 10:00:00.002 INFO head: idle\n"
-        "2026-01-01 10:00:00.003 INFO cure: lamp on for 20 ms after pass 1 of 4, layer 1\n"
-        "2026-01-01 10:00:00.004 WARNING head: nozzle 3 is silent: purge\n",
-        encoding="utf-8",
-    )
-    found = devices(log)
-    assert found is not None
-    assert found["nodes"] == [
-        ["head", "2026-01-01 10:00:00.004", "warning", "nozzle 3 is silent: purge"],
-        ["cure", "2026-01-01 10:00:00.003", "", "lamp on for 20 ms after pass 1 of 4, layer 1"],
-    ]
-    assert len(found["log"]) == 4
-
-
 def test_port_in_use_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     unfinished(quick_cuboid(), tmp_path / "run", 0)
     with socket.create_server((server.HOST, 0)) as taken:
@@ -367,13 +295,3 @@ def test_port_in_use_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "expected a number from 0" in capsys.readouterr().err
     assert main(["watch", str(tmp_path)]) == 1
     assert "holds no run.json" in capsys.readouterr().err
-
-
-def test_missing_extra_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "sse_starlette", None)
-    monkeypatch.delitem(sys.modules, "inkloop.report.page.server")
-    monkeypatch.delattr("inkloop.report.page.server")
-    assert main(["watch", str(tmp_path)]) == 1
-    assert "needs sse_starlette; pip install 'inkloop[live]'" in capsys.readouterr().err
