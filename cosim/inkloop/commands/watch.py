@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import screen
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, require
 
 PORT = 8050
 
@@ -28,13 +28,10 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit code."""
-    try:
-        from inkloop.report.page import server
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("inkloop"):
-            raise
-        raise InkloopError(f"inkloop watch needs {error.name}; pip install 'inkloop[live]'") from error
+    for library in ("sse_starlette", "starlette", "uvicorn", "plotly"):
+        require(library, "inkloop watch")
     from inkloop.printing.so_far import feed_of
+    from inkloop.report.page import server
 
     feed = feed_of(options.run)
     with _listening(options.port) as listening:

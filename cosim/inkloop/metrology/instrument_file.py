@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import sdfio
 
-from inkloop.errors import HeightMapError
+from inkloop.errors import HeightMapError, require
 from inkloop.metrology.file_contents import FileContents, length_factor
 
 
 def read_sdf(path: Path) -> FileContents:
     """A surface of ISO 25178-71, as text or binary. Raises HeightMapError, OSError."""
+    sdfio = require("sdfio", f"{path}: an SDF file", HeightMapError)
     try:
         surface = sdfio.read(path)
     except (sdfio.SdfError, ValueError) as error:
@@ -25,15 +25,9 @@ def read_instrument(path: Path) -> FileContents:
     """The first map in a file of an instrument: SUR, X3P, GWY, VK, OPD ... Raises HeightMapError, OSError."""
     with path.open("rb"):  # a missing file is reported before a missing library
         pass
+    library = require("SurfaceTopography", f"{path}: a file with the suffix {path.suffix!r}", HeightMapError)
     try:
-        from SurfaceTopography import read_topography
-    except ImportError as error:
-        raise HeightMapError(
-            f"{path}: a {path.suffix or 'file without suffix'} is read by SurfaceTopography, which is not installed; "
-            "pip install 'inkloop[metrology]', or save the map as CSV, NPY, TIFF or SDF"
-        ) from error
-    try:
-        topography = read_topography(str(path))
+        topography = library.read_topography(str(path))
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)
         unit, sizes = topography.unit, topography.physical_sizes
     except Exception as error:  # each of its readers fails in its own way, on bytes of unknown origin
