@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from inkloop.errors import HeightMapError, require
+from inkloop.errors import HeightMapError
 from inkloop.metrology.file_contents import FileContents, length_factor
 
 
 def read_sdf(path: Path) -> FileContents:
     """A surface of ISO 25178-71, as text or binary. Raises HeightMapError, OSError."""
-    sdfio = require("sdfio", f"{path}: an SDF file", HeightMapError)
+    import sdfio
+
     try:
         surface = sdfio.read(path)
     except (sdfio.SdfError, ValueError) as error:
@@ -23,11 +24,10 @@ def read_sdf(path: Path) -> FileContents:
 
 def read_instrument(path: Path) -> FileContents:
     """The first map in a file of an instrument: SUR, X3P, GWY, VK, OPD ... Raises HeightMapError, OSError."""
-    with path.open("rb"):  # a missing file is reported before a missing library
-        pass
-    library = require("SurfaceTopography", f"{path}: a file with the suffix {path.suffix!r}", HeightMapError)
+    from SurfaceTopography import read_topography
+
     try:
-        topography = library.read_topography(str(path))
+        topography = read_topography(str(path))
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)
         unit, sizes = topography.unit, topography.physical_sizes
     except Exception as error:  # each of its readers fails in its own way, on bytes of unknown origin

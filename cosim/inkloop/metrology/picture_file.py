@@ -7,17 +7,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageSequence, UnidentifiedImageError
 
-from inkloop.errors import HeightMapError, require
+from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 FORMATS = ("PNG", "TIFF", "BMP")
 """Formats that keep every value; JPEG and others change them."""
@@ -41,9 +39,6 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
 
     Colours are read where all of them are grey and opaque. Raises HeightMapError, OSError.
     """
-    require("PIL", f"{path}: a picture", HeightMapError)
-    from PIL import Image, UnidentifiedImageError
-
     try:
         with _quietly():
             picture = Image.open(path, formats=FORMATS)
@@ -75,17 +70,15 @@ def _quietly() -> Iterator[None]:
         yield
 
 
-def _page(picture: Image, number: int) -> Image | None:
+def _page(picture: Image.Image, number: int) -> Image.Image | None:
     """Page `number` from 1 on, None behind the last."""
-    from PIL import ImageSequence
-
     try:
         return ImageSequence.Iterator(picture)[number - 1]
     except IndexError:
         return None
 
 
-def _values(place: str, page: Image) -> NDArray[Any]:
+def _values(place: str, page: Image.Image) -> NDArray[Any]:
     pixels, held = page.width * page.height, _held_pixels(page)
     if held < pixels:  # Pillow would leave the others 0, and take memory for them
         raise HeightMapError(f"{place}: is damaged (it holds {held:,} of its {pixels:,} pixels); save it again")
@@ -96,14 +89,14 @@ def _values(place: str, page: Image) -> NDArray[Any]:
     return _grey(place, page)
 
 
-def _held_pixels(page: Image) -> int:
+def _held_pixels(page: Image.Image) -> int:
     """Number of pixels with data in the strips or tiles of a page."""
     whole = (0, 0, page.width, page.height)
     extents = (tile[1] or whole for tile in getattr(page, "tile", [(None, whole)]))
     return sum((right - left) * (lower - upper) for left, upper, right, lower in extents)
 
 
-def _grey(place: str, page: Image) -> NDArray[Any]:
+def _grey(place: str, page: Image.Image) -> NDArray[Any]:
     values = np.asarray(page)
     if values.dtype == np.bool_:
         values = values.astype(np.uint8)
@@ -120,7 +113,7 @@ def _grey(place: str, page: Image) -> NDArray[Any]:
     return np.ascontiguousarray(values[..., 0])
 
 
-def _has_16_bits(page: Image) -> bool:
+def _has_16_bits(page: Image.Image) -> bool:
     """Whether a channel has 16 bits: by a tag of TIFF, in PNG by the mode that the decoder is given."""
     arguments = [tile[3] for tile in getattr(page, "tile", ())]
     raw_modes = [each[0] if isinstance(each, tuple) and each else each for each in arguments]
@@ -128,6 +121,6 @@ def _has_16_bits(page: Image) -> bool:
     return max(bits, default=0) > 8 or any(";16" in str(mode) for mode in raw_modes)
 
 
-def _is_inverted(page: Image) -> bool:
+def _is_inverted(page: Image.Image) -> bool:
     """Whether Pillow inverts the stored values: TIFF whose 0 is white."""
     return getattr(page, "tag_v2", {}).get(_PHOTOMETRIC) == _MIN_IS_WHITE

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import tifffile
 
-from inkloop.errors import HeightMapError, require
+from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents, length_factor
 from inkloop.units import M_PER_CM
 
-if TYPE_CHECKING:
-    from tifffile import TiffFile
-
 _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs write 72 or 300 without meaning it
-_UNCOMPRESSED = 1  # TIFF 6.0, tag 259
 _PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
 
 
@@ -27,7 +24,6 @@ def read_tiff(path: Path) -> FileContents:
     Unit of the heights: ImageJ's `vunit` with its linear calibration. Pixel size: OME, ImageJ, or a resolution per
     centimetre; one per inch is not believed. Raises HeightMapError, OSError.
     """
-    tifffile = require("tifffile", f"{path}: a TIFF file", HeightMapError)
     try:
         with tifffile.TiffFile(path) as file:
             if error := _size_error(file):
@@ -47,10 +43,10 @@ def read_tiff(path: Path) -> FileContents:
     return FileContents(values, pixel=_size(resolution, M_PER_CM if in_centimetres else None))
 
 
-def _size_error(file: TiffFile) -> str | None:
+def _size_error(file: tifffile.TiffFile) -> str | None:
     """The reason why the picture cannot be in the file: a damaged header may declare more than memory holds."""
     picture, length = file.series[0], file.filehandle.size
-    is_packed = file.pages.first.compression != _UNCOMPRESSED
+    is_packed = file.pages.first.compression != tifffile.COMPRESSION.NONE
     if picture.nbytes <= length * (_PACKED_AT_MOST if is_packed else 1):
         return memory_error(picture.nbytes)
     return f"is damaged: declares {' x '.join(map(str, picture.shape))} pixels of {picture.dtype} in {length} bytes"
