@@ -39,5 +39,5 @@ def run(options: argparse.Namespace) -> int:
     """Print the study and say what it found; the exit code, 3 where prints have failed."""
     from inkloop_lab.sweep import command
 
-    options.pictures = formats_of(options)
+    options.pictures = () if options.check else formats_of(options)
     return command.sweep(options, screen(options))
