@@ -53,11 +53,13 @@ $(BIN)/python:
 	@command -v "$${CC:-cc}" >/dev/null || { echo "there is no C compiler ($${CC:-cc}): install gcc or clang"; exit 1; }
 	"$(PYTHON)" -m venv --without-pip .venv
 
-# what a print and the build need
+# what the build, a print, its pictures and the formats of files need
 .venv/requirements: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "inkloop: downloading and installing what a print needs into .venv (250 MB; half a minute after the downloads) ..."
 	@$(BIN)/python -c 'import tomllib; file = tomllib.load(open("pyproject.toml", "rb")); \
-	print(*file["build-system"]["requires"], *file["project"]["dependencies"], sep="\n")' > $@.txt
+	extras = file["project"]["optional-dependencies"]; \
+	print(*file["build-system"]["requires"], *file["project"]["dependencies"], *extras["report"], *extras["formats"], sep="\n")' \
+	> $@.txt
 	$(PIP) --requirement $@.txt
 	@touch $@
 

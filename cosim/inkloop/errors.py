@@ -7,15 +7,36 @@ InkloopError
 ├── GeometryError    a part cannot be read from its file, or does not fit the grid
 ├── HeightMapError   a measured map cannot be read, or does not fit the grid as configured
 └── ResultError      a run folder cannot be read or written
+
+`require` raises one for a package that a base installation lacks.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 _PACKAGES = ("inkloop", "inkloop_controller", "inkloop_hardware", "inkloop_lab")
+EXTRAS: Mapping[str, tuple[str, str]] = {
+    "contourpy": ("contourpy", "report"),
+    "distributed": ("distributed", "dask"),
+    "gymnasium": ("gymnasium", "env"),
+    "lib3mf": ("lib3mf", "3mf"),
+    "matplotlib": ("matplotlib", "report"),
+    "optuna": ("optuna", "optimise"),
+    "PIL": ("pillow", "formats"),
+    "plotly": ("plotly", "report"),
+    "sdfio": ("sdfio", "formats"),
+    "skfem": ("scikit-fem", "reproduce"),
+    "SurfaceTopography": ("SurfaceTopography", "metrology"),
+    "tifffile": ("tifffile", "formats"),
+    "trimesh": ("trimesh", "formats"),
+    "ziglang": ("ziglang", "cross"),
+}
+"""Module -> its package and the extra that brings it."""
 
 
 class InkloopError(Exception):
@@ -54,6 +75,24 @@ class HeightMapError(InkloopError):
 
 class ResultError(InkloopError):
     """A run folder cannot be read or written."""
+
+
+def missing(module: str, user: str) -> str:
+    """A sentence with `user` as its subject, if the module cannot be imported: its package, and how to install it."""
+    package, extra = EXTRAS[module]
+    try:
+        import_module(module)
+    except ImportError as error:
+        reason = "" if error.name == module else f" ({error})"
+        return f"{user} needs the package {package}{reason}: pip install 'inkloop[{extra}]'"
+    return ""
+
+
+def require(module: str, user: str, error: type[InkloopError] = InkloopError) -> ModuleType:
+    """The module. Raises `error` with the sentence of `missing`."""
+    if reason := missing(module, user):
+        raise error(reason)
+    return import_module(module)
 
 
 def message_of(error: Exception) -> str:

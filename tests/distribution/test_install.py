@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import tarfile
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from inkloop import __version__
+from inkloop.errors import EXTRAS
 from inkloop.results.result import Result
+from support.extras import COMMANDS, REST_IS_DONE, RUN, sentence, write_maps
 from support.places import ROOT
 
 PIP = (sys._base_executable, "-m", "pip", "--disable-pip-version-check", "--quiet")  # type: ignore[attr-defined]
@@ -94,6 +98,63 @@ def test_clean_environment_prints_from_another_folder(way: str, sdist: Path, tmp
     assert call(bin_folder / "python", "-c", code, cwd=elsewhere).strip() == "1"
     call(bin_folder / "inkloop", "run", "mine.toml", "--out", "run", cwd=elsewhere)
     assert Result.load(elsewhere / "run").metrics()["layers"] >= 3
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clean environment with a wheel and the required packages only."""
+    folder = tmp_path_factory.mktemp("base")
+    call(sys._base_executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)  # type: ignore[attr-defined]
+    install = (*PIP, "--python", folder / "venv/bin/python", "install", "--no-compile")
+    required = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["dependencies"]
+    done = subprocess.run([*install, *required], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        pytest.skip(f"the required packages cannot be installed here: {done.stderr.strip().splitlines()[-1]}")
+    call(*install, "--no-deps", *target("wheel", Path(), folder), cwd=folder)
+    write_maps(folder)
+    return folder
+
+
+def test_base_installation_prints_validates_and_exports(base: Path) -> None:
+    inkloop = base / "venv/bin/inkloop"
+    shown = call(inkloop, "run", "cylinder", "--out", RUN, cwd=base)
+    assert shown.count("pip install") == 1
+    assert f"a picture {sentence('matplotlib')}" in shown
+    assert {path.name for path in (base / RUN).iterdir()} >= {"result.nc", "summary.txt", "run.json"}
+    assert Result.load(base / RUN).metrics()["mae"] < 1e-6
+    assert "no errors" in call(inkloop, "validate", "cylinder", cwd=base)
+    assert "wrote" in call(inkloop, "export", "fmu", "LayerDeposition", "--out", "plant.fmu", cwd=base)
+    assert "made by    inkloop" in call(inkloop, "info", "plant.fmu", cwd=base)
+
+
+def test_base_installation_prints_on_an_emulated_bench(base: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    short = (f"--set=bench.channel=socket://127.0.0.1:{port}", "--set=part.height_um=10")
+    emulate: list[str | Path] = [base / "venv/bin/inkloop", "bench", "emulate", "bench", *short]
+    unbuffered = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(emulate, cwd=base, env=unbuffered, stdout=subprocess.PIPE, text=True) as emulator:
+        try:
+            assert emulator.stdout is not None
+            assert any("Ctrl-C ends it" in line for line in emulator.stdout)
+            call(base / "venv/bin/inkloop", "run", "bench", *short, "--out", "bench-run", cwd=base)
+        finally:
+            emulator.terminate()
+    assert Result.load(base / "bench-run").stop_reason == "done"
+
+
+def test_base_installation_names_the_extra_of_each_feature(base: Path) -> None:
+    sentences = {sentence(library) for library in EXTRAS}
+    if not (base / RUN).exists():
+        call(base / "venv/bin/inkloop", "run", "cylinder", "--no-compare", "--out", RUN, cwd=base)
+    for words in sorted({words for commands in COMMANDS.values() for words in commands}):
+        done = subprocess.run(
+            [base / "venv/bin/inkloop", *words], cwd=base, capture_output=True, text=True, check=False
+        )
+        shown = " ".join((done.stdout + done.stderr).split())
+        assert "Traceback" not in shown, words
+        assert sum(each in shown for each in sentences) == 1, (words, shown)
+        assert (done.returncode == 0) == (words in REST_IS_DONE), (words, shown)
 
 
 def test_source_archive_is_linted_without_git(archive: Path) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.errors import require
 from inkloop.units import UM_PER_M
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
@@ -156,6 +157,7 @@ def _picture(plan: IntPlan, predicted: FloatMap, title: str) -> Figure:
 
     Each kind of droplet has a colour.
     """
+    require("matplotlib", "the picture of a plan")
     from matplotlib.figure import Figure
 
     layers, shape = len(plan), predicted.shape

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inkloop.errors import InkloopError, ScenarioError
+from inkloop.errors import InkloopError, ScenarioError, missing
 from inkloop.report.formats import FORMATS, PNG, picture_formats
 from inkloop.report.wrapping import wrapped
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from inkloop.scenario.file import Scenario
     from inkloop.scenario.part_file import PartFile
 
-__all__ = ["add_overrides", "add_pictures", "overrides_of", "screen"]
+__all__ = ["add_overrides", "add_pictures", "formats_of", "overrides_of", "screen"]
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -73,10 +73,17 @@ def add_pictures(parser: argparse.ArgumentParser, default: Sequence[str] | None 
 
 
 def formats_of(options: argparse.Namespace) -> tuple[str, ...]:
-    """The formats asked for, else the one that the suffix of --out names, PNG without one. Raises InkloopError."""
-    if options.pictures is not None:
-        return tuple(options.pictures)
-    return picture_formats([options.out.suffix.removeprefix(".") if options.out and options.out.suffix else PNG])
+    """The formats asked for, else the one that the suffix of --out names, PNG without one. Raises InkloopError.
+
+    None, and a line on the screen, where Matplotlib is not installed.
+    """
+    formats = options.pictures
+    if formats is None:
+        formats = picture_formats([options.out.suffix.removeprefix(".") if options.out and options.out.suffix else PNG])
+    if formats and (reason := missing("matplotlib", "a picture")):
+        screen(options).sentence(f"no pictures are written: {reason}")
+        return ()
+    return tuple(formats)
 
 
 def _formats(text: str) -> tuple[str, ...]:

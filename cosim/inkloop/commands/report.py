@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_pictures, screen
+from inkloop.commands.options import add_pictures, formats_of, screen
+from inkloop.errors import require
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -31,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     terminal = screen(options)
     if options.html or options.pdf:
         return _write_file(options)
-    terminal.print(run_report.write(options.run, options.pictures))
+    terminal.print(run_report.write(options.run, formats_of(options)))
     if (options.run / run_report.MODEL_TABLE).is_file():
         terminal.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
     if terminal.as_json:
@@ -41,6 +42,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_file(options: argparse.Namespace) -> int:
     """Write one file, also of a run that has not ended, whose other files stay as they are."""
+    require("plotly" if options.html else "matplotlib", "report.html" if options.html else "report.pdf")
     from inkloop.limits import size_text
     from inkloop.printing.device_log import LOG_FILE
     from inkloop.printing.so_far import RunFolder

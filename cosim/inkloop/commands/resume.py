@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_isolate, add_pictures, is_isolated, screen
+from inkloop.commands.options import add_isolate, add_pictures, formats_of, is_isolated, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
         scenario = printing.scenario_of_run(options.run)
         if not is_isolated(options, scenario):
             seen = options.layer_is
-            return printing.resume(scenario, options.run, screen(options), pictures=options.pictures, layer_is=seen)
+            return printing.resume(scenario, options.run, screen(options), pictures=formats_of(options), layer_is=seen)
         from inkloop.printing.isolation import run_isolated
 
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

@@ -6,7 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_isolate, add_pictures, add_scenario, is_isolated, scenario_of, screen
+from inkloop.commands.options import (
+    add_isolate,
+    add_pictures,
+    add_scenario,
+    formats_of,
+    is_isolated,
+    scenario_of,
+    screen,
+)
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -45,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
                 options.out,
                 screen(options),
                 compare=not options.no_compare,
-                pictures=options.pictures,
+                pictures=formats_of(options),
             )
         from inkloop.printing.isolation import run_isolated
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.commands.options import screen
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, require
 
 if TYPE_CHECKING:
     from inkloop.report.page.feed import Feed
@@ -31,7 +31,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit code."""
+    require("plotly", "inkloop watch")
     from inkloop.printing.so_far import feed_of
+    from inkloop.report.page import server
 
     feed = feed_of(options.run)
     with _server(feed, options.port) as server:

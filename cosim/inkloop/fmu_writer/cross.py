@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from inkloop.errors import FmuError
+from inkloop.errors import FmuError, require
 from inkloop.files import temporary_folder
 from inkloop.fmu_writer.targets import Target, targets_of, universal
 
@@ -72,11 +72,7 @@ def _compiled(members: Mapping[str, bytes], sources: list[str], identifier: str,
 
 def compiler_command() -> list[str]:
     """The command that runs zig. Raises FmuError if it is not installed."""
-    if importlib.util.find_spec(COMPILER) is None:
-        raise FmuError(
-            "a binary for another platform needs the compiler of the Python package ziglang, which is not installed: "
-            "pip install 'inkloop[cross]' (100 MB)"
-        )
+    require(COMPILER, "a binary for another platform", FmuError)
     return [sys.executable, "-m", COMPILER]
 
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from inkloop.errors import GeometryError
+from inkloop.errors import GeometryError, require
 from inkloop.files import reason_of
 from inkloop.geometry.body import Body
 from inkloop.limits import memory_error, unpacked_error
@@ -19,20 +19,20 @@ from inkloop.units import LENGTHS
 
 COPIES = 12
 """Times its size that reading a file takes (assumed): binary STL has 50 bytes for the 72 of a triangle."""
-_FORMATS: Mapping[str, tuple[str, str]] = {
-    ".stl": ("inkloop.geometry.triangle_file", "read_stl"),
-    ".obj": ("inkloop.geometry.triangle_file", "read_obj"),
-    ".ply": ("inkloop.geometry.triangle_file", "read_ply"),
-    ".3mf": ("inkloop.geometry.three_mf", "read_3mf"),
+_FORMATS: Mapping[str, tuple[str, str, str]] = {
+    ".stl": ("inkloop.geometry.triangle_file", "read_stl", "trimesh"),
+    ".obj": ("inkloop.geometry.triangle_file", "read_obj", "trimesh"),
+    ".ply": ("inkloop.geometry.triangle_file", "read_ply", "trimesh"),
+    ".3mf": ("inkloop.geometry.three_mf", "read_3mf", "lib3mf"),
 }
-"""Suffix -> module and function."""
+"""Suffix -> module, function, and the library that the module imports."""
 
 Contents: TypeAlias = tuple[list[Body], str | None]
 """Bodies in the unit of the file, and that unit; None where the format has none."""
 
 
 def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
-    """The bodies of a mesh file in metres: STL, OBJ, PLY, and with `inkloop[3mf]` 3MF.
+    """The bodies of a mesh file in metres: STL, OBJ and PLY with `inkloop[formats]`, 3MF with `inkloop[3mf]`.
 
     unit: um, mm, cm, m, in or ft; may be left to 3MF, which states it. Raises GeometryError.
     """
@@ -63,10 +63,11 @@ def _in_metres(body: Body, factor: float) -> Body:
 def _contents(path: Path) -> Contents:
     if path.suffix.lower() not in _FORMATS:
         raise GeometryError(f"{path}: has suffix {path.suffix!r}; expected one of {', '.join(_FORMATS)}")
-    module, name = _FORMATS[path.suffix.lower()]
+    module, name, package = _FORMATS[path.suffix.lower()]
     try:
         if reason := _size_error(path):
             raise GeometryError(f"{path}: {reason}")
+        require(package, f"{path}: a mesh in this format", GeometryError)
         reader: Callable[[Path], Contents] = getattr(importlib.import_module(module), name)
         return reader(path)
     except GeometryError:

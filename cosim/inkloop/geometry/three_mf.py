@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+import lib3mf
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,10 +44,6 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
     """The bodies of the build, in the unit of the file, and that unit. Raises GeometryError, and errors of lib3mf."""
     if errors := list(_package_errors(path)):
         raise GeometryError(f"{path}: " + "; ".join(errors))
-    try:
-        import lib3mf
-    except ImportError as error:
-        raise GeometryError(f"{path}: 3MF needs lib3mf; pip install 'inkloop[3mf]'") from error
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
     reader.SetStrictModeActive(False)  # slicers write attributes of their own

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import sdfio
 
 from inkloop.errors import HeightMapError
 from inkloop.metrology.file_contents import FileContents, length_factor
@@ -13,6 +12,8 @@ from inkloop.metrology.file_contents import FileContents, length_factor
 
 def read_sdf(path: Path) -> FileContents:
     """A surface of ISO 25178-71, as text or binary. Raises HeightMapError, OSError."""
+    import sdfio
+
     try:
         surface = sdfio.read(path)
     except (sdfio.SdfError, ValueError) as error:
@@ -23,15 +24,8 @@ def read_sdf(path: Path) -> FileContents:
 
 def read_instrument(path: Path) -> FileContents:
     """The first map in a file of an instrument: SUR, X3P, GWY, VK, OPD ... Raises HeightMapError, OSError."""
-    with path.open("rb"):  # a missing file is reported before a missing library
-        pass
-    try:
-        from SurfaceTopography import read_topography
-    except ImportError as error:
-        raise HeightMapError(
-            f"{path}: a {path.suffix or 'file without suffix'} is read by SurfaceTopography, which is not installed; "
-            "pip install 'inkloop[metrology]', or save the map as CSV, NPY, TIFF or SDF"
-        ) from error
+    from SurfaceTopography import read_topography
+
     try:
         topography = read_topography(str(path))
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from inkloop.errors import HeightMapError
+from inkloop.errors import HeightMapError, missing
 from inkloop.limits import memory_error, unpacked_error
 from inkloop.metrology.file_contents import FileContents, length_factor, required_factor
 from inkloop.metrology.height_map import HeightMap
@@ -25,15 +25,15 @@ COPIES = 3
 """Times its size that reading an array takes: what is stored, the heights, and their transposed copy."""
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
 
-READERS: Mapping[str, tuple[str, str]] = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table")),
-    **dict.fromkeys((".npy", ".npz"), ("inkloop.metrology.array_file", "read_array")),
-    **dict.fromkeys((".tif", ".tiff"), ("inkloop.metrology.tiff_file", "read_tiff")),
-    **dict.fromkeys((".png", ".bmp"), ("inkloop.metrology.picture_file", "read_picture")),
-    ".sdf": ("inkloop.metrology.instrument_file", "read_sdf"),
+READERS: Mapping[str, tuple[str, str, str]] = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table", "")),
+    **dict.fromkeys((".npy", ".npz"), ("inkloop.metrology.array_file", "read_array", "")),
+    **dict.fromkeys((".tif", ".tiff"), ("inkloop.metrology.tiff_file", "read_tiff", "tifffile")),
+    **dict.fromkeys((".png", ".bmp"), ("inkloop.metrology.picture_file", "read_picture", "PIL")),
+    ".sdf": ("inkloop.metrology.instrument_file", "read_sdf", "sdfio"),
 }
-"""Suffix -> module and function; any other suffix is an instrument's own format."""
-_INSTRUMENTS = ("inkloop.metrology.instrument_file", "read_instrument")
+"""Suffix -> module, function, and the library of an extra that it needs; any other suffix is an instrument's own."""
+_INSTRUMENTS = ("inkloop.metrology.instrument_file", "read_instrument", "SurfaceTopography")
 
 
 def read(
@@ -45,7 +45,8 @@ def read(
     invalid_value: float | None = None,
     rows_along: Literal["x", "y"] | None = None,
 ) -> HeightMap:
-    """The map in a file: CSV, NPY, NPZ, TIFF, PNG, BMP, SDF; with `inkloop[metrology]` SUR, X3P and some 40 more.
+    """The map in a file: CSV, NPY, NPZ; with `inkloop[formats]` TIFF, PNG, BMP and SDF; with
+    `inkloop[metrology]` SUR, X3P and some 40 more.
 
     unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that states
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.
@@ -83,12 +84,20 @@ def read(
     return HeightMap(z, dx, dy, source=str(path))
 
 
+def library_error(path: Path) -> str:
+    """A sentence that names the package which the format of a file needs, if that is not installed; else ""."""
+    library = READERS.get(path.suffix.lower(), _INSTRUMENTS)[2]
+    return missing(library, f"{path}: a height map in this format") if library else ""
+
+
 def _contents(path: Path) -> FileContents:
-    module, name = READERS.get(path.suffix.lower(), _INSTRUMENTS)
-    reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
+    module, name, _ = READERS.get(path.suffix.lower(), _INSTRUMENTS)
     try:
         if reason := _size_error(path):
             raise HeightMapError(f"{path}: {reason}; save a part of the map, or fewer pixels")
+        if reason := library_error(path):
+            raise HeightMapError(reason)
+        reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
         return reader(path)
     except HeightMapError:
         raise

@@ -20,7 +20,7 @@ from inkloop.metrology import map_folder_options as options
 from inkloop.metrology.file_names import name_errors
 from inkloop.metrology.folder_watch import FIELD, FolderWatch, Wait
 from inkloop.metrology.height_map import HeightMap
-from inkloop.metrology.map_file import read
+from inkloop.metrology.map_file import library_error, read
 from inkloop.metrology.placement import Placement
 from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
@@ -74,6 +74,8 @@ class MapFolder:
         replay: options.Replay = False,
     ) -> None:
         errors = name_errors("file_name", file_name, FIELD, "layer_{layer:04d}.csv")
+        if reason := library_error(Path(file_name)):
+            errors.append(f"file_name: {reason}")
         placed = Registration(offset_x_um * M_PER_UM, offset_y_um * M_PER_UM, math.radians(rotation_deg), mirror=mirror)
         if [fiducials_map_um is None, fiducials_grid_um is None] != [registration != "fiducials"] * 2:
             errors.append(

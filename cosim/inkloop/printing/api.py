@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from inkloop.errors import require
 from inkloop.printing.run import checked_run_folder, log_devices, origin_of, print_part
 from inkloop.report.formats import picture_formats
 from inkloop.report.terminal import Terminal
@@ -32,7 +33,7 @@ def run(
     not printed. Ctrl-C ends the print after a layer: `stop_reason` is then "interrupted".
 
     Raises ScenarioError for errors of the scenario, ComponentError where a component fails, ResultError where the
-    folder exists or cannot be written.
+    folder exists or cannot be written, InkloopError for pictures without Matplotlib.
     """
     loaded = _scenario(scenario, {**(overrides or {}), **keys})
     source, formats = Path(loaded.source), picture_formats(pictures)
@@ -41,6 +42,8 @@ def run(
             if formats:
                 raise ValueError(f"pictures = {pictures!r} have no folder to be written to; give out")
             return print_part(loaded)
+        if formats:
+            require("matplotlib", "a picture")
         folder = checked_run_folder(loaded, Path(out), source.stem)
         with sole_writer(folder), log_devices(loaded, Terminal(quiet=True), folder):
             notes = origin_of(loaded, compare=False)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from inkloop.errors import HeightMapError
+from inkloop.errors import HeightMapError, require
 from inkloop.geometry import Columns
 from inkloop.geometry.layer_runs import Labels
 from inkloop.metrology import map_folder_options as options
@@ -85,6 +85,7 @@ def _labelled(table: StackTable, paths: Sequence[Path]) -> Iterator[tuple[str, L
 
     Raises PartError, HeightMapError, OSError.
     """
+    require("PIL", "a picture of a layer", HeightMapError)
     from inkloop.metrology.picture_file import grey_pages
 
     known = {int(grey): INKS[ink] for grey, ink in table.inks.items()}

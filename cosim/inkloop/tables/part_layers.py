@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from inkloop.errors import GeometryError, HeightMapError
+from inkloop.errors import GeometryError, HeightMapError, require
 from inkloop.files import reason_of
 from inkloop.geometry.layer_runs import Labels
 from inkloop.tables import layer_manifest
@@ -81,6 +81,7 @@ def _labelled(path: Path, manifest: Manifest) -> Iterator[tuple[str, Labels]]:
 
 def _bits(path: Path, file: str, manifest: Manifest) -> NDArray[np.bool_]:
     """(nx, ny), True for a droplet in a file next to the manifest. Raises PartError, HeightMapError, OSError."""
+    require("PIL", "a picture of a layer", HeightMapError)
     from inkloop.metrology.picture_file import grey_pages
 
     page = next(grey_pages(path.with_name(file)))

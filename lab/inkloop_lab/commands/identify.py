@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_overrides, add_pictures, overrides_of, screen
+from inkloop.commands.options import add_overrides, add_pictures, formats_of, overrides_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -63,6 +63,7 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.scenario.class_path import classes_from
     from inkloop_lab.identify import command
 
+    options.pictures = formats_of(options)
     source = options.sources[0]
     with classes_from(Path(source).parent):
         return command.run(options, overrides_of(options.overrides, source), screen(options))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import add_pictures, screen
+from inkloop.errors import require
 from inkloop_lab.reproduce import PAPERS
 
 
@@ -26,6 +27,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Compute and compare; the exit code."""
+    require("matplotlib", "inkloop reproduce")
     from inkloop_lab.reproduce import command
 
     return command.reproduce(options, screen(options))

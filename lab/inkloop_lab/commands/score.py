@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import add_pictures, overrides_of, screen
+from inkloop.errors import require
 from inkloop_lab.score import PLANTS
 
 
@@ -48,6 +49,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> int:
     """Print on all plants, and show the scores; the exit code."""
     from inkloop.scenario.class_path import classes_from
+
+    require("matplotlib", "inkloop score")
     from inkloop_lab.score import command
 
     with classes_from(Path.cwd()):

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_pictures, screen
+from inkloop.commands.options import add_pictures, formats_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -39,4 +39,5 @@ def run(options: argparse.Namespace) -> int:
     """Print the study and say what it found; the exit code, 3 where prints have failed."""
     from inkloop_lab.sweep import command
 
+    options.pictures = () if options.check else formats_of(options)
     return command.sweep(options, screen(options))

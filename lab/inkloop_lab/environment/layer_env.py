@@ -14,7 +14,7 @@ from inkloop.component import FloatMap, Job, Values
 from inkloop.components import catalog
 from inkloop.contract import HEIGHT, LAYERS_SCANNED, MEASURED_HEIGHT
 from inkloop.course.layer_course import LayerCourse
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, missing, require
 from inkloop.master.master import Master, Turns
 from inkloop.master.roles import StopReason
 from inkloop.results.metrics import surface_error
@@ -33,16 +33,10 @@ if TYPE_CHECKING:
     from inkloop_lab.environment.target_offset import TargetOffset
 
     Env = gymnasium.Env[dict[str, NDArray[Any]], ArrayLike]
+elif missing("gymnasium", "LayerEnv"):
+    Env = object  # the class is there without Gymnasium, and says so when it is called
 else:
-    try:
-        from gymnasium import Env
-    except ModuleNotFoundError:
-
-        class Env:
-            """Stands for Gymnasium's class where that is not installed."""
-
-            def __new__(cls, *options: object, **more: object) -> Any:
-                raise InkloopError("inkloop_lab.LayerEnv needs gymnasium; pip install 'inkloop[env]'")
+    from gymnasium import Env
 
 
 SEEDS = 2**31
@@ -77,6 +71,7 @@ class LayerEnv(Env):
         drop_levels: int | None = None,
         render_mode: str | None = None,
     ) -> None:
+        require("gymnasium", "inkloop_lab.LayerEnv")
         if not 0.0 <= alpha <= 1.0:
             raise ValueError(f"alpha is {alpha}; needs 0 to 1")
         if render_mode not in (None, *self.metadata["render_modes"]):

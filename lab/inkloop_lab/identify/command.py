@@ -28,7 +28,6 @@ from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
 from inkloop_lab.identify.identification import Identification, identify
 from inkloop_lab.identify.ink_writer import write_ink
 from inkloop_lab.identify.log_folder import DESCRIPTION, is_log, read_log
-from inkloop_lab.identify.picture import save
 from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.run_record import read_run
 from inkloop_lab.identify.volume_area_coefficients import NAMES
@@ -49,7 +48,11 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Term
     for note in (*(f"{place}; this is corrected" for place in found.displaced), *found.notes):
         console.sentence(f"note: {note}")
     write_ink(found, out, date.today())
-    pictures = save(found, out.with_suffix(""), options.pictures)
+    pictures: list[Path] = []
+    if options.pictures:
+        from inkloop_lab.identify.picture import save
+
+        pictures = save(found, out.with_suffix(""), options.pictures)
     console.sentence(f"wrote {' and '.join(map(str, (out, *pictures)))}")
     console.result(file=out, pictures=pictures, scans=found.displaced, notes=list(found.notes))
     return 0

@@ -16,15 +16,6 @@ from inkloop.component import FloatMap
 NEWTON_MAX, NEWTON_TOLERANCE, RUN_AWAY = 40, 1e-9, 1e3
 
 
-def is_installed() -> bool:
-    """Whether scikit-fem is installed (`pip install inkloop[reproduce]`)."""
-    try:
-        import skfem  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
 @dataclass(frozen=True, eq=False)
 class Solution:
     """places: (n, 2) nodes, height: (n,) over the plane z = 0, all in the unit of the outline; elements: triangles."""

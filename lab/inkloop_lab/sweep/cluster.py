@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop import __version__
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, require
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.local import Perform
 from inkloop_lab.sweep.task import Order, Record, Task, failed, perform
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 LOSSES_MAX = 3
 """Times that the cluster gives a task up, each after several workers have died of it, before the print has failed."""
 CONNECT_S = 20.0
-INSTALL = "python -m pip install 'inkloop[dask]'"
 _PRINTING = threading.Lock()
 _PLACES: dict[str, Path] = {}
 """Of this worker: hash of a bundle -> its scenario, unpacked."""
@@ -35,14 +34,9 @@ class DaskCluster:
     """
 
     def __init__(self, address: str, order: Order, bundle: Bundle, work: Perform = perform) -> None:
+        dask = require("distributed", "--scheduler")
         try:
-            from distributed import Client
-
-            connect: Any = Client
-        except ImportError as error:
-            raise InkloopError(f"--scheduler needs Dask: {INSTALL}") from error
-        try:
-            self._client: Any = connect(address, timeout=CONNECT_S)
+            self._client: Any = dask.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError) as error:
             raise InkloopError(
                 f"--scheduler {address}: no scheduler answers there; start one with `dask scheduler`, and workers with "

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inkloop.errors import InkloopError
+from inkloop.errors import require
 from inkloop_lab.sweep.distributions import Distribution
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.tables import OptimiseTable
@@ -22,17 +22,14 @@ from inkloop_lab.sweep.task import Record, Task
 if TYPE_CHECKING:
     import optuna
 
-INSTALL = "python -m pip install 'inkloop[optimise]'"
-
 
 class OptimisePlan:
     """Trials in batches of `at_once`, each batch planned from all earlier ones. Raises InkloopError without Optuna."""
 
     def __init__(self, study: Study, table: OptimiseTable) -> None:
-        try:
-            import optuna
-        except ImportError as error:
-            raise InkloopError(f"[optimise] needs Optuna: {INSTALL}") from error
+        require("optuna", f"{study.path}: [optimise]")
+        import optuna
+
         optuna.logging.set_verbosity(logging.WARNING)
         self._optuna, self._study, self._table = optuna, study, table
         self._search = optuna.create_study(direction="minimize" if table.minimise else "maximize")

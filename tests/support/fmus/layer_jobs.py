@@ -35,9 +35,8 @@ def unpacked(form: str, name: str, *overrides: tuple[str, Any]) -> Path:
     folder = tempfile.TemporaryDirectory()
     _folders.append(folder)
     file = Path(folder.name) / "job.fmu"
-    stored = patch.object(fmu_archive, "COMPRESSION", zipfile.ZIP_STORED)
-    with stored, patch.object(archive, "target_picture", return_value=b""):
-        archive.write(bake(prints.scenario(name, overrides)), form[3], file)  # type: ignore[arg-type]
+    with patch.object(fmu_archive, "COMPRESSION", zipfile.ZIP_STORED):
+        archive.write(bake(prints.scenario(name, overrides)), form[3], file, picture=False)  # type: ignore[arg-type]
     fmpy.extract(str(file), str(Path(folder.name) / "job"))
     return Path(folder.name) / "job"
 

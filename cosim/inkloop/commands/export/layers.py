@@ -15,7 +15,7 @@ from inkloop.commands.options import (
     scenario_of_part,
     screen,
 )
-from inkloop.errors import ResultError
+from inkloop.errors import ResultError, require
 from inkloop.exchange.layers import BITMAP_FORMATS, DROP_SPLITS
 
 SCENARIOS = (".toml", ".ssp")
@@ -49,6 +49,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Write the folder; the exit code."""
+    require("PIL", "inkloop export layers")
     from inkloop.exchange.layers import command, patterns
     from inkloop.results.result import Result
 

@@ -15,7 +15,6 @@ from inkloop import __version__
 from inkloop.exchange.job import job_file
 from inkloop.exchange.job.baking import Bake
 from inkloop.exchange.job.job_file import Section
-from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.definition import ModelDefinition
@@ -32,8 +31,10 @@ PICTURE = "documentation/target.png"
 INDEX = "documentation/index.html"
 
 
-def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, platforms: Sequence[str] | None = None) -> None:
-    """Write the FMU whole or not at all; platforms: as in `export_fmu`. Raises FmuError."""
+def write(
+    bake: Bake, fmi: Literal["2", "3"], out: Path, *, platforms: Sequence[str] | None = None, picture: bool = True
+) -> None:
+    """Write the FMU whole or not at all; platforms: as in `export_fmu`; picture: of the target. Raises FmuError."""
     form, job = FORMS[fmi], bake.job
     members = unpack(job_template(form))
     model = definition_in(members)
@@ -44,9 +45,12 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, platforms: Sequence[
     members |= {
         JOB: content,
         SCENARIO: bake.scenario_text.encode(),
-        PICTURE: target_picture(job, bake.title),
-        INDEX: with_section(members[INDEX], _section(bake), begun),
+        INDEX: with_section(members[INDEX], _section(bake, picture), begun),
     }
+    if picture:
+        from inkloop.exchange.job.target_picture import target_picture
+
+        members[PICTURE] = target_picture(job, bake.title)
     baked = Baked(
         starts=bake.own,
         mark=job_file.check_sum(content),
@@ -66,7 +70,7 @@ def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:
     return [own, *(Section(read_definition(find_fmu(name)), values) for name, values in bake.parts.values())]
 
 
-def _section(bake: Bake) -> str:
+def _section(bake: Bake, picture: bool) -> str:
     """Readable description of the embedded job."""
     job = bake.job
     lines = [
@@ -74,7 +78,7 @@ def _section(bake: Bake) -> str:
         f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * UM_PER_M:g} µm, {int(job.mask.sum())} "
         f"of them printed, up to {job.target_height.max() * UM_PER_M:g} µm high. The scenario as it was exported: "
         f'<a href="{Path(SCENARIO).name}">{Path(SCENARIO).name}</a>.</p>',
-        f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>',
+        *([f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>'] if picture else []),
         "<table><tr><th>part</th><th>model</th><th>parameter</th><th>value, SI</th></tr>",
     ]
     for role, (model, values) in bake.parts.items():

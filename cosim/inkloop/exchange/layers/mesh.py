@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
-from inkloop.errors import ResultError
+from inkloop.errors import ResultError, require
 from inkloop.files import replaced
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import MM_PER_M
@@ -25,8 +24,10 @@ def floor_of(map_: HeightMap) -> float:
 def write(path: Path, map_: HeightMap, form: str) -> None:
     """Write the body whole or not at all: "stl" binary in mm, z up; "glb" in m, y up as glTF has it.
 
-    Raises ResultError where a pixel has no height, for a body has a surface everywhere; OSError.
+    Raises ResultError where a pixel has no height, for a body has a surface everywhere; InkloopError without trimesh;
+    OSError.
     """
+    trimesh = require("trimesh", "an STL or GLB file")
     missing = int((~map_.valid).sum())
     if missing:
         raise ResultError(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
+from inkloop.errors import missing
 from inkloop.metrology.evaluation.form import Step
 from inkloop.metrology.evaluation.minimax import minimax
 from inkloop.metrology.evaluation.surface import Found, Refusal, refused
@@ -41,6 +42,8 @@ def outline_parameters(map_: HeightMap, step: Step | Refusal) -> Found:
     """Radius, roundness [m] and wall angle [rad] of the part on a map with its surroundings."""
     if isinstance(step, Refusal):
         return refused((*WALLS, *CIRCLES), f"no outline without a step: {step.reason}")
+    if reason := missing("contourpy", "the outline"):
+        return refused((*WALLS, *CIRCLES), reason)
     x, y = (np.arange(n, dtype=np.float64) * size for n, size in zip(map_.shape, (map_.dx, map_.dy), strict=True))
     rise = map_.z - (step.substrate[0] + step.substrate[1] * x[:, None] + step.substrate[2] * y)
     lines = [_contour(rise, x, y, share * step.ls) for share in (0.5, *LEVELS)]

@@ -235,4 +235,4 @@ def test_missing_extra_is_named() -> None:
         "try:\n    inkloop_lab.LayerEnv('case.toml')\nexcept inkloop.InkloopError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "inkloop_lab.LayerEnv needs gymnasium; pip install 'inkloop[env]'"
+    assert done.stdout.strip() == "inkloop_lab.LayerEnv needs the package gymnasium: pip install 'inkloop[env]'"

@@ -156,7 +156,7 @@ def test_scheduler_that_does_not_answer_is_named(dask: Dask, monkeypatch: pytest
     with pytest.raises(InkloopError, match=f"--scheduler {ADDRESS}: no scheduler answers there; start one with"):
         DaskCluster(ADDRESS, ORDER, BUNDLE)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InkloopError, match=r"--scheduler needs Dask: python -m pip install 'inkloop\[dask\]'"):
+    with pytest.raises(InkloopError, match=r"--scheduler needs the package distributed: pip install 'inkloop\[dask\]'"):
         DaskCluster(ADDRESS, ORDER, BUNDLE)
 
 
