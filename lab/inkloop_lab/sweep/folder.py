@@ -110,8 +110,8 @@ def _check_same(folder: Path, study: Study, bundle: Bundle) -> None:
         found = json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))
         if found["schema_version"] != SCHEMA_VERSION:
             raise ResultError(
-                f"{folder}: schema version is {found['schema_version']}; this inkloop reads {SCHEMA_VERSION}; begin the "
-                "study in a new folder"
+                f"{folder}: schema version is {found['schema_version']}; this inkloop reads {SCHEMA_VERSION}; begin "
+                "the study in a new folder"
             )
         known, own = found["sha256"], _identity(study, bundle)["sha256"]
     except (ValueError, KeyError, TypeError) as error:
