@@ -150,6 +150,7 @@ def test_expression_reads_lengths_in_micrometres() -> None:
         ({"loguniform": [0.01, 10.0]}, scipy.stats.loguniform(0.01, 10.0)),
         ({"normal": [2.0, 0.5]}, scipy.stats.norm(2.0, 0.5)),
         ({"truncated-normal": [2.0, 0.5, 1.0, 2.2]}, scipy.stats.truncnorm(-2.0, 0.4, 2.0, 0.5)),
+        ({"truncated-normal": [0.0, 1.0, 9.0, 10.0]}, scipy.stats.truncnorm(9.0, 10.0)),  # far in the tail
     ],
 )
 def test_distributions_are_those_of_scipy(table, reference) -> None:
