@@ -32,7 +32,7 @@ def sweep_of(study: Study, folder: StudyFolder, plan: Plan) -> xr.Dataset:
     """All that the study's file holds. Raises ResultError."""
     settings = plan.settings if isinstance(plan, OptimisePlan) else ()
     found = dataset.dataset(study, folder, settings)
-    if study.samples is not None and study.samples.blocks:
+    if study.samples is not None and study.samples.blocks and study.tables.metric in found:
         seed = study.tables.sample.seed if study.tables.sample else 0
         found = with_indices(found, list(study.samples.values), seed)
     return found

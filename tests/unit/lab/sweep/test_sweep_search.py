@@ -225,6 +225,13 @@ def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
     assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 
 
+def test_study_of_indices_that_is_interrupted_before_its_first_print_is_reported(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[sample]\nmethod = "sobol-indices"\npoints = 8\n"{ALPHA}" = {{ uniform = [0.2, 1.0] }}\n')
+    engine = Shuffled(lambda task: record(task, std=1e-6), interrupted_after=0)
+    found, plan, _ = swept(own, tmp_path / "out", engine)
+    assert report(own, found, plan, tmp_path / "out", ("png",), Terminal(io.StringIO()), is_whole=False) == 0
+
+
 def test_points_of_a_sample_go_by_its_seed(tmp_path: Path) -> None:
     text = f'[sample]\nmethod = "halton"\npoints = 4\nseed = SEED\n"{ALPHA}" = {{ uniform = [0.1, 1.0] }}\n'
     one, other, same = (list(study(tmp_path, text.replace("SEED", seed)).points()) for seed in ("1", "2", "1"))
