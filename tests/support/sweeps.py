@@ -1,10 +1,12 @@
-"""Studies without prints: an engine that ends tasks in any order and forgets some, and plants that are functions."""
+"""Studies without prints: an executor that ends tasks in any order and forgets some, and plants that are functions."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,8 @@ import xarray as xr
 
 from inkloop_lab.sweep import dataset
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.engine import carry_out
-from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.engine import Site, carry_out
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.optimise import OptimisePlan
 from inkloop_lab.sweep.plan import Plan, PointsPlan
 from inkloop_lab.sweep.report import sweep_of
@@ -26,29 +28,42 @@ SCENARIO = SCENARIOS / "cuboid.toml"
 Work = Callable[[Task], Record]
 
 
-class Shuffled:
-    """An engine that ends its tasks in a random order; it is interrupted after so many of them."""
+class Shuffled(Executor):
+    """An executor that ends its tasks in a random order; it is interrupted after so many of them."""
 
     def __init__(self, work: Work, slots: int = 3, seed: int = 0, interrupted_after: int = -1) -> None:
-        self._work, self._slots, self._rng = work, slots, np.random.default_rng(seed)
-        self._tasks: list[Task] = []
+        self._slots, self._rng, self._is_new = slots, np.random.default_rng(seed), False
+        self._tasks: list[tuple[Future[Record], Task]] = []
         self.left = interrupted_after
         self.begun: list[tuple[int, int]] = []
+        self.site = Site(self, work, self.slots, BrokenProcessPool)
 
-    @property
-    def slots(self) -> int:
-        return self._slots - len(self._tasks)
-
-    def submit(self, task: Task) -> None:
+    def submit(self, work: Any, /, *arguments: Any, **_: Any) -> Future[Any]:
+        future: Future[Record] = Future()
+        (task,) = arguments
         self.begun.append(task.key)
-        self._tasks.append(task)
+        self._tasks.append((future, task))
+        self._is_new = True
+        if len(self._tasks) == self._slots:
+            self._end_one()
+        return future
 
-    def completed(self, timeout_s: float) -> Sequence[Record]:
-        self.left -= 1
-        return [self._work(self._tasks.pop(self._rng.integers(len(self._tasks))))]
+    def slots(self) -> int:
+        if self._tasks and not self._is_new:
+            self._end_one()
+        self._is_new = False
+        return self._slots
 
     def interrupted(self) -> bool:
         return self.left == 0
+
+    def _end_one(self) -> None:
+        future, task = self._tasks.pop(self._rng.integers(len(self._tasks)))
+        self.left -= self.left > 0
+        try:
+            future.set_result(self.site.work(task))
+        except Exception as error:
+            future.set_exception(error)
 
 
 def record(task: Task, **metrics: float) -> Record:
@@ -67,9 +82,9 @@ def swept(own: Study, folder: Path, engine: Shuffled) -> tuple[xr.Dataset, Plan,
     plan: Plan = OptimisePlan(own, own.tables.optimise) if own.tables.optimise else PointsPlan(own)
     folder.mkdir(exist_ok=True)
     seen: list[Record] = []
-    with Journal(folder, own, Bundle.of(own.scenario.text, SCENARIO)) as journal:
-        carry_out(plan, engine, journal, engine.interrupted, seen.append)
-        found = sweep_of(own, journal, plan)
+    prints = StudyFolder(folder, own, Bundle.of(own.scenario.text, SCENARIO))
+    carry_out(plan, engine.site, prints, engine.interrupted, seen.append)
+    found = sweep_of(own, prints, plan)
     dataset.write(found, folder)
     return found, plan, seen
 

@@ -23,10 +23,10 @@ from inkloop.results import netcdf
 from inkloop.results.result import Result
 from inkloop_lab.sweep import dataset
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.engine import Engine, carry_out
-from inkloop_lab.sweep.journal import Journal
-from inkloop_lab.sweep.local import LocalProcesses
+from inkloop_lab.sweep.engine import Site, carry_out
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan
+from inkloop_lab.sweep.processes import on_processes
 from inkloop_lab.sweep.report import sweep_of
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Order, perform
@@ -70,17 +70,17 @@ def undisturbed(path: Path, folder: Path) -> xr.Dataset:
     """The study printed one by one in this process, in memory."""
     study = Study.load(path)
     order = Order(study.scenario.text, study.scenario.source, None, study.tables.keep.maps == "final")
-    return printed(path, folder, Shuffled(lambda task: perform(order, task), slots=1))
+    return printed(path, folder, Shuffled(lambda task: perform(order, task), slots=1).site)
 
 
-def printed(path: Path, folder: Path, engine: Engine) -> xr.Dataset:
+def printed(path: Path, folder: Path, site: Site) -> xr.Dataset:
     study = Study.load(path)
     plan = PointsPlan(study)
     folder.mkdir(exist_ok=True)
-    with Journal(folder, study, Bundle.of(study.scenario.text, Path(study.scenario.source))) as journal:
-        with deferred() as interrupted:
-            assert carry_out(plan, engine, journal, interrupted, lambda record: None)
-        dataset.write(sweep_of(study, journal, plan), folder)
+    own = StudyFolder(folder, study, Bundle.of(study.scenario.text, Path(study.scenario.source)))
+    with deferred() as interrupted:
+        assert carry_out(plan, site, own, interrupted, lambda record: None)
+    dataset.write(sweep_of(study, own, plan), folder)
     return netcdf.read(folder / dataset.SWEEP_FILE)
 
 
@@ -116,7 +116,7 @@ def wait_for_changes(out: Path, count: int, process: subprocess.Popen[str]) -> N
     def look() -> set[object]:
         # pathlib's raises where a folder goes meanwhile
         states = glob(str(out / "prints/*/layers/*.npz"))  # noqa: PTH207
-        return {*states, *(path.stat().st_size for path in out.glob("records.jsonl"))}
+        return {*states, *glob(str(out / "prints/*.json"))}  # noqa: PTH207
 
     seen = look()
     while count > 0 and process.poll() is None:
@@ -213,8 +213,8 @@ def test_any_number_of_workers_gives_the_same_file(workers: int, keep: str, tmp_
     study = Study.load(path)
     runs = str(tmp_path / "out" / "prints") if "layers" in keep else None
     order = Order(study.scenario.text, study.scenario.source, runs, False)
-    with LocalProcesses(workers, order) as engine:
-        found = printed(path, tmp_path / "out", engine)
+    with on_processes(workers, order) as site:
+        found = printed(path, tmp_path / "out", site)
     assert_same(found, undisturbed(path, tmp_path / "undisturbed"))
 
 
@@ -257,7 +257,7 @@ def test_cluster_of_which_a_worker_is_killed_gives_the_same_file(
     path, out = study_file(tmp_path, seeds=2, keep='maps = "none"'), tmp_path / "out"
     expected = undisturbed(path, tmp_path / "undisturbed")
     with begun(str(path), "--out", str(out), "--scheduler", address) as process:
-        wait_until(lambda: (out / "records.jsonl").is_file() and (out / "records.jsonl").stat().st_size > 0, process)
+        wait_until(lambda: any(out.glob("prints/*.json")), process)
         end(processes(process)[0])
         shown, errors = process.communicate()
     assert process.returncode == 3, shown + errors

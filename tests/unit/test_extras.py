@@ -6,7 +6,6 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -72,8 +71,6 @@ def test_command_names_the_package_and_its_extra(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    if words[0] == "watch" and any(find_spec(each) is None for each in ("sse_starlette", "starlette", "uvicorn")):
-        pytest.skip("the extra `live` is not installed: pip install 'inkloop[live]'")
     monkeypatch.setitem(sys.modules, library, None)
     code = main([str(run) if word == RUN else word for word in words])
     shown = capsys.readouterr()

@@ -33,7 +33,6 @@ def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; the exit code."""
     require("plotly", "inkloop watch")
     from inkloop.printing.so_far import feed_of
-    from inkloop.report.page import server
 
     feed = feed_of(options.run)
     with _server(feed, options.port) as server:

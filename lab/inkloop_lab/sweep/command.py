@@ -16,11 +16,11 @@ from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop_lab.sweep import dataset, report, summary
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.engine import Engine, carry_out
-from inkloop_lab.sweep.journal import RUNS_FOLDER, STATE_FILE, Journal
-from inkloop_lab.sweep.local import LocalProcesses, fitting
+from inkloop_lab.sweep.engine import Site, carry_out
+from inkloop_lab.sweep.folder import PRINTS_FOLDER, STATE_FILE, StudyFolder
 from inkloop_lab.sweep.optimise import OptimisePlan
 from inkloop_lab.sweep.plan import Plan, PointsPlan
+from inkloop_lab.sweep.processes import fitting, on_processes
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Order, Record
 
@@ -41,21 +41,22 @@ def sweep(options: argparse.Namespace, console: Terminal) -> int:
         console.result(points=study.count, prints=plan.total, keys=summary.keys_of(study))
         return 0
     folder = _folder(options)
-    with sole_writer(folder), Journal(folder, study, bundle) as journal, deferred() as interrupted:
-        if journal.records:
-            console.sentence(f"{folder}: {len(journal.records)} prints are recorded already")
+    with sole_writer(folder), deferred() as interrupted:
+        own = StudyFolder(folder, study, bundle)
+        if own.records:
+            console.sentence(f"{folder}: {len(own.records)} prints are recorded already")
         with (
-            _engine(options, study, bundle, folder, console) as engine,
+            _site(options, study, bundle, folder, console) as site,
             _resumable(folder, options),
             _progress(console, study, plan) as on_record,
         ):
-            whole = carry_out(plan, engine, journal, interrupted, on_record)
-        found = report.sweep_of(study, journal, plan)
+            whole = carry_out(plan, site, own, interrupted, on_record)
+        found = report.sweep_of(study, own, plan)
         dataset.write(found, folder)
         failed = report.report(study, found, plan, folder, options.pictures, console, is_whole=whole)
         if isinstance(plan, OptimisePlan) and plan.best is not None:
             report.write_best(study, plan, plan.best, bundle, folder, console)
-    prints = len(journal.records)
+    prints = len(own.records)
     if not whole:
         console.sentence(
             f"interrupted: {prints} of {plan.total} prints are recorded; continue with `{_again(folder, options)}`"
@@ -127,26 +128,26 @@ def _resumable(folder: Path, options: argparse.Namespace) -> Iterator[None]:
         ) from error
 
 
-def _engine(
+def _site(
     options: argparse.Namespace, study: Study, bundle: Bundle, folder: Path, console: Terminal
-) -> AbstractContextManager[Engine]:
+) -> AbstractContextManager[Site]:
     """Where the prints are made. Raises InkloopError."""
     keep = study.tables.keep
     in_folders = keep.maps == "all" or keep.layers
     source = str((study.path.parent / study.tables.scenario).resolve())
-    runs = str((folder / RUNS_FOLDER).resolve()) if in_folders else None
+    runs = str((folder / PRINTS_FOLDER).resolve()) if in_folders else None
     order = Order(study.scenario.text, source, runs, keep.maps == "final")
     if options.scheduler:
-        from inkloop_lab.sweep.cluster import DaskCluster
+        from inkloop_lab.sweep.cluster import on_cluster
 
-        return DaskCluster(options.scheduler, order, bundle)
+        return on_cluster(options.scheduler, order, bundle)
     controllers = study.scenario.tables.components.values()
     threads = max((int(table.options.get("threads", 1)) for table in controllers), default=1)
     asked_threads = [int(value) for key, values in study.axes.items() if key.endswith(".threads") for value in values]
     workers, note = fitting(options.workers, max([threads, *asked_threads]))
     if note:
         console.sentence(f"{note} at a time")
-    return LocalProcesses(workers, order)
+    return on_processes(workers, order)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from inkloop.results import netcdf
 from inkloop.results.attributes import CONVENTIONS, Meaning, variable
 from inkloop.units import GIGA, UNITS
 from inkloop_lab.sweep.figures import METRICS
-from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Record
 
@@ -38,7 +38,7 @@ MAPS_MAX = 4 * int(GIGA)
 """Bytes of all last surfaces; more belong into run folders."""
 
 
-def dataset(study: Study, journal: Journal, trials: Sequence[Mapping[str, Any]] = ()) -> xr.Dataset:
+def dataset(study: Study, folder: StudyFolder, trials: Sequence[Mapping[str, Any]] = ()) -> xr.Dataset:
     """What is recorded of a study. trials: keys of each trial, where `[optimise]` chose them.
 
     Values that are not there are NaN or 0; `status` says why. Raises ResultError.
@@ -46,7 +46,7 @@ def dataset(study: Study, journal: Journal, trials: Sequence[Mapping[str, Any]] 
     import xarray as xr
 
     shape = study.shape
-    records = [record for record in journal.records.values() if record.point < study.count]
+    records = [record for record in folder.records.values() if record.point < study.count]
     seeds = max((record.replicate + 1 for record in records), default=study.tables.seeds.count)
     sizes, whole = (*shape.values(), seeds), (*shape, SEED)
     points = [tuple(map(int, place)) for place in np.ndindex(tuple(shape.values()))]
@@ -72,7 +72,7 @@ def dataset(study: Study, journal: Journal, trials: Sequence[Mapping[str, Any]] 
     numbers = np.arange(study.first_seed, study.first_seed + seeds)
     coordinates[SEED] = variable(SEED, (SEED,), numbers, "1", Meaning("seed of the print, the same at every point"))
     if study.tables.keep.maps == "final":
-        heights = _heights(journal, records, places, (*sizes, grid.nx, grid.ny))
+        heights = _heights(folder, records, places, (*sizes, grid.nx, grid.ny))
         meaning = Meaning("surface after the last layer")
         variables["height"] = variable("height", (*whole, "x", "y"), heights, "m", meaning)
         coordinates["x"] = variable("x", ("x",), np.arange(grid.nx) * grid.pitch, "m")
@@ -137,7 +137,7 @@ def _coordinates(study: Study, trials: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def _heights(
-    journal: Journal,
+    folder: StudyFolder,
     records: Sequence[Record],
     places: Mapping[tuple[int, int], tuple[int, ...]],
     sizes: tuple[int, ...],
@@ -147,6 +147,6 @@ def _heights(
         raise ResultError(f'keep.maps: all surfaces have {8 * np.prod(sizes) / GIGA:.1f} GB; write keep.maps = "all"')
     heights = np.full(sizes, np.nan)
     for record in records:
-        if (height := journal.height(record)) is not None:
+        if (height := folder.height(record)) is not None:
             heights[places[record.key]] = height
     return heights

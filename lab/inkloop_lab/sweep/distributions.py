@@ -23,6 +23,8 @@ PARAMETERS = {
 KINDS = (*PARAMETERS, "choice")
 TAIL = 0.001
 """Share of a normal distribution on each side that the check of a study leaves out."""
+TINY = 1e-12
+"""Smallest share of a normal distribution, whose ends are infinite."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,10 @@ class Distribution:
         if self.kind == "integers":
             first, last = self.parameters
             return [min(first + int(share * (last - first + 1)), last) for share in shares]
-        return [float(value) for value in self._continuous(np.asarray(shares, np.float64))]
+        ends = TINY if self.kind == "normal" else 0.0
+        values = self._continuous().ppf(np.clip(np.asarray(shares, np.float64), ends, 1.0 - ends))
+        low, high = (-math.inf, math.inf) if self.kind == "normal" else self.parameters[-2:]
+        return [float(value) for value in np.clip(values, low, high)]
 
     def extremes(self) -> list[Any]:
         """Values that a study checks before its first print: the ends, of a choice all of them."""
@@ -49,23 +54,20 @@ class Distribution:
         ends = (TAIL, 1.0 - TAIL) if self.kind == "normal" else (0.0, 1.0)
         return self.values(np.array(ends))
 
-    def _continuous(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        from scipy.special import ndtr, ndtri
+    def _continuous(self) -> Any:
+        """The distribution of SciPy."""
+        from scipy import stats
 
-        low, high = map(float, self.parameters[-2:])
-        found: NDArray[np.float64]
-        if self.kind == "uniform":
-            found = low + shares * (high - low)
-        elif self.kind == "loguniform":
-            found = np.exp(math.log(low) + shares * (math.log(high) - math.log(low)))
-        elif self.kind == "normal":
-            mean, std = low, high
-            found = mean + std * ndtri(np.clip(shares, 1e-12, 1.0 - 1e-12))
-        else:
-            mean, std = map(float, self.parameters[:2])
-            below, above = ndtr((low - mean) / std), ndtr((high - mean) / std)
-            found = mean + std * ndtri(below + shares * (above - below))
-        return found if self.kind == "normal" else np.clip(found, low, high)
+        first, second = map(float, self.parameters[:2])
+        match self.kind:
+            case "uniform":
+                return stats.uniform(first, second - first)
+            case "loguniform":
+                return stats.loguniform(first, second)
+            case "normal":
+                return stats.norm(first, second)
+        low, high = ((float(end) - first) / second for end in self.parameters[2:])
+        return stats.truncnorm(low, high, first, second)
 
 
 def distribution(table: dict[str, Any]) -> Distribution:

@@ -27,7 +27,13 @@ METRICS: Mapping[str, tuple[str, Meaning]] = {
 }
 """Metric of `Result.metrics` -> unit and meaning; the last one of parts in two inks only."""
 
-VARIABLES: Mapping[str, str] = {f"{name}_um" if unit == "m" else name: name for name, (unit, _) in METRICS.items()}
+
+def label(metric: str) -> str:
+    """The name of a metric with the unit that people read it in."""
+    return f"{metric}_um" if METRICS[metric][0] == "m" else metric
+
+
+VARIABLES: Mapping[str, str] = {label(name): name for name in METRICS}
 """Name in an expression, with its unit -> metric."""
 
 FUNCTIONS: Mapping[str, Callable[..., float]] = {

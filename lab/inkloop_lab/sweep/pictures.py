@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from inkloop.report import plot
-from inkloop_lab.sweep.figures import METRICS
+from inkloop_lab.sweep.figures import label
 from inkloop_lab.sweep.plan import standard_error
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.summary import keys_of, short_names
@@ -29,17 +29,17 @@ Points = Sequence[Mapping[str, Any]]
 
 def pictures(study: Study, points: Points, sweep: Any, values: Sequence[float] = ()) -> dict[str, Figure]:
     """Name -> picture, those that the study has anything for. values: of the trials of a search."""
-    label = f"{study.tables.metric}_um" if METRICS[study.tables.metric][0] == "m" else study.tables.metric
-    known = [point for point in points if point.get(label) is not None]
+    shown = label(study.tables.metric)
+    known = [point for point in points if point.get(shown) is not None]
     found: dict[str, Figure] = {}
     with rc_context(plot.STYLE):
         if not known:
             return found
         keys = [key for key in keys_of(study) if len({repr(point["keys"][key]) for point in known}) > 1]
         if keys:
-            found["main-effects"] = _main_effects(known, keys, label)
-        if len(pair := _strongest_pair(known, keys, list(study.axes), label)) == 2:
-            found["heat-map"] = _heat_map(known, pair, label)
+            found["main-effects"] = _main_effects(known, keys, shown)
+        if len(pair := _strongest_pair(known, keys, list(study.axes), shown)) == 2:
+            found["heat-map"] = _heat_map(known, pair, shown)
         if len({(point["std_um"], point["layers"]) for point in known}) > 1:
             found["front"] = _front(known, keys)
         if "first_order" in sweep:
@@ -49,11 +49,11 @@ def pictures(study: Study, points: Points, sweep: Any, values: Sequence[float] =
     return found
 
 
-def _words(label: str) -> str:
-    return f"{label.removesuffix('_um').replace('_', ' ')} [µm]" if label.endswith("_um") else label
+def _words(shown: str) -> str:
+    return f"{shown.removesuffix('_um').replace('_', ' ')} [µm]" if shown.endswith("_um") else shown
 
 
-def _main_effects(points: Points, keys: Sequence[str], label: str) -> Figure:
+def _main_effects(points: Points, keys: Sequence[str], shown: str) -> Figure:
     """Mean of the figure at each value of a key, over all other keys.
 
     Bars are standard errors: of the seeds of these points, or of the points in a group where a key is sampled.
@@ -64,11 +64,11 @@ def _main_effects(points: Points, keys: Sequence[str], label: str) -> Figure:
     figure = plot.new_figure(1.9 * rows + 0.3)
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
     for axes, key in zip(panels, keys, strict=False):
-        values, figures = [point["keys"][key] for point in points], np.array([point[label] for point in points])
+        values, figures = [point["keys"][key] for point in points], np.array([point[shown] for point in points])
         groups, ticks = _groups(values)
         at = [float(np.mean(place)) for place, _ in groups]
         mean = [float(figures[members].mean()) for _, members in groups]
-        scatter = np.array([point[f"{label}_standard_error"] for point in points])
+        scatter = np.array([point[f"{shown}_standard_error"] for point in points])
         error = [_error(figures[own], scatter[own], is_sampled=ticks is None) for _, own in groups]
         if ticks is None:
             axes.plot([float(value) for value in values], figures, ".", color="0.75", markersize=3, zorder=1)
@@ -80,7 +80,7 @@ def _main_effects(points: Points, keys: Sequence[str], label: str) -> Figure:
     for axes in panels[len(keys) :]:
         axes.set_visible(False)
     for axes in panels[::columns]:
-        axes.set_ylabel(_words(label))
+        axes.set_ylabel(_words(shown))
     return figure
 
 
@@ -106,24 +106,24 @@ def _groups(values: Sequence[Any]) -> tuple[list[tuple[Any, NDArray[np.bool_]]],
     return [(numbers[place == n], place == n) for n in range(BINS) if (place == n).any()], None
 
 
-def _strongest_pair(points: Points, keys: Sequence[str], axes: Sequence[str], label: str) -> list[str]:
+def _strongest_pair(points: Points, keys: Sequence[str], axes: Sequence[str], shown: str) -> list[str]:
     """The two keys of `[vary]` whose values change the figure most."""
     own = [key for key in keys if key in axes]
 
     def effect(key: str) -> float:
         groups, _ = _groups([point["keys"][key] for point in points])
-        figures = np.array([point[label] for point in points])
+        figures = np.array([point[shown] for point in points])
         return float(np.ptp([figures[members].mean() for _, members in groups]))
 
     strongest = sorted(own, key=effect, reverse=True)[:2]
     return [key for key in own if key in strongest]
 
 
-def _heat_map(points: Points, pair: Sequence[str], label: str) -> Figure:
+def _heat_map(points: Points, pair: Sequence[str], shown: str) -> Figure:
     """Mean of the figure over all points with the same values of two keys."""
     names = short_names([*points[0]["keys"]])
     (columns, across), (rows, down) = (_groups([point["keys"][key] for point in points]) for key in pair)
-    figures = np.array([point[label] for point in points])
+    figures = np.array([point[shown] for point in points])
     cells = np.array(
         [[figures[here & there].mean() if (here & there).any() else np.nan for _, here in columns] for _, there in rows]
     )
@@ -138,7 +138,7 @@ def _heat_map(points: Points, pair: Sequence[str], label: str) -> Figure:
     axes.set_xticks(range(len(columns)), across or [f"{np.mean(at):.3g}" for at, _ in columns])
     axes.set_yticks(range(len(rows)), down or [f"{np.mean(at):.3g}" for at, _ in rows])
     axes.set(xlabel=names[pair[0]], ylabel=names[pair[1]])
-    figure.colorbar(image, label=_words(label), format="{x:g}")
+    figure.colorbar(image, label=_words(shown), format="{x:g}")
     return figure
 
 

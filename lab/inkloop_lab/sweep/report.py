@@ -12,7 +12,7 @@ from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop_lab.sweep import dataset, summary
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.optimise import OptimisePlan
 from inkloop_lab.sweep.page import PAGE_FILE, page
 from inkloop_lab.sweep.plan import Plan
@@ -28,11 +28,11 @@ PAGE_ROWS_MAX = 2000
 """Points in the table of the page; of more, the best are shown."""
 
 
-def sweep_of(study: Study, journal: Journal, plan: Plan) -> xr.Dataset:
+def sweep_of(study: Study, folder: StudyFolder, plan: Plan) -> xr.Dataset:
     """All that the study's file holds. Raises ResultError."""
     settings = plan.settings if isinstance(plan, OptimisePlan) else ()
-    found = dataset.dataset(study, journal, settings)
-    if study.samples is not None and study.samples.blocks:
+    found = dataset.dataset(study, folder, settings)
+    if study.samples is not None and study.samples.blocks and study.tables.metric in found:
         seed = study.tables.sample.seed if study.tables.sample else 0
         found = with_indices(found, list(study.samples.values), seed)
     return found

@@ -1,7 +1,8 @@
 """Sobol' indices: the share of a figure's variance that a key explains alone, and with all its interactions.
 
-First order by Saltelli et al. 2010 (Computer Physics Communications 181, 259-270, Table 2 b), total by Jansen 1999, as
-`scipy.stats.sobol_indices` has them; intervals by the bootstrap over the points of Saltelli.
+First order by Saltelli et al. 2010 (Computer Physics Communications 181, 259-270, Table 2 b), total by Jansen 1999;
+intervals by the bootstrap over the points of Saltelli. `scipy.stats.sobol_indices` has the same estimators, but takes
+neither one key nor a block that lacks a failed print, and draws other intervals at each call.
 """
 
 from __future__ import annotations

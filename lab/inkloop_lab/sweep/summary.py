@@ -10,7 +10,7 @@ import numpy as np
 
 from inkloop.report.terminal import NumberTable, number_table
 from inkloop_lab.sweep.dataset import SEED, STATUSES
-from inkloop_lab.sweep.figures import METRICS, scaled
+from inkloop_lab.sweep.figures import METRICS, label, scaled
 from inkloop_lab.sweep.plan import standard_error
 from inkloop_lab.sweep.study import Study
 
@@ -34,11 +34,6 @@ def short_names(keys: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def unit_words(metric: str) -> str:
-    """The unit of a metric as people read it, in brackets; nothing where it has none."""
-    return " [µm]" if METRICS[metric][0] == "m" else ""
-
-
 def keys_of(study: Study) -> list[str]:
     """All keys that a study changes."""
     samples = list(study.samples.values) if study.samples else []
@@ -59,9 +54,8 @@ def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
         figures: dict[str, Any] = {}
         for name in metrics:
             values = [scaled(name, float(value)) for value in arrays[name][place] if np.isfinite(value)]
-            label = f"{name}_um" if METRICS[name][0] == "m" else name
-            figures[label] = float(np.mean(values)) if values else None
-            figures[f"{label}_standard_error"] = standard_error(values)
+            figures[label(name)] = float(np.mean(values)) if values else None
+            figures[f"{label(name)}_standard_error"] = standard_error(values)
         found.append({"keys": setting, "prints": len(ended), "failed": ended.count("failed"), **figures})
     return found
 
@@ -70,13 +64,13 @@ def table_of_points(study: Study, found: Sequence[Mapping[str, Any]], rows_max: 
     """A row for each point, with the mean over its seeds; the best of many."""
     names = short_names(keys_of(study))
     first = study.tables.metric
-    metrics = [name for name in dict.fromkeys((first, *BESIDES)) if any(_label(name) in each for each in found)]
+    metrics = [name for name in dict.fromkeys((first, *BESIDES)) if any(label(name) in each for each in found)]
     shown, caption = list(found), "mean over the seeds, ± its standard error"
     if len(shown) > rows_max:
-        known = [each for each in shown if each.get(_label(first)) is not None]
-        shown = sorted(known, key=lambda each: abs(each[_label(first)]))[:rows_max]
+        known = [each for each in shown if each.get(label(first)) is not None]
+        shown = sorted(known, key=lambda each: abs(each[label(first)]))[:rows_max]
         caption += f"; the {len(shown)} points of {len(found)} with the smallest {first}"
-    headings = [f"{name}\n{unit_words(name).strip()}" for name in metrics]
+    headings = [f"{name}\n{'[µm]' if METRICS[name][0] == 'm' else ''}" for name in metrics]
     table = number_table("point", *headings, "prints", title=study.title, caption=caption)
     for each in shown:
         setting = ", ".join(f"{names[key]} {text_of(value)}" for key, value in each["keys"].items())
@@ -115,12 +109,8 @@ def errors_of(sweep: xr.Dataset) -> list[tuple[str, int]]:
     return Counter(str(text) for text in sweep["error"].values.ravel() if text).most_common()
 
 
-def _label(metric: str) -> str:
-    return f"{metric}_um" if METRICS[metric][0] == "m" else metric
-
-
 def _with_error(point: Mapping[str, Any], metric: str, with_error: bool) -> str:
-    value, error = point[_label(metric)], point[f"{_label(metric)}_standard_error"]
+    value, error = point[label(metric)], point[f"{label(metric)}_standard_error"]
     if value is None:
         return "-"
     digits = 2 if METRICS[metric][0] == "m" else 1

@@ -44,11 +44,6 @@ class Task:
         """What tells it from every other task of the study."""
         return self.point, self.replicate
 
-    @property
-    def name(self) -> str:
-        """Of its run folder and of its map."""
-        return f"{self.point:05d}-{self.replicate:04d}"
-
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -82,6 +77,12 @@ class Order:
     with_height: bool
 
 
+def name_of(key: tuple[int, int]) -> str:
+    """The name of a print in the folder of its study: of its record, its run folder and its map."""
+    point, replicate = key
+    return f"{point:05d}-{replicate:04d}"
+
+
 def failed(task: Task, message: str) -> Record:
     """The record of a print that failed."""
     return Record(task.point, task.replicate, FAILED, error=message)
@@ -95,13 +96,13 @@ def perform(order: Order, task: Task) -> Record:
     try:
         with classes_from(Path(order.source).parent):
             scenario = Scenario.of_text(order.text, order.source, {**task.overrides, "seed": task.seed})
-            result = _printed(scenario, Path(order.runs, task.name)) if order.runs else print_part(scenario)
+            result = _printed(scenario, Path(order.runs, name_of(task.key))) if order.runs else print_part(scenario)
     except ResultError:
         raise
     except ScenarioError as error:  # without the place of the file, which differs on a cluster
         return failed(task, "\n".join(error.errors))
     except (OSError, MemoryError) as error:
-        raise ResultError(f"print {task.name}: {reason_of(error)}") from error
+        raise ResultError(f"print {name_of(task.key)}: {reason_of(error)}") from error
     except Exception as error:  # of a scenario, a component, or anything in a class of others
         cause = error.__cause__ if order.runs and isinstance(error.__cause__, type(error)) else error
         return failed(task, message_of(cause if isinstance(cause, Exception) else error))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import math
 import re
 from dataclasses import replace
@@ -28,7 +27,7 @@ from inkloop_lab.sweep.plan import standard_error
 from inkloop_lab.sweep.report import report
 from inkloop_lab.sweep.sensitivity import indices
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Order, Record, Task, failed, perform
+from inkloop_lab.sweep.task import Order, Record, Task, failed, name_of, perform
 from support.places import SCENARIOS
 from support.sweeps import ISHIGAMI, SCENARIO, Shuffled, ishigami, record, study, swept
 
@@ -151,6 +150,7 @@ def test_expression_reads_lengths_in_micrometres() -> None:
         ({"loguniform": [0.01, 10.0]}, scipy.stats.loguniform(0.01, 10.0)),
         ({"normal": [2.0, 0.5]}, scipy.stats.norm(2.0, 0.5)),
         ({"truncated-normal": [2.0, 0.5, 1.0, 2.2]}, scipy.stats.truncnorm(-2.0, 0.4, 2.0, 0.5)),
+        ({"truncated-normal": [0.0, 1.0, 9.0, 10.0]}, scipy.stats.truncnorm(9.0, 10.0)),  # far in the tail
     ],
 )
 def test_distributions_are_those_of_scipy(table, reference) -> None:
@@ -226,16 +226,18 @@ def test_last_surfaces_are_kept_where_asked(tmp_path: Path) -> None:
     np.testing.assert_array_equal(height[..., 4, 5].values.ravel(), np.arange(6.0))
 
 
-def test_record_that_a_kill_has_cut_short_is_printed_again(tmp_path: Path) -> None:
+def test_print_without_a_whole_file_is_printed_again(tmp_path: Path) -> None:
     own = study(tmp_path, TWO_KEYS)
     whole, _, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))
-    records = tmp_path / "out/records.jsonl"
-    records.write_bytes(records.read_bytes()[:-30])
+    found = tmp_path / "out/prints/00002-0000.json"
+    found.rename(found.with_name(".00002-0000.json.part"))  # a kill between writing and renaming
     engine = Shuffled(alpha_of)
     again, _, _ = swept(own, tmp_path / "out", engine)
-    assert len(engine.begun) == 1
+    assert engine.begun == [(2, 0)]
     xr.testing.assert_identical(whole, again)
-    assert [json.loads(line)["status"] for line in records.read_text().splitlines()] == ["done"] * 6
+    found.write_text("{")
+    with pytest.raises(ResultError, match=r"00002-0000\.json: is no record of a print .*; delete it to print again"):
+        swept(own, tmp_path / "out", engine)
 
 
 def test_changed_study_is_refused_and_more_seeds_are_not(tmp_path: Path) -> None:
@@ -373,7 +375,7 @@ def test_print_of_a_task_is_that_of_a_run(tmp_path: Path) -> None:
     task = Task(0, 0, 5, overrides)
     text = SCENARIO.read_text()
     found = [perform(Order(text, str(SCENARIO), runs, True), task) for runs in (None, str(tmp_path))]
-    run = Result.load(tmp_path / task.name)
+    run = Result.load(tmp_path / name_of(task.key))
     for each in found:
         assert each.metrics == run.metrics()
         np.testing.assert_array_equal(each.height, run.final_height)

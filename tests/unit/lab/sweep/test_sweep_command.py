@@ -26,11 +26,11 @@ def engines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Engines:
     """Engines that the command has made, with the number of processes and the order of each; in an empty folder."""
     made: Engines = []
 
-    def engine(workers: int, order: Order) -> Any:
+    def site(workers: int, order: Order) -> Any:
         made.append((workers, order, Shuffled(alpha_of, slots=workers)))
-        return nullcontext(made[-1][2])
+        return nullcontext(made[-1][2].site)
 
-    monkeypatch.setattr(command, "LocalProcesses", engine)
+    monkeypatch.setattr(command, "on_processes", site)
     monkeypatch.setattr(command, "fitting", lambda workers, threads: (workers or threads, f"{threads} threads"))
     monkeypatch.chdir(tmp_path)
     return made
@@ -128,7 +128,7 @@ def test_interrupted_study_says_how_to_continue(
         signal.raise_signal(signal.SIGINT)
         return alpha_of(task)
 
-    monkeypatch.setattr(command, "LocalProcesses", lambda *_: nullcontext(Shuffled(interrupting, slots=1)))
+    monkeypatch.setattr(command, "on_processes", lambda *_: nullcontext(Shuffled(interrupting, slots=1).site))
     assert begun("--out", "out", "--workers", "2") == 130
     shown = capsys.readouterr().out
     assert "interrupted: 1 of 2 prints are recorded; continue with" in shown
@@ -136,7 +136,7 @@ def test_interrupted_study_says_how_to_continue(
     assert words == ["sweep", "study.toml", "--out", "out", "--resume", "--workers", "2"]
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(command, "LocalProcesses", lambda *_: nullcontext(Shuffled(alpha_of)))
+    monkeypatch.setattr(command, "on_processes", lambda *_: nullcontext(Shuffled(alpha_of).site))
     assert main([*words, "--no-pictures"]) == 0
 
 
@@ -147,7 +147,7 @@ def test_error_that_ends_a_study_says_how_to_continue(
         raise ResultError("the disk is full")
 
     study(tmp_path, ALPHA)
-    monkeypatch.setattr(command, "LocalProcesses", lambda *_: nullcontext(Shuffled(full)))
+    monkeypatch.setattr(command, "on_processes", lambda *_: nullcontext(Shuffled(full).site))
     assert begun("--out", "out") == 1
     error = capsys.readouterr().err
     assert "the disk is full" in error

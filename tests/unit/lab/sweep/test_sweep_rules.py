@@ -19,7 +19,7 @@ from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.dataset import FAILING, STATUSES, coordinate, dataset, unit_of
 from inkloop_lab.sweep.distributions import Distribution, distribution
 from inkloop_lab.sweep.figures import METRICS, Expression
-from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan, seeds_wanted, standard_error
 from inkloop_lab.sweep.sampling import sampled
 from inkloop_lab.sweep.sensitivity import indices
@@ -228,23 +228,20 @@ def test_file_says_what_it_holds(tmp_path: Path) -> None:
 def test_surfaces_that_are_too_large_for_one_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[keep]\nmaps = "final"\n')
     monkeypatch.setattr("inkloop_lab.sweep.dataset.MAPS_MAX", 2 * 144 * 8 - 1)
-    with (
-        Journal(tmp_path / "out", own, Bundle.of(own.scenario.text, SCENARIO)) as journal,
-        pytest.raises(ResultError, match=r'keep.maps: all surfaces have .* GB; write keep.maps = "all"'),
-    ):
-        dataset(own, journal)
+    folder = StudyFolder(tmp_path / "out", own, Bundle.of(own.scenario.text, SCENARIO))
+    with pytest.raises(ResultError, match=r'keep.maps: all surfaces have .* GB; write keep.maps = "all"'):
+        dataset(own, folder)
 
 
 def test_folder_of_another_version_or_of_no_study_is_refused(tmp_path: Path) -> None:
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n')
     bundle = Bundle.of(own.scenario.text, SCENARIO)
-    with Journal(tmp_path, own, bundle):
-        pass
+    StudyFolder(tmp_path, own, bundle)
     state = json.loads((tmp_path / "study.json").read_text())
-    for found, message in (({**state, "schema_version": 2}, "schema version is 2"), ({}, "is no record of a study")):
+    for found, message in (({**state, "schema_version": 3}, "schema version is 3"), ({}, "is no record of a study")):
         (tmp_path / "study.json").write_text(json.dumps(found))
         with pytest.raises(ResultError, match=message):
-            Journal(tmp_path, own, bundle)
+            StudyFolder(tmp_path, own, bundle)
 
 
 @pytest.mark.parametrize(
@@ -379,16 +376,11 @@ def test_run_folder_goes_with_its_record_unless_runs_are_kept(keep: str, stays: 
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[keep]\n{keep}\n')
     place = tmp_path / "out" / "prints" / "00001-0000"
     place.mkdir(parents=True)
-    with Journal(tmp_path / "out", own, Bundle.of(own.scenario.text, SCENARIO)) as journal:
-        journal.add(Record(1, 0, "interrupted"))
-        assert place.is_dir()
-        assert not journal.records
-        journal.add(Record(1, 0, "done"))
-        journal.add(Record(1, 0, "failed"))  # the first one counts
-        assert list(journal.records) == [(1, 0)]
-        assert journal.records[1, 0].status == "done"
+    bundle = Bundle.of(own.scenario.text, SCENARIO)
+    StudyFolder(tmp_path / "out", own, bundle).add(Record(1, 0, "done", {"std": 1e-6}, 0.5))
     assert place.is_dir() is stays
-    assert (tmp_path / "out" / "records.jsonl").read_text().count("\n") == 1
+    (found,) = StudyFolder(tmp_path / "out", own, bundle).records.values()
+    assert (found.key, found.status, found.metrics, found.wall_s) == ((1, 0), "done", {"std": 1e-6}, 0.5)
 
 
 @pytest.mark.parametrize("runs", [False, True])

@@ -13,7 +13,7 @@ from inkloop.errors import ResultError, ScenarioError
 from inkloop.report.terminal import Terminal
 from inkloop_lab.sweep import sensitivity
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.journal import Journal
+from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.optimise import OptimisePlan
 from inkloop_lab.sweep.report import report
 from inkloop_lab.sweep.study import Study
@@ -204,11 +204,9 @@ def test_key_that_holds_another_and_a_search_with_changing_seeds_are_refused(tmp
 def test_scenario_that_has_changed_is_another_study(tmp_path: Path) -> None:
     own = study(tmp_path, SEARCH)
     text = own.scenario.text
-    (tmp_path / "out").mkdir()
-    with Journal(tmp_path / "out", own, Bundle.of(text, SCENARIO)):
-        pass
+    StudyFolder(tmp_path / "out", own, Bundle.of(text, SCENARIO))
     with pytest.raises(ResultError, match="changed since then: the scenario or one of its files"):
-        Journal(tmp_path / "out", own, Bundle.of(f"# seen\n{text}", SCENARIO))
+        StudyFolder(tmp_path / "out", own, Bundle.of(f"# seen\n{text}", SCENARIO))
 
 
 def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
@@ -225,6 +223,13 @@ def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
     assert (figures["prints"], figures["failed"], figures["best"]) == (4, 1, None)
     assert "1 print failed: gave up" in shown.getvalue()
     assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+
+
+def test_study_of_indices_that_is_interrupted_before_its_first_print_is_reported(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[sample]\nmethod = "sobol-indices"\npoints = 8\n"{ALPHA}" = {{ uniform = [0.2, 1.0] }}\n')
+    engine = Shuffled(lambda task: record(task, std=1e-6), interrupted_after=0)
+    found, plan, _ = swept(own, tmp_path / "out", engine)
+    assert report(own, found, plan, tmp_path / "out", ("png",), Terminal(io.StringIO()), is_whole=False) == 0
 
 
 def test_points_of_a_sample_go_by_its_seed(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
-"""The folder of a study on disk: what it is a study of, and a record of each print, added as soon as it has ended.
+"""The folder of a study on disk: of which study it is, and a file for each print that has ended.
 
-`records.jsonl` has a line for each print, in the order in which they ended; a line that a kill has cut short does not
-count. Only the process that was started writes here, which holds the lock of the folder.
+A print counts once its file is there, which is renamed into place when it is whole. Only the process that was started
+writes here, which holds the lock of the folder.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,33 +21,27 @@ from inkloop.errors import ResultError
 from inkloop.files import reason_of, replaced, write_text
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import INTERRUPTED, Record
+from inkloop_lab.sweep.task import Record, name_of
 
-STUDY_FILE, STATE_FILE, RECORDS_FILE = "study.toml", "study.json", "records.jsonl"
-MAPS_FOLDER, RUNS_FOLDER = "maps", "prints"
-SCHEMA_VERSION = 1
+STUDY_FILE, STATE_FILE = "study.toml", "study.json"
+PRINTS_FOLDER, MAPS_FOLDER = "prints", "maps"
+SCHEMA_VERSION = 2
 
 
-class Journal:
+class StudyFolder:
     """The records of a study's prints, in its folder. Raises ResultError where the folder is not this study's."""
 
     def __init__(self, folder: Path, study: Study, bundle: Bundle) -> None:
         self._folder, self._keeps_runs = folder, study.tables.keep.maps == "all"
-        self._records: dict[tuple[int, int], Record] = {}
         try:
             if (folder / STATE_FILE).is_file():
                 _check_same(folder, study, bundle)
             write_text(folder / STUDY_FILE, study.text)
             write_text(folder / STATE_FILE, json.dumps(_identity(study, bundle), indent=2) + "\n")
-            self._file = self._opened(folder / RECORDS_FILE)
+            found = [_read(path) for path in sorted((folder / PRINTS_FOLDER).glob("*.json"))]
         except OSError as error:
             raise ResultError(f"{folder}: the study cannot be written there: {reason_of(error)}") from error
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+        self._records = {record.key: record for record in found}
 
     @property
     def records(self) -> Mapping[tuple[int, int], Record]:
@@ -56,41 +50,34 @@ class Journal:
 
     def add(self, record: Record) -> None:
         """Keep the record of a print; its run folder goes unless runs are kept. Raises ResultError."""
-        if record.status == INTERRUPTED or record.key in self._records:
-            return
-        name = f"{record.point:05d}-{record.replicate:04d}"
         try:
             if record.height is not None:
-                with replaced(self._folder / MAPS_FOLDER / f"{name}.npy") as partial, partial.open("wb") as file:
+                with replaced(self._map_of(record)) as partial, partial.open("wb") as file:
                     np.save(file, record.height)
-            self._file.write(json.dumps(_plain(record)) + "\n")
-            self._file.flush()
+            write_text(self._folder / PRINTS_FOLDER / f"{name_of(record.key)}.json", json.dumps(_plain(record)) + "\n")
         except OSError as error:
             raise ResultError(f"{self._folder}: a record cannot be written: {reason_of(error)}; make room") from error
         self._records[record.key] = replace(record, height=None)
         if not self._keeps_runs:
-            shutil.rmtree(self._folder / RUNS_FOLDER / name, ignore_errors=True)
+            shutil.rmtree(self._folder / PRINTS_FOLDER / name_of(record.key), ignore_errors=True)
 
     def height(self, record: Record) -> Any:
         """The last surface of a print (x, y) [m], None if none was kept. Raises ResultError."""
-        path = self._folder / MAPS_FOLDER / f"{record.point:05d}-{record.replicate:04d}.npy"
+        path = self._map_of(record)
         try:
             return np.load(path) if path.is_file() else None
         except (OSError, ValueError) as error:
             raise ResultError(f"{path}: cannot be read: {error}") from error
 
-    def _opened(self, path: Path) -> IO[str]:
-        """The file with the records at its end, without a line that was cut short."""
-        whole = 0
-        if path.is_file():
-            content = path.read_bytes()
-            whole = content.rfind(b"\n") + 1
-            for line in content[:whole].splitlines():
-                record = Record(**json.loads(line))
-                self._records.setdefault(record.key, record)
-        file = path.open("a", encoding="utf-8")
-        file.truncate(whole)
-        return file
+    def _map_of(self, record: Record) -> Path:
+        return self._folder / MAPS_FOLDER / f"{name_of(record.key)}.npy"
+
+
+def _read(path: Path) -> Record:
+    try:
+        return Record(**json.loads(path.read_bytes()))
+    except (ValueError, TypeError) as error:
+        raise ResultError(f"{path}: is no record of a print ({error}); delete it to print again") from error
 
 
 def _plain(record: Record) -> dict[str, Any]:
@@ -122,7 +109,10 @@ def _check_same(folder: Path, study: Study, bundle: Bundle) -> None:
     try:
         found = json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))
         if found["schema_version"] != SCHEMA_VERSION:
-            raise ResultError(f"{folder}: schema version is {found['schema_version']}; this inkloop reads 1")
+            raise ResultError(
+                f"{folder}: schema version is {found['schema_version']}; this inkloop reads {SCHEMA_VERSION}; begin "
+                "the study in a new folder"
+            )
         known, own = found["sha256"], _identity(study, bundle)["sha256"]
     except (ValueError, KeyError, TypeError) as error:
         raise ResultError(f"{folder / STATE_FILE}: is no record of a study; begin the study in a new folder") from error
