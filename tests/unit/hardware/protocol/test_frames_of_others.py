@@ -60,7 +60,10 @@ def test_value_that_lies_between_two_raw_ones_has_no_name(tmp_path: Path) -> Non
 def test_signal_beyond_its_limits_drops_itself_alone(tmp_path: Path) -> None:
     of, data = codec(tmp_path, SCALED), bytes([2, 101, 0xFF, 0xFF])
     found = read(of, data)
-    assert found.values == {"State": pytest.approx(-9.0), "Angle": pytest.approx(-0.1)}
+    assert found.values == {
+        "State": pytest.approx(-9.0, rel=0.0, abs=1e-9),
+        "Angle": pytest.approx(-0.1, rel=0.0, abs=1e-9),
+    }
     assert found.dropped == {"Level": "message PlcState: Level is 101 %, expected 0 to 100 %"}
     with pytest.raises(FrameError, match="Level is 101 %"):
         of.decode(Frame(544, data))  # of our own protocol
@@ -78,7 +81,7 @@ def test_cascaded_multiplex_with_long_ids_motorola_order_and_floats(tmp_path: Pa
     of = codec(tmp_path, MOTOROLA)
     axis = EXTENDED | 0x18FF0030
     speed = of.decode(Frame(axis, bytes([0x10, 0xFE, 0x0C]) + bytes(9), is_fd=True), strict=False)
-    assert speed.values == {"Mode": 1.0, "Speed": pytest.approx(-5.0)}
+    assert speed.values == {"Mode": 1.0, "Speed": pytest.approx(-5.0, rel=0.0, abs=1e-9)}
     torque = of.decode(Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True), strict=False)
     assert torque.values["Torque"] == -2.5
 
