@@ -108,7 +108,7 @@ def rows(metrics: Metrics) -> dict[str, list[Figure]]:
 
 
 def _too_high(metrics: Metrics, case: Case) -> int:
-    """How many prints of a case end higher than any cell of the open loop without a warning."""
+    """Number of prints of a case that end higher than any cell of the open loop without a warning."""
     reference = next(each for each in CASES if each.scenario == case.scenario and OPEN_LOOP in each.planners)
     highest, untrusted = (column(metrics, case, OURS, name) for name in ("highest", "untrusted"))
     prints = zip(highest, untrusted, column(metrics, reference, OPEN_LOOP, "highest"), strict=True)

@@ -44,7 +44,7 @@ def measure(seeds: int = 3, only: Sequence[str] = ()) -> Table:
 
 
 def misses(case: Case, prints: Sequence[Outcome]) -> list[str]:
-    """What the prints of a case fail to reach, in words; empty: nothing."""
+    """Failures of the prints of a case, in words; empty: none."""
     must = case.must
     figures = _figures(case, prints)
     if must.or_stops and all(each.ending == STOPPED for each in prints):
@@ -88,7 +88,7 @@ def _row(case: Case, prints: Sequence[Outcome]) -> tuple[str, ...]:
 
 
 def _endings(prints: Sequence[Outcome], stop_by: float) -> str:
-    """How each seed ended, once if they agree, and how it must end."""
+    """Ends of the seeds, once if they agree, and how it must end."""
     texts = [f"stopped at {each.layers}" if each.ending == STOPPED else each.ending for each in prints]
     wanted = "" if isnan(stop_by) else "; must stop" if isinf(stop_by) else f"; must stop by {stop_by:g}"
     return ", ".join(dict.fromkeys(texts)) + wanted

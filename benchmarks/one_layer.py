@@ -109,7 +109,7 @@ def _numba() -> Search:
 
     @njit(cache=False)
     def change(before: Any, after: Any, target: Any, i: int, j: int, sign: float, made: bool, ink: Any) -> float:
-        """What a droplet more or less on cell (i, j) does to the cost; done to the surface if it is to be made."""
+        """Change of the cost by a droplet more or less on cell (i, j); done to the surface if it is to be made."""
         nx, ny = before.shape
         h1, h2, h3 = ink
         kept, cost = h1 + 4.0 * h2 + 4.0 * h3, 0.0

@@ -84,7 +84,7 @@ def printed(cases: Iterable[Case], seeds_max: int) -> Metrics:
 
 
 def figures(case: Case, metrics: Metrics) -> list[Figure]:
-    """What was found of all that is wanted of a case."""
+    """Figures of all that is wanted of a case."""
     return [_figure(case, wanted, metrics) for wanted in case.wanted]
 
 

@@ -1,4 +1,4 @@
-"""How well a time limit holds: from the scan to the pattern, estimate included, with more work than time."""
+"""Precision of a time limit: from the scan to the pattern, estimate included, with more work than time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NOISE_M, VARIATION = 0.3e-6, 0.1  # of the scans; of the droplets
 
 @dataclass(frozen=True)
 class Answer:
-    """How long a scan waited for its pattern, and what came out."""
+    """Time that a scan waited for its pattern, and the plan."""
 
     wall_s: float
     processor_s: float

@@ -1,4 +1,4 @@
-"""What a layer of a whole print takes: plant, sensor, plan and record together, in processor time of one core."""
+"""Cost of a layer of a whole print: plant, sensor, plan and record together, in processor time of one core."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from inkloop_controller.problem.options import errors_of, refuse
 from inkloop_controller.problem.variables import variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
-"""What follows where the scans do not show what was printed."""
+"""Consequence of scans that do not show what was printed."""
 
 _MARK = b"inkloop controller state 1\n"
 

@@ -110,7 +110,7 @@ def test_four_instances_in_four_threads_share_nothing(name, lives, tmp_path) -> 
 @pytest.mark.parametrize("flags", [ADDRESS, THREAD], ids=["address", "thread"])
 @pytest.mark.parametrize("model", ["LayerDeposition", "LayerController"])
 def test_loops_without_clones_are_clean_too(model, flags, lives, tmp_path) -> None:
-    """What runs on a processor without AVX2; the libraries above take AVX2 where this one has it."""
+    """The library for a processor without AVX2; the libraries above take AVX2 where this one has it."""
     baseline = (*flags, "-DINKLOOP_BASELINE")
     assert not lives(fmu_library.rebuilt(model, FORMS[0], tmp_path, "gcc", baseline), flags)
 

@@ -143,7 +143,7 @@ def droplets_of(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
 
 
 def progress_of(report: Any) -> SearchProgress:
-    """How far a search is, from C."""
+    """Progress of a search, from C."""
     counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
     return SearchProgress(report.objective.value, *counts)
 

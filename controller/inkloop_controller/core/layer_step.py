@@ -34,7 +34,7 @@ _PLAN = 1  # STEP_PLAN: the state lacks a plan
 
 
 class LayerStep:
-    """What a controller works on: the values of all variables, where C finds them.
+    """The variables of a controller: the values of all of them, where C finds them.
 
     options: values by the names of variables.toml; None, and infinity where that means none: the start value. threads
     and take_as_read: see LayerStep in controller/core/step/step_options.h.

@@ -1,4 +1,4 @@
-"""What is reported of an estimate, and the reasons why it is not trusted."""
+"""Reported figures of an estimate, and the reasons why it is not trusted."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ TRANSFORMS = (
     "", "", "mirrored in x", "mirrored in y", "turned by 180 degrees", "transposed", "turned by 90 degrees",
     "turned by 270 degrees", "transposed and turned by 180 degrees",
 )  # fmt: skip
-"""What brings a scan to the printer, by the number that an estimate reports."""
+"""Transforms of a scan to the printer, by the number that an estimate reports."""
 
 
 @dataclass(frozen=True)
 class EstimateFigures:
-    """What is reported of an estimate; controller/core/observer/surface_estimate.h says what each figure is.
+    """Reported figures of an estimate; controller/core/observer/surface_estimate.h says what each figure is.
 
     Heights are in metres, shift and spot in cells; transform is a number in TRANSFORMS.
     """

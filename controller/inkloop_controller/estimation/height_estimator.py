@@ -20,7 +20,7 @@ from inkloop_controller.problem.horizon_problem import IntMap
 from inkloop_controller.problem.options import declared, default, errors_of, refuse
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
-"""What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
+"""Learnt properties of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,6 @@ def full_layers(problem: HorizonProblem) -> IntPlan:
 
 
 def even_droplets(problem: HorizonProblem) -> FloatMap:
-    """What lacks on each cell in equal shares of the layers: droplets of any size (layers, nx, ny), 0 to 1."""
+    """The missing height of each cell in equal shares of the layers: droplets of any size (layers, nx, ny), 0 to 1."""
     lacking = (problem.target - problem.height) / (problem.layers * problem.kinds[0].layer_height)
     return np.where(problem.choices > 0, np.clip(lacking, 0.0, 1.0), 0.0)

@@ -24,7 +24,7 @@ def symbolic_layer(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Sym
 
 
 def symbolic_shares(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Symbolic) -> tuple[Symbolic, Symbolic]:
-    """What the droplets of symbolic_layer leave on their own cells, and what cells get from their neighbours'."""
+    """Height that droplets of symbolic_layer leave on their own cells, and that cells get from their neighbours'."""
     kept, given = h1 * U, ca.DM.zeros(H.shape)
     for neighbours, spread in ((SIDES, h2), (CORNERS, h3)):
         for di, dj in neighbours:

@@ -21,7 +21,7 @@ RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 """Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""
 
 Finish: TypeAlias = Literal["even", "fast"]
-"""How a print ends: as even as it can, or in fewer layers."""
+"""End of a print: as even as it can, or in fewer layers."""
 
 _STARTS = ("nothing", "full layers", "last plan", "relaxation", "longer plan")
 _PHASES = ("relaxation", "rounding", "repair")

@@ -161,7 +161,7 @@ class LayerMpc:
         return _Relaxed(usable, left_out=LeftOut.RELAXATION if is_late else LeftOut.NOTHING)
 
     def _bound(self, problem: HorizonProblem, plan: IntPlan, proven: float, watch: Stopwatch) -> tuple[float, float]:
-        """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
+        """Lower bound of all plans [m], and the probability that it holds; NaN and 1 if that is not known."""
         if not self._certified or not plan.any() or watch.remaining == 0.0:
             return proven, 1.0
         from inkloop_controller.program.certificate import certify

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class PlanStatus(StrEnum):
-    """How a plan came about."""
+    """Origin of a plan."""
 
     OPTIMAL = "optimal"  # its objective is the bound: nothing can be better
     REPAIRED = "repaired"  # no single change improves it
@@ -36,7 +36,7 @@ class PlanStatus(StrEnum):
 
 
 class LeftOut(IntFlag):
-    """What a time limit has left out of a plan, or cut short."""
+    """Stages that a time limit has left out of a plan, or cut short."""
 
     NOTHING = 0
     RELAXATION = 1
@@ -51,7 +51,7 @@ PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs b
 
 
 def gap_of(objective: float, bound: float) -> float:
-    """How far an objective may be above the best one, as a share of it; NaN without a bound."""
+    """Gap of an objective to the best one at most, as a share of it; NaN without a bound."""
     if not isfinite(bound):
         return nan
     excess = max(0.0, objective - bound)
@@ -109,7 +109,7 @@ class LayerPlan:
 
     @property
     def gap(self) -> float:
-        """How far the objective may be above the best one, as a share of it; NaN without a bound."""
+        """Gap of the objective to the best one at most, as a share of it; NaN without a bound."""
         return gap_of(self.objective.value, self.bound)
 
     def plot(self) -> Figure:

@@ -1,4 +1,4 @@
-"""How much work a layer may take."""
+"""Limits of the work on a layer."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Stopwatch:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """What runs inside counts for the phase `name`."""
+        """Count the time of the block for the phase `name`."""
         begin = perf_counter()
         try:
             yield

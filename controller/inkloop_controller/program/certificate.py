@@ -1,4 +1,4 @@
-"""How far a plan of one layer is from the best there is, with proof or with a stated confidence."""
+"""Gap of a plan of one layer to the best there is, with proof or with a stated confidence."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def student_t(confidence: float, degrees: int) -> float:
 
 
 def _costs(problem: HorizonProblem, plan: IntPlan) -> FloatMap:
-    """What the plan pays on every cell (nx, ny) [m]."""
+    """Cost of the plan on every cell (nx, ny) [m]."""
     numbers = numbers_of(problem)
     H = last_surface(numbers, [(layer > 0).astype(float) for layer in plan])
     error = np.asarray(numbers.error(H, lambda x: ca.fmax(x, 0)))

@@ -84,7 +84,7 @@ class LinearProgram:
         return Point(droplets, surfaces, by_surface, by_droplets, surface_cost(numbers, H))
 
     def off_mean(self, surface: Cells) -> Cells:
-        """What the part's cells of a surface are off their mean [um]: where tangents touch."""
+        """Deviations of the part's cells of a surface from their mean [um]: where tangents touch."""
         return np.asarray(surface[self._part] - surface[self._part].mean(), np.float64)
 
     def step(
@@ -176,7 +176,7 @@ class LinearProgram:
         return ca.Function("matrix", [*by_surface, *by_droplets, overshoot, touching], [matrix])
 
     def _sides(self, numbers: HorizonStatement, around: Point, touching: Cells) -> tuple[Cells, Cells]:
-        """What the rows lie between: equations of the steps; errors below, above the target, the ceiling; what cells
+        """Bounds of the rows: equations of the steps; errors below, above the target, the ceiling; what cells
         are off their mean, which are equations, and the tangents.
         """
         steps = []

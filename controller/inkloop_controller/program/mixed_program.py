@@ -119,7 +119,7 @@ def _surface(program: MixedProgram, after: Any, step: int) -> Any:
 
 
 def _chance(program: MixedProgram, problem: HorizonProblem, kept: Any, smallest: float) -> Any:
-    """What each cell's last droplet leaves to chance: of its own one, or of one on level ground if that is more."""
+    """Scatter by each cell's last droplet: of its own one, or of one on level ground if that is more."""
     share = sqrt(3.0) * problem.droplet_std
     chance = ca.SX(ca.DM.ones(kept.shape) * share * smallest)
     for i, j in _cells(problem):

@@ -137,7 +137,7 @@ def _bounds(lower: float, upper: float) -> str:
 
 
 def _column_ends(row_slopes: Sequence[Mapping[int, Any]], order: Sequence[int]) -> Iterator[str]:
-    """How many entries of the rows stand in the columns so far, for all columns but the last."""
+    """Numbers of entries of the rows in the columns so far, for all columns but the last."""
     counts = [0] * len(order)
     for found in row_slopes:
         for k in found:

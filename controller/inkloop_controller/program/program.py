@@ -170,7 +170,7 @@ def _parameters(opti: Any, like: HorizonProblem) -> HorizonStatement:
 
 
 def shape_of(problem: HorizonProblem) -> tuple[Any, ...]:
-    """What a program is built for; everything else is a value."""
+    """Structure that a program is built for; everything else is a value."""
     part: BoolMap = problem.part
     return (part.shape, part.tobytes(), problem.layers, problem.passes, problem.ceiling is None, problem.alpha == 1.0)
 

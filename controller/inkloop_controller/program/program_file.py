@@ -39,7 +39,7 @@ def write_program(problem: HorizonProblem, path: Path) -> None:
 
 
 def _not_linear(problem: HorizonProblem) -> list[str]:
-    """What makes the problem nonlinear."""
+    """Causes of a nonlinear problem."""
     return [
         *([f"{problem.layers} layers"] if problem.layers > 1 else []),
         *([f"{problem.passes} passes"] if problem.passes > 1 else []),

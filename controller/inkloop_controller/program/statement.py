@@ -60,7 +60,7 @@ class HorizonStatement:
                 yield layer, jetted * U
 
     def error(self, H: Symbolic, positive_part: PositivePart) -> Symbolic:
-        """What each cell of the last surface H costs (nx, ny) [um], before its weight."""
+        """Cost of each cell of the last surface H (nx, ny) [um], before its weight."""
         error = positive_part(self.target - H) + self.overshoot * positive_part(H - self.target)
         return error if self.ceiling is None else error + self.ceiling_cost * positive_part(H - self.ceiling)
 

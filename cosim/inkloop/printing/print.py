@@ -148,7 +148,7 @@ class Print:
         return result if in_memory else self._read_back(self._folder)
 
     def _advice(self, folder: Path, checkpoints: Checkpoints) -> str:
-        """What is kept of a print that has failed, and how it goes on."""
+        """Advice on a print that has failed: its kept layers, and how it goes on."""
         kept = f"layers 0 to {checkpoints.layer} are in {folder}"
         if checkpoints.refusal:
             return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"

@@ -182,7 +182,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
 
 
 def _advice(result: Result, advice: str) -> str:
-    """How to resume a run, or why it cannot be resumed."""
+    """Advice to resume a run, or why it cannot be resumed."""
     refusal = result.run.get("not_resumable")
     return f"cannot be resumed: {refusal}" if refusal else advice
 

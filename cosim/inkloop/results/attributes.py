@@ -42,7 +42,7 @@ _COUNT = (0.0, None)
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a variable holds.
+    """Content of a variable.
 
     flags: meanings of the codes 0, 1, ...; masks: meanings of the bits 1, 2, 4, ...; limits: smallest and largest valid
     value, None where there is none; others: further attributes.
@@ -157,7 +157,7 @@ MEANINGS: Mapping[str, Meaning] = {
         limits=_COUNT,
     ),
 }
-"""What inkloop's own variables hold, by name."""
+"""Contents of inkloop's own variables, by name."""
 
 
 def variable(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def subject_of(run: xr.Dataset, source: str, *, name: str = SURFACES[0], layer: int | None = None) -> Subject:
-    """What `inkloop metrology` evaluates: a surface of a run after `layer` layers, None for the last one.
+    """Subject of `inkloop metrology`: a surface of a run after `layer` layers, None for the last one.
 
     name: one of SURFACES. Raises ResultError.
     """

@@ -99,7 +99,7 @@ class LayerMaps:
             yield name, layer, values
 
     def _derived(self, arrays: Mapping[str, Any]) -> dict[str, xr.Variable]:
-        """What follows from all maps."""
+        """Variables that follow from all maps."""
         if self.job is None or self.job.region is None or INK not in arrays:
             return {}
         return {"mismatch": variable("mismatch", (), mismatch(arrays["height"], arrays[INK], self.job), "1")}

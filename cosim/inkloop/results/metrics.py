@@ -1,4 +1,4 @@
-"""How far a surface is from its target, over the cells of the part.
+"""Errors of a surface against its target, over the cells of the part.
 
 An error is target minus height everywhere: what is still to be printed, as in control. Where it is positive, the part
 is too low.
@@ -16,7 +16,7 @@ __all__ = ["SIGN", "surface_error"]
 
 TOO_LOW, TOO_HIGH = "too low", "too high"
 SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
-"""What the sign of an error means, for labels and headings."""
+"""Meaning of the sign of an error, for labels and headings."""
 
 
 @dataclass(frozen=True)

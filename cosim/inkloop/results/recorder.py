@@ -55,7 +55,7 @@ COUNTER_ROLES = {
 LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
 STOP = (STOP_REASON, "stop_layer", "stop_transform", "stop_figure")
-"""What a controller says that has ended the print; it stands in the row of the layer whose scan it was."""
+"""Outputs of a controller that has ended the print; it stands in the row of the layer whose scan it was."""
 DROPLETS = ("droplets_a", "droplets_b")
 """Droplets of each ink so far, by a printer that counts them."""
 COUNTER_END = 2**31 - 1
@@ -158,7 +158,7 @@ class Recorder:
                 self._scanned(number, time_ns, values)
 
     def take_rows(self) -> dict[str, NDArray[Any]]:
-        """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
+        """Rows recorded since this was last called, for `put_rows` of a recorder of the same components."""
         rows, self._new_rows = self._new_rows, {}
         return packed(rows)
 

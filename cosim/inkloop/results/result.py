@@ -204,7 +204,7 @@ class Result:
 
 @contextmanager
 def saving(folder: Path) -> Iterator[None]:
-    """What puts a result together and writes it; raises ResultError where there is no room or no file."""
+    """Guard of a block that writes a result; raises ResultError where there is no room or no file."""
     try:
         yield
     except (OSError, MemoryError) as error:
@@ -234,7 +234,7 @@ def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:
 
 
 def _progress_of(folder: Path, record: Mapping[str, Any]) -> str:
-    """How far a run is that has not ended, and whether its process still prints."""
+    """Progress of a run that has not ended, and whether its process still prints."""
     from inkloop.results import checkpoint
 
     state = checkpoint.last(folder)

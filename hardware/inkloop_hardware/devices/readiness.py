@@ -19,7 +19,7 @@ NOT_READY = {
     Node.CURE: ("lamp or gate", "check both"),
     Node.PROFILER: ("its sensor", "check its supply"),
 }
-"""What is not in order where Ready of the status of a node is 0, and what to do; a run homes the stage by itself."""
+"""Causes of a status of a node in which Ready is 0, and what to do; a run homes the stage by itself."""
 AT_ONCE_S = 5.0  # for a routine that moves nothing (assumed)
 MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own answer comes first (assumed)
 
@@ -55,7 +55,7 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
 
 
 def missing(node: Node, status: NodeStatus | None) -> list[str]:
-    """What is not in order by the status of a node, each with what to do."""
+    """Conditions that the status of a node lacks, each with what to do."""
     found = []
     if status is not None and not status.ready and node in NOT_READY:
         what, advice = NOT_READY[node]

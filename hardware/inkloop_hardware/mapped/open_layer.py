@@ -87,7 +87,7 @@ def outcome_of(layer: int, pattern_crc: int, known: MappedLayer | None, steps: S
 
 
 def _named(steps: Sequence[Step], number: int) -> str:
-    """What the step of this number sends, in brackets."""
+    """Name of the step of this number, in brackets."""
     if not 1 <= number <= len(steps):  # the mapping was changed since
         return ""
     step = steps[number - 1]

@@ -39,7 +39,7 @@ MAPS_MAX = 4 * int(GIGA)
 
 
 def dataset(study: Study, folder: StudyFolder, trials: Sequence[Mapping[str, Any]] = ()) -> xr.Dataset:
-    """What is recorded of a study. trials: keys of each trial, where `[optimise]` chose them.
+    """Records of a study. trials: keys of each trial, where `[optimise]` chose them.
 
     Values that are not there are NaN or 0; `status` says why. Raises ResultError.
     """

@@ -29,7 +29,7 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class Distribution:
-    """How a key is spread over its values; `parameters` in the order of PARAMETERS, of `choice` the values."""
+    """Distribution of a key over its values; `parameters` in the order of PARAMETERS, of `choice` the values."""
 
     kind: str
     parameters: tuple[Any, ...]
@@ -94,7 +94,7 @@ def _form(kind: str) -> str:
 
 
 def _error(kind: str, found: Sequence[Any]) -> str | None:
-    """What is wrong with the parameters, None if nothing is."""
+    """Error of the parameters, None if they are well."""
     type_ = int if kind == "integers" else int | float
     if len(found) != len(PARAMETERS[kind]):
         return ""

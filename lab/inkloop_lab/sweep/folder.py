@@ -87,7 +87,7 @@ def _plain(record: Record) -> dict[str, Any]:
 
 
 def _identity(study: Study, bundle: Bundle) -> dict[str, Any]:
-    """What every print depends on, by the words of a message. More seeds or trials of the same study are no change."""
+    """Inputs that every print depends on, by the words of a message. More seeds or trials are no change."""
     optimise = study.tables.optimise
     points = [list(study.points()), [(key, repr(spread)) for key, spread in study.search.items()], study.first_seed]
     search = optimise and optimise.model_dump(exclude={"trials"})

@@ -1,4 +1,4 @@
-"""What to print next: all points with their seeds, and further seeds until a mean is known well enough.
+"""The next prints: all points with their seeds, and further seeds until a mean is known well enough.
 
 A plan depends on the records of whole batches only, never on the order in which prints end.
 """

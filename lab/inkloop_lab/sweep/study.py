@@ -81,7 +81,7 @@ class Study:
 
     @property
     def title(self) -> str:
-        """What tables and pictures are called."""
+        """Names of tables and pictures."""
         return self.tables.title or self.scenario.tables.title
 
     @property
@@ -162,7 +162,7 @@ def _leaves(tables: Mapping[str, Any], *, of_tables: bool = False, path: str = "
 
 
 def _errors_of_keys(tables: StudyFile, axes: Mapping[str, Any], spreads: Mapping[str, Distribution]) -> Iterator[str]:
-    """What the keys of the study lack, or have twice."""
+    """Errors of the keys of the study: missing ones, and ones given twice."""
     sample, keys = tables.sample, [*axes, *spreads]
     for key in dict.fromkeys(keys):
         if keys.count(key) > 1:

@@ -1,4 +1,4 @@
-"""What a study found, as tables for the terminal, a text file and JSON."""
+"""Findings of a study, as tables for the terminal, a text file and JSON."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class OptimiseTable(Table):
 
     @property
     def expression(self) -> Expression:
-        """What is made small or large."""
+        """Objective: what is made small or large."""
         return Expression(self.minimise or self.maximise or "")
 
 

@@ -41,13 +41,13 @@ class Task:
 
     @property
     def key(self) -> tuple[int, int]:
-        """What tells it from every other task of the study."""
+        """Identity of the task within its study."""
         return self.point, self.replicate
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What a print has come to. status: its stop reason, or failed; metrics [m]; height: last surface (x, y) [m]."""
+    """Outcome of a print. status: its stop reason, or failed; metrics [m]; height: last surface (x, y) [m]."""
 
     point: int
     replicate: int
@@ -65,7 +65,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Order:
-    """What all prints of a study have in common.
+    """Inputs common to all prints of a study.
 
     text, source: of the scenario; runs: folder of the run folders of prints, None: they are printed in memory;
     with_height: the last surface goes into the record.

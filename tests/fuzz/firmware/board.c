@@ -15,7 +15,7 @@ static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t l
     return true;
 }
 
-/* How many of `length` bytes go through before the power fails. */
+/* Number of the `length` bytes that go through before the power fails. */
 static uint32_t through(FuzzBoard *board, uint32_t length) {
     return board->power_fails && board->written < length ? board->written : length;
 }

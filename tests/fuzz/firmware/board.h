@@ -21,7 +21,7 @@ enum { /* what is broken; bits */
        BROKEN_STORAGE = 128
 };
 
-/* What was really jetted of the layer that the journal is at. */
+/* Passes really jetted of the layer that the journal is at. */
 typedef struct {
     uint32_t job;
     uint16_t layer;

@@ -38,7 +38,7 @@ static inline void invariant(bool holds, const char *message) {
     abort();
 }
 
-/* What every target defines: one run over one input. */
+/* Entry point of every target: one run over one input. */
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t length);
 
 #endif

@@ -12,7 +12,7 @@ static bool same_frame(const CanFrame *left, const CanFrame *right) {
            left->length == right->length && memcmp(left->data, right->data, bytes) == 0;
 }
 
-/* What the other side reads of a frame that we write. */
+/* Frame as the other side reads it. */
 static void check_round_trip(const CanFrame *frame) {
     char line[SLCAN_LINE_MAX];
     const size_t length = slcan_write(frame, line);

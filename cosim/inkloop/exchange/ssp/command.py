@@ -41,7 +41,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
 
 
 def next_step(to: str, out: Path, step_s: float) -> str:
-    """How to run the file or folder that was written, in one line."""
+    """Advice to run the file or folder that was written, in one line."""
     jar = "java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=."
     return {
         "ssp": f"inkloop run {out} prints it; in another tool import it, communication step {step_s:g} s",
