@@ -6,6 +6,7 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import time
 from collections import Counter
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
@@ -98,8 +99,8 @@ def test_process_that_dies_costs_its_own_call_only_and_all_end_with_the_executor
             if process.pid == idle:
                 process.join()
         busy = [executor.submit(signal.pause) for _ in range(2)]
-        while len(set(multiprocessing.active_children()) - others) < 2:
-            pass
+        while len(set(multiprocessing.active_children()) - others) < 2 and not any(each.done() for each in busy):
+            time.sleep(0.01)  # one of them may have gone to the process that has died
     assert all(isinstance(each.exception(), BrokenProcessPool) for each in busy)
     assert "OMP_NUM_THREADS" not in os.environ
     assert set(multiprocessing.active_children()) == others
