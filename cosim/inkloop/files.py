@@ -11,6 +11,7 @@ import shutil
 import sys
 import sysconfig
 import tempfile
+import time
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -152,6 +153,17 @@ def take_lock(file: int) -> bool:
     finally:
         os.lseek(file, 0, os.SEEK_SET)
     return True
+
+
+def sign_lock(file: int) -> None:
+    """Write into a locked file which process has it, for those that are refused."""
+    os.ftruncate(file, 0)
+    os.write(file, f"process {os.getpid()} since {time.strftime('%Y-%m-%d %H:%M:%S')}".encode())
+
+
+def signature(file: int) -> str:
+    """The process that has a lock, as it signed; "" if it has not yet."""
+    return os.read(file, 100).decode(errors="replace")
 
 
 @contextmanager

@@ -9,13 +9,12 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from inkloop.errors import ResultError
-from inkloop.files import reason_of, take_lock
+from inkloop.files import reason_of, sign_lock, signature, take_lock
 
 __all__ = ["sole_writer", "writer_of"]
 
@@ -34,8 +33,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = _locked(path)
-        os.ftruncate(file, 0)
-        os.write(file, f"process {os.getpid()} since {time.strftime('%Y-%m-%d %H:%M:%S')}".encode())
+        sign_lock(file)
     except OSError as error:
         raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
     try:
@@ -56,7 +54,7 @@ def writer_of(folder: Path) -> str:
     except OSError:
         return ""
     try:
-        return "" if take_lock(file) else os.read(file, 100).decode(errors="replace") or "another process"
+        return "" if take_lock(file) else signature(file) or "another process"
     except OSError:
         return ""  # a file system without locks
     finally:
@@ -68,7 +66,7 @@ def _locked(path: Path) -> int:
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         if not _take(file):
-            words = os.read(file, 100).decode(errors="replace")
+            words = signature(file)
             os.close(file)
             raise ResultError(
                 f"{path.parent}: another run writes here{f', {words}' if words else ''}; wait until it ends, or stop "

@@ -8,14 +8,16 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from inkloop.files import take_lock
+from inkloop.files import sign_lock, signature, take_lock
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import AnotherMaster, BusError
+
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""The folder is everybody's: a link that lies there is not followed."""
 
 
 def lock_channel(settings: BusSettings) -> Callable[[], None]:
@@ -25,21 +27,30 @@ def lock_channel(settings: BusSettings) -> Callable[[], None]:
     """
     path = _path(settings)
     try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        with suppress(OSError):  # the file of another user
-            path.chmod(0o666)
-        if not take_lock(file):
-            words = os.read(file, 100).decode(errors="replace")
-            os.close(file)
-            raise AnotherMaster(
-                f"{settings}: another inkloop prints there ({words or 'a process of this machine'}); nothing was sent. "
-                "Wait until it ends, or stop it"
-            )
-        os.ftruncate(file, 0)
-        os.write(file, f"process {os.getpid()} since {time.strftime('%Y-%m-%d %H:%M:%S')}".encode())
+        file = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
     except OSError as error:
-        raise BusError(f"{path}: the channel cannot be locked: {error.strerror or error}") from error
+        raise _error(path, error) from error
+    try:
+        if not take_lock(file):
+            raise AnotherMaster(
+                f"{settings}: another inkloop prints there ({signature(file) or 'a process of this machine'}); nothing "
+                "was sent. Wait until it ends, or stop it"
+            )
+        with suppress(OSError):  # the file of another user
+            os.fchmod(file, 0o666)
+        sign_lock(file)
+    except OSError as error:
+        os.close(file)
+        raise _error(path, error) from error
+    except AnotherMaster:
+        os.close(file)
+        raise
     return lambda: os.close(file)
+
+
+def _error(path: Path, error: OSError) -> BusError:
+    reason = error.strerror or error
+    return BusError(f"{path}: the channel cannot be locked: {reason}; remove what is there, or let this user write it")
 
 
 def _path(settings: BusSettings) -> Path:

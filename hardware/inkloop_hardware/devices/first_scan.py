@@ -41,7 +41,7 @@ def check_first_scan(height: FloatMap, valid: BoolMap, job: Job, rig: Rig) -> No
     if rig.on_part or job.height_start is not None or not valid.any():
         return
     above = _above_bed(height, valid)
-    layer = max(ink.h1 + 4 * ink.h2 + 4 * ink.h3 for ink in job.inks)
+    layer = max(ink.layer_height for ink in job.inks)
     high = int(np.count_nonzero(above > HIGH_LAYERS * layer))
     if high > HIGH_SHARE * above.size:
         raise FirstScanError(

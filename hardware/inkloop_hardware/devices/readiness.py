@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Sequence
 
 from inkloop_hardware.errors import HardwareError
@@ -20,6 +21,7 @@ NOT_READY = {
     Node.PROFILER: ("its sensor", "check its supply"),
 }
 """Causes of a status of a node in which Ready is 0, and what to do; a run homes the stage by itself."""
+SETTLING_S, PAUSE_S = 2.0, 0.02  # for the gate to close after a stop, and between two looks (assumed)
 AT_ONCE_S = 5.0  # for a routine that moves nothing (assumed)
 MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own answer comes first (assumed)
 
@@ -42,8 +44,7 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
     reasons = _foreign(rig, states) or [reason for node, state in states.items() if (reason := blocked(node, state))]
     if reasons:
         raise NotReady("\n".join(reasons))
-    reasons = [f"{node.lower()}: {reason}" for node in nodes for reason in missing(node, rig.status(node))]
-    if reasons:
+    if reasons := _missing_at_rest(rig, nodes):
         raise NotReady("\n".join(reasons))
     for node, state in states.items():
         clear(rig, node)
@@ -63,6 +64,17 @@ def missing(node: Node, status: NodeStatus | None) -> list[str]:
     if status is not None and node in (Node.HEAD, Node.CURE) and not (status.gate_closed or status.gate_open):
         found.append("the gate is not confirmed closed; check the gate and its end switches")
     return found
+
+
+def _missing_at_rest(rig: Rig, nodes: Sequence[Node]) -> list[str]:
+    """Conditions that the nodes lack, each with its node and what to do, once a gate has had time to close."""
+    until = time.monotonic() + SETTLING_S
+    while True:
+        found = [f"{node.lower()}: {reason}" for node in nodes for reason in missing(node, rig.status(node))]
+        if not found or time.monotonic() > until:
+            return found
+        rig.keep_alive()
+        time.sleep(PAUSE_S)
 
 
 def blocked(node: Node, state: NodeState) -> str | None:

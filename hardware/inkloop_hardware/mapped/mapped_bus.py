@@ -151,9 +151,11 @@ class MappedBus:
         except FrameError as error:  # too short, or a container
             self._dropped[self._names[frame.arbitration_id]] = str(error)
             return
-        if reading.intact:
-            self.readings[reading.message] = reading
-            self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
+        if not reading.intact:
+            self._dropped[reading.message] = f"the check byte of {frame} is wrong; has it another data id?"
+            return
+        self.readings[reading.message] = reading
+        self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
 
     def _has(self, reading: Reading, signal: str, expected: float | str) -> bool:
         if signal not in reading.values:

@@ -171,12 +171,12 @@ class Codec:
             raise FrameError(f"frame {frame} of {message.name} is a {found} frame, expected a {expected} one")
         if len(frame.data) != message.length if strict else len(frame.data) < message.length:
             raise FrameError(f"frame {frame} of {message.name} has {len(frame.data)} bytes, expected {message.length}")
-        data_id = self.data_id(message.name)
-        counter = frame.data[1] & 0xF if data_id else None
-        if data_id and not p01.e2e_p01_check(bytearray(frame.data), data_id):
+        data, data_id = frame.data[: message.length], self.data_id(message.name)
+        counter = data[1] & 0xF if data_id else None
+        if data_id and not p01.e2e_p01_check(bytearray(data), data_id):
             return Reading(message.name, {}, counter, intact=False)
         try:
-            raw = message.decode(frame.data[: message.length], decode_choices=False, scaling=False)
+            raw = message.decode(data, decode_choices=False, scaling=False)
         except cantools_errors.Error as error:
             raise FrameError(f"frame {frame} of {message.name} cannot be read, as its signals overlap") from error
         if not isinstance(raw, dict):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from inkloop_hardware.bus.channel_lock import lock_channel
+from inkloop_hardware.bus.channel_lock import NO_LINK, lock_channel
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import AnotherMaster, BusError
 from support.other_process import other_process
@@ -42,3 +42,16 @@ def test_lock_that_cannot_be_written_is_an_error_of_the_bus(folder: Path, monkey
     monkeypatch.setattr(tempfile, "tempdir", str(folder / "missing"))
     with pytest.raises(BusError, match="the channel cannot be locked: No such file"):
         lock_channel(CAN0)
+
+
+@pytest.mark.skipif(not NO_LINK, reason="the system has no O_NOFOLLOW")
+def test_link_that_lies_at_the_place_of_a_lock_is_not_followed(folder: Path) -> None:
+    lock_channel(CAN0)()
+    (lock,) = folder.iterdir()
+    precious = folder / "precious"
+    precious.write_text("mine")
+    lock.unlink()
+    lock.symlink_to(precious)
+    with pytest.raises(BusError, match=r"the channel cannot be locked: .*; remove what is there"):
+        lock_channel(CAN0)
+    assert precious.read_text() == "mine"

@@ -300,7 +300,7 @@ def test_adapter_that_cannot_be_opened_is_named_with_what_to_do(given: BusSettin
 
 
 def test_patience_of_a_bus_without_a_scenario() -> None:
-    """What a doctor without a scenario works with; a node is silent after three cycles of its status."""
+    """Settings of a doctor without a scenario; a node is silent after three cycles of its status."""
     own = BusSettings()
     assert (own.loop_timeout_s, own.grace_s, own.reopen_s, own.answer_s, own.silence_s) == (120.0, 0.5, 10.0, 1.0, 0.3)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
@@ -211,3 +212,35 @@ def test_all_nodes_that_need_a_person_are_named_at_once() -> None:
     with pytest.raises(NotReady) as refused:
         make_ready(rig, list(Node))
     assert [line.split(":")[0] for line in str(refused.value).split("\n")] == NAMES
+
+
+class ClosingGate(Rig):
+    """Nodes whose gate is confirmed closed after so many looks."""
+
+    def __init__(self, looks: float) -> None:
+        super().__init__()
+        self.looks = looks
+
+    def keep_alive(self) -> None:
+        self.looks -= 1
+
+    def status(self, node: Node) -> Any:
+        closed = self.looks <= 0
+        return SimpleNamespace(
+            protocol_version=Codec().protocol_version, ready=True, gate_closed=closed, gate_open=False
+        )
+
+
+def test_gate_that_is_still_closing_after_a_stop_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig: Any = ClosingGate(3)
+    make_ready(rig, [Node.HEAD, Node.CURE])
+    assert rig.looks == 0
+    monkeypatch.setattr(readiness, "SETTLING_S", 0.0)
+    stuck: Any = ClosingGate(math.inf)
+    with pytest.raises(NotReady) as raised:
+        make_ready(stuck, list(Node))
+    assert [line.partition(";")[0] for line in str(raised.value).splitlines()] == [
+        "head: the gate is not confirmed closed",
+        "cure: the gate is not confirmed closed",
+    ]
+    assert not any(isinstance(one, tuple) and "CLEAR" in one for one in stuck.log)

@@ -164,7 +164,7 @@ def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | No
 
 @pytest.mark.compiled
 def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is on the disk: what was there when the journal was last synced."""
+    """Content of the disk: that of the last sync of the journal."""
     synced: list[bytes] = []
     sync = os.fsync
 

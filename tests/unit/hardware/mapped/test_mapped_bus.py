@@ -168,6 +168,8 @@ def test_frame_with_a_wrong_check_byte_is_no_reading(
     bus.take()
     assert not bus.readings
     assert not bus.inbox
+    with pytest.raises(LinkTimeout, match=r"; its frames were dropped: the check byte of 0x220 .* is wrong; has it"):
+        bus.wait("PlcState", "State", "READY", 1.0)
     wire.others.append((0.0, Frame(544, bytes(good))))
     bus.take()
     assert list(bus.readings) == ["PlcState"]
@@ -219,6 +221,17 @@ def test_value_that_does_not_come_is_reported_with_the_last_one(tmp_path: Path, 
         bus.wait("PlcState", "State", "READY", 1.0)
     with pytest.raises(LinkTimeout, match=r"^PlcState\.LayersDone was not 4 within 1 s; it is 3$"):
         bus.wait("PlcState", "LayersDone", 4, 1.0)
+
+
+def test_value_that_was_dropped_is_reported_with_the_reason(tmp_path: Path, clock: Clock) -> None:
+    bus, wire = opened(tmp_path, clock)
+    wire.others.append((0.0, Frame(544, b"\2\3")))
+    with pytest.raises(LinkTimeout, match=r"; its frames were dropped: .* has 2 bytes, expected 8$"):
+        bus.wait("PlcState", "State", "READY", 1.0)
+    wire.others.append((0.0, state(READY, 3, 0.0, 160.0)))
+    with pytest.raises(LinkTimeout, match=r"; its value was dropped: .*Temperature is 160 degC, expected -50 to 150"):
+        bus.wait("PlcState", "Temperature", 20.0, 1.0)
+    assert bus.readings["PlcState"].values["LayersDone"] == 3
 
 
 def test_peer_hears_its_own_answers(tmp_path: Path, clock: Clock) -> None:

@@ -77,6 +77,16 @@ def test_longer_and_fd_frames_are_read_and_shorter_ones_are_not(tmp_path: Path) 
         read(of, data[:3])
 
 
+def test_padding_does_not_spoil_the_check_byte() -> None:
+    """Of a supervised frame; a wrong check byte still leaves no value."""
+    of = Codec()
+    frame = of.encode("StopRequest", {"Active": 1, "Source": 1}, 3)
+    padded = Frame(frame.arbitration_id, frame.data + b"\xcc\xcc")
+    assert of.decode(padded, strict=False).values == of.decode(frame).values != {}
+    spoilt = Frame(frame.arbitration_id, bytes([frame.data[0] ^ 1]) + frame.data[1:])
+    assert not of.decode(spoilt, strict=False).intact
+
+
 def test_cascaded_multiplex_with_long_ids_motorola_order_and_floats(tmp_path: Path) -> None:
     of = codec(tmp_path, MOTOROLA)
     axis = EXTENDED | 0x18FF0030
