@@ -187,7 +187,7 @@ def test_unseen_surface_at_the_height_of_a_thin_region_is_planned_alike() -> Non
 
 
 def test_limit_with_a_margin_is_planned_alike_where_scans_are_corrected() -> None:
-    """What is not known of their displacement makes the margin wider. All nozzles are dead from layer 3 on."""
+    """The margin grows with the uncertainty of their displacement. All nozzles are dead from layer 3 on."""
     target = 12e-6 + np.random.default_rng(0).uniform(0.0, 5e-6, 10).reshape(2, 5)[1:]
     job = Job(1, 5, PITCH, target, np.ones((1, 5), np.bool_), inks=TWO_INKS, region=Above(5e-6))
     chosen = {"annealing_sweeps": 1, "overshoot_limit_um": 0.0, "chance_margin": 2.0}

@@ -54,7 +54,7 @@ REST_IS_DONE: frozenset[Words] = frozenset(
 
 
 def sentence(library: str) -> str:
-    """How a message ends that names the package and its extra."""
+    """End of a message that names the package and its extra."""
     package, extra = EXTRAS[library]
     return f"needs the package {package}: pip install 'inkloop[{extra}]'"
 

@@ -352,6 +352,6 @@ def test_malformed_lines_are_counted_and_reported(caplog: pytest.LogCaptureFixtu
 
 @pytest.mark.long
 def test_nodes_record_what_the_page_of_the_faults_shows() -> None:
-    """What the master gets may differ: a refusal, or the loss of the node, whichever comes first."""
+    """The error of the master may differ: a refusal, or the loss of the node, whichever comes first."""
     shown = rows_of("reference/bench-faults.md", failures.HEADS)
     assert [(row[0], row[-1]) for row in failures.rows()] == [(row[0], row[-1]) for row in shown]

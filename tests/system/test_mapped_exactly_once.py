@@ -38,7 +38,7 @@ def rig(folder: Path, mapping: str = foreign_rig.MAPPING, layers: int = LAYERS) 
 
 
 def noted(folder: Path) -> list[tuple[str, int]]:
-    """What the rig did: (what, layer)."""
+    """The log of the rig: (thing done, layer)."""
     log = folder / "rig.log"
     lines = log.read_text().split("\n")[:-1] if log.exists() else []
     return [(what, int(layer)) for what, layer in map(str.split, lines)]
@@ -61,7 +61,7 @@ def killed_after(folder: Path, events: int, process: subprocess.Popen[str]) -> s
 
 
 def looked_at(folder: Path, words: str) -> str:
-    """What a person sees of the layer that the words ask about: the rig ends what it has begun."""
+    """Answer of a person about the layer in the words, once the rig has ended a layer that it has begun."""
     asked = re.search(r"layer (\d+) was begun and not finished", words)
     assert asked, words
     layer = int(asked[1])
@@ -72,7 +72,7 @@ def looked_at(folder: Path, words: str) -> str:
 
 
 def starts(folder: Path) -> Counter[int]:
-    """How often each layer was started."""
+    """Number of starts of each layer."""
     return Counter(layer for what, layer in noted(folder) if what == "start")
 
 

@@ -1,4 +1,4 @@
-"""What the writers of pages keep: marks that they fill, records that they write, scenarios that they run."""
+"""Writers of pages: marks that they fill, records that they write, scenarios that they run."""
 
 from __future__ import annotations
 

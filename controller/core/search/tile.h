@@ -1,4 +1,4 @@
-/* A tile of the grid: the cells that a sweep works on before it goes on to others. */
+/* A tile of the grid: cells that a sweep finishes before the next ones. */
 #ifndef INKLOOP_TILE_H
 #define INKLOOP_TILE_H
 

@@ -1,8 +1,8 @@
 """The course of a print as the layer contract tells it: which layer is commanded, when the print ends, its events.
 
 The components are known by their ports: the one that puts out `layer_command` commands, those with `layers_printed` and
-`layers_scanned` count. A controller that has ended the print for a reason is told by `looked_at`, in the first step of
-a run that is resumed from there, that a person has looked at it.
+`layers_scanned` count. The input `looked_at` of a controller that has ended the print for a reason is true in the
+first step of a run that is resumed from there: a person has looked at it.
 """
 
 from __future__ import annotations

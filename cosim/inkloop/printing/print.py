@@ -148,7 +148,7 @@ class Print:
         return result if in_memory else self._read_back(self._folder)
 
     def _advice(self, folder: Path, checkpoints: Checkpoints) -> str:
-        """Advice on a print that has failed: its kept layers, and how it goes on."""
+        """Advice after a failed print: which layers are kept, and how to resume it."""
         kept = f"layers 0 to {checkpoints.layer} are in {folder}"
         if checkpoints.refusal:
             return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"

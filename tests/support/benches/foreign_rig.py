@@ -94,7 +94,7 @@ def running(channel: str, *words: str) -> Iterator[None]:
 
 
 class Log:
-    """What the rig did, a line each: what, and the number of the layer."""
+    """Log of the rig, a line for each thing done: its name, and the number of the layer."""
 
     def __init__(self, path: str | None) -> None:
         self._path = path

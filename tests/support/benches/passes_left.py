@@ -47,7 +47,7 @@ def books(folder: Path) -> dict[int, JournalRecord]:
 
 @dataclass(frozen=True)
 class PassesLeft:
-    """How many passes of a part were begun twice, and left out of a layer in which no pass was cut short."""
+    """Numbers of passes of a part that were begun twice, and that a layer without an unknown pass lacks."""
 
     doubled: int
     skipped: int

@@ -25,7 +25,7 @@ def calls(folder: Path, flags: Sequence[str] = ()) -> Path:
 
 
 def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
-    """What the program prints for all inputs; it ends at the first that breaks an invariant."""
+    """Output of the program for all inputs; it ends at the first that breaks an invariant."""
     given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
     settings = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
     done = subprocess.run([program], input=given, env=os.environ | settings, capture_output=True, check=False)

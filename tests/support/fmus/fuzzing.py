@@ -93,7 +93,7 @@ class Replay:
         self.end()
 
     def end(self) -> str:
-        """What the process printed before it ended."""
+        """Output of the process before it ended."""
         if self.process is None:
             return ""
         process, self.process = self.process, None

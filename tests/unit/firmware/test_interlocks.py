@@ -276,7 +276,7 @@ def test_lamp_goes_out_in_the_very_millisecond_of_its_limit() -> None:
 
 
 def test_journal_that_fails_in_a_fault_is_the_fault_that_is_reported(bench: NodeBench) -> None:
-    """What the node can not record outlasts the fault that it was to record."""
+    """A record that the node cannot write outlasts its fault."""
     begin_pass(bench)
     bench.tear(5)
     bench.broken(GATE_STAYS_CLOSED)

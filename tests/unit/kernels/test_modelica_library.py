@@ -242,7 +242,7 @@ def test_modifiers_of_a_replaceable_part_fit_whatever_replaces_it() -> None:
 
 
 def test_every_class_is_reached_by_a_model_that_runs() -> None:
-    """What no example and no validation uses would never be compiled."""
+    """A class that no example and no validation uses would never be compiled."""
     classes = {
         path.stem: re.sub(STRING, "", text.split("\n  annotation")[0])
         for path, text in FILES.items()

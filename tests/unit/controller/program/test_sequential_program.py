@@ -105,7 +105,7 @@ def test_derivatives_are_those_of_finite_differences(problem: HorizonProblem) ->
 
 
 def test_promise_of_a_small_step_is_kept_and_that_of_a_large_one_is_not() -> None:
-    """What the linearised map gets wrong falls with the square of the step, on a surface without kinks near by."""
+    """The error of the linearised map falls with the square of the step, on a surface without kinks near by."""
     problem = nearly_flat((8, 8), 2)
     program, point = around(problem, np.full((2, 8, 8), 0.5))
     wrong = []

@@ -89,7 +89,7 @@ def test_checker_of_gymnasium_finds_nothing(name: str) -> None:
 
 
 def test_offset_of_nothing_is_the_controller_itself() -> None:
-    """What the controller learns of the ink goes on from layer to layer, though each one is planned anew."""
+    """The learnt ink is kept from layer to layer, though each one is planned anew."""
     overrides = {**NOISY, **QUICK}
     plain, _, _ = played(inkloop_lab.LayerEnv(CUBOID, overrides), lambda env: env.controller(), 3)
     env = inkloop_lab.LayerEnv(CUBOID, overrides).offset_target()

@@ -1,4 +1,4 @@
-"""How a study chooses points and seeds, and what its file says of them: figures worked out by hand or by SciPy."""
+"""Choice of points and seeds of a study, and the checks of its file: figures worked out by hand or by SciPy."""
 
 from __future__ import annotations
 
