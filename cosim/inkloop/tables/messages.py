@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from inkloop.suggest import nearest
+from inkloop.tables.quantities import other_unit
 
 __all__ = ["sentence"]
 
@@ -34,6 +35,8 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     if detail["type"] == "missing":
         return f"{place} is missing; add it{_meaning(field)}"
     if detail["type"] == "extra_forbidden":
+        if reason := other_unit(path[-1], detail["input"], _keys(table)):
+            return ".".join([*path[:-1], reason])
         return f"{place} is not a key of this table; {nearest(path[-1], _keys(table))}"
     if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
         choices = ", ".join(_tags(kind))

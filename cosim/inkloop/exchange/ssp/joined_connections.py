@@ -86,6 +86,6 @@ def _tables(
         if gain != 1.0:
             table["gain"] = gain
         if offset != 0.0:
-            key, factor = key_of("offset", known[target].variables[port].unit)
-            table[key] = offset * factor
+            key = key_of("offset", known[target].variables[port].unit)
+            table[key.text] = offset / key.factor
         yield table

@@ -29,7 +29,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
 from inkloop.tables.quantities import scaled
-from inkloop.units import key_of
+from inkloop.units import declared_key
 
 _FMU = "application/x-fmu-sharedlibrary"
 __all__ = ["SUFFIX", "scenario_of"]
@@ -160,8 +160,8 @@ def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[
     """Parameters as options of a scenario, under the keys of their units."""
     options = {}
     for name, value in values.items():
-        key, factor = key_of(name, description.variables[name].unit)
-        options[key] = scaled(value, factor)
+        key = declared_key(name, description.variables[name].unit)
+        options[key.text] = scaled(value, 1.0 / key.factor)
     return options
 
 

@@ -85,7 +85,7 @@ def test_value_of_the_job_that_the_fmu_cannot_take_is_an_error() -> None:
 
 
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
-    parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
+    parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_s": 1.5, "variation": 0.2})
     assert parsed.errors == []
     assert parsed.parameters["pitch"] == pytest.approx(250e-6, rel=1e-9, abs=0.0)
     assert parsed.parameters["layer_duration"] == 1.5
@@ -106,7 +106,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"pitch": 1e-4}, "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"),
+        ({"pitch": 1e-4}, "pitch is a length; write pitch_um"),
         ({"pich_um": 1.0}, "pich_um is no option of Printer; did you mean pitch_um?"),
         ({"variation": 2}, "variation is 2; expected a number in 0 .. 1 (largest share missing)"),
         (
@@ -114,7 +114,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
             "variation_kind is 'per_cell'; expected one of 'per droplet' (1), 'per_layer' (3)",
         ),
         ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
-        ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm and pitch_um give the same value; keep one"),
+        ({"pitch_mm": 0.25}, "pitch_mm is in mm; write pitch_um = 250"),
         ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [um]"),
         ({"nx": "many"}, "nx is 'many'; expected a whole number"),
     ],
@@ -185,7 +185,9 @@ def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
     assert not catalog.check("Fmu", toy_job(), options).errors
     for asked in (True, False):
         assert not catalog.check("Fmu", toy_job(), options | {"job_parameters": asked}).errors
-    found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_um": -1.0}).errors
+    found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_m": -1.0}).errors
     assert found[0] == "job_parameters is 'no'; expected true or false"
-    assert found[1].startswith("noise_std_um is -1")
+    assert found[1].startswith("noise_std_m is -1")
+    (found,) = catalog.check("Fmu", toy_job(), options | {"noise_std_um": 2.0}).errors
+    assert found == "noise_std_um is in um; write noise_std_m = 2e-06"
     assert list(catalog.check("Fmu", toy_job(), {}).errors) == ["file is missing; name the .fmu file"]

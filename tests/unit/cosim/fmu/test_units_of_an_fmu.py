@@ -13,7 +13,7 @@ from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
 from inkloop.testing import job
-from inkloop.units import conversion, spellings
+from inkloop.units import conversion
 from support.fmus.amplifier import altered, build
 from support.toys import FunctionComponent
 
@@ -68,7 +68,6 @@ def test_definition_of_the_fmu_decides(folder: Path, fmi: int, unit: str, metres
     assert conversion(found, "m") == metres
     assert conversion("m", found) == 1.0 / metres
     assert conversion(found, "s") is None
-    assert spellings("x", found)["x_m"] == 1.0 / metres
 
 
 def test_quantities_that_inkloop_does_not_know_are_converted_too(folder: Path) -> None:

@@ -150,7 +150,7 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"', "value is missing; add what to override printer.pattern with"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0.5', "value is 0.5; expected a whole number"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = [0, 1]', "value has shape (2,); printer.pattern takes"),
-        ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um, value_mm"),
+        ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = inf', "value_um is inf; expected a finite number"),
         ('at_layer = 1\nport = "profiler.valid"\nvalue = 0', "value is 0; expected true or false"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncells = [[12, 0]]', "cells has [12, 0]; the grid of"),

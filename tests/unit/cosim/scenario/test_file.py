@@ -168,8 +168,6 @@ def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
         ("LayerMpc", "time_limit_s = -2.5", "expected greater than 0"),
         ("CohenLipson", "threshold_um = -2.5", "expected greater than or equal to 0"),
         ("LayerController", "overshoot_limit_um = -2.5", "expected a number in 0 .. 1000000 [um]"),
-        ("LayerController", "overshoot_limit_mm = -2.5", "expected a number in 0 .. 1000 [mm]"),
-        ("LayerController", "sensor_resolution_nm = -2.5", "expected a number in 0 .. 1000000000 [nm]"),
     ],
 )
 def test_error_names_key_value_and_limits_as_they_are_written(

@@ -76,12 +76,12 @@ def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
 
 def test_values_of_the_scenario_override_the_ink_file(tmp_path: Path) -> None:
     own = SCENARIO.replace("[components.controller]", "[ink.a]\nh2_um = 0.7\n[components.controller]")
-    own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_mm = 4.0\nguard = false')
+    own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_um = 0.004\nguard = false')
     scenario = Scenario.load(write(tmp_path, scenario=own))
     assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6, rel=1e-9, abs=0.0)
     assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6, rel=1e-9, abs=0.0)
     assert scenario.tables.components["printer"].options == {
-        "mv_plus_per_mm": 4.0,
+        "mv_plus_per_um": 0.004,
         "guard": False,
         "height_scale_um": 7.5,
     }
@@ -98,7 +98,7 @@ def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
     [
         (INK.replace("h3_um = 0.1\n", ""), "a.h3_um is missing"),
         (INK.replace("h1_um = 5.0", "h1_um = -5.0"), "a.h1_um is -5.0"),
-        (INK.replace("h1_um", "h1_mm"), "h1_mm is not a key"),
+        (INK.replace("h1_um", "h1_mm"), "h1_mm is in mm; write h1_um = 5000"),
         ("[a\n", "is not TOML"),
         (INK.replace("height_scale_um = 7.5", "height = 7.5"), "components.printer.height"),
     ],

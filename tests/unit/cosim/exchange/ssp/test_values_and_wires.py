@@ -168,8 +168,8 @@ def line(text: str) -> str:
     [
         ("", "", {}),
         (line('factor="2"'), "", {"gain": 2.0}),
-        (line('offset="0.5"'), "", {"offset_m": 0.5}),
-        (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_m": -3.0}),
+        (line('offset="0.5"'), "", {"offset_um": 0.5e6}),
+        (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_um": -3e6}),
         ("", 'suppressUnitConversion="true"', {"gain": 1000.0}),  # the number of mm taken for one of m
         ("", 'suppressUnitConversion="1"', {"gain": 1000.0}),
         (line('factor="2"'), 'suppressUnitConversion="false"', {"gain": 2.0}),
