@@ -9,12 +9,12 @@ OFFERED_MAX = 3  # more words than this are alike by chance
 SHORT = 3  # letters of a word in which one wrong letter is already a third
 
 
-def nearest(found: str, known: Iterable[str]) -> str:
-    """Suggestion instead of `found`: the nearest known words that are equally near, else all."""
+def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+    """Suggestion instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
     words = sorted(known)
     if close := near(found, words):
         return f"did you mean {' or '.join(close[:OFFERED_MAX])}?"
-    return f"known: {', '.join(words) or 'none'}"
+    return f"known: {', '.join(words if listed is None else sorted(listed)) or 'none'}"
 
 
 def near(found: str, known: Iterable[str]) -> list[str]:

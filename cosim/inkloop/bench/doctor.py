@@ -12,10 +12,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from inkloop.component import Job
+from inkloop.bench.commands import job_of_printer
 from inkloop.components import devices
-from inkloop.components.bench import Bench
 from inkloop.components.catalog import MAPPED
+from inkloop.components.kind import Bench
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
@@ -42,17 +42,6 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Ter
     console.failures(f"{each.check}: {each.found}; {each.advice}" for each in found if each.grade == "error")
     console.result(exit_code=code, findings=[finding.to_json() for finding in found])
     return code
-
-
-def job_of_printer(scenario: Scenario) -> Job:
-    """The job as the printer of a scenario gets it."""
-    tables = scenario.tables.components.items()
-    printers = (
-        devices.job_with_overrides(scenario.job(name), table.options)
-        for name, table in tables
-        if table.kind == "hardware.printer"
-    )
-    return next(printers, scenario.job())
 
 
 def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:

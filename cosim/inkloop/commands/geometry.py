@@ -88,8 +88,8 @@ def _mesh(options: argparse.Namespace) -> MeshReport | None:
 
 def _scenario(options: argparse.Namespace) -> Scenario:
     """The scenario of the file, or one around its part. Raises InkloopError."""
-    from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
+    from inkloop.scenario.packaged import classes_from
 
     if options.file.suffix != ".toml":
         return scenario_of_part(options, options.file)

@@ -6,10 +6,10 @@ import argparse
 import shutil
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inkloop.errors import InkloopError, ScenarioError, missing
 from inkloop.report.formats import FORMATS, PNG, picture_formats
@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from inkloop.scenario.part_file import PartFile
 
 __all__ = ["add_overrides", "add_pictures", "formats_of", "overrides_of", "screen"]
+
+
+class Part(NamedTuple):
+    """One of the commands below a command: what adds its parser, and what runs it and returns the exit code."""
+
+    add_parser: Callable[[Any], argparse.ArgumentParser]
+    run: Callable[[argparse.Namespace], int]
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -150,8 +157,8 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
     from inkloop.scenario import packaged
-    from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
+    from inkloop.scenario.packaged import classes_from
 
     path = packaged.resolve(options.scenario)
     if reason := packaged.hint(path):
@@ -221,6 +228,14 @@ def screen(options: argparse.Namespace) -> Terminal:
     from inkloop.report.terminal import Terminal
 
     return Terminal(quiet=options.quiet, verbose=options.verbose, as_json=options.json)
+
+
+def show_written(options: argparse.Namespace, path: Path) -> int:
+    """Show that a file was written; the exit code."""
+    terminal = screen(options)
+    terminal.sentence(f"wrote {path}")
+    terminal.result(file=path)
+    return 0
 
 
 def show_error(error: InkloopError, options: argparse.Namespace, raised: Exception | None = None) -> None:

@@ -44,7 +44,7 @@ def _write_file(options: argparse.Namespace) -> int:
     """Write one file, also of a run that has not ended, whose other files stay as they are."""
     require("plotly" if options.html else "matplotlib", "report.html" if options.html else "report.pdf")
     from inkloop.limits import size_text
-    from inkloop.printing.device_log import LOG_FILE
+    from inkloop.printing.on_devices import LOG_FILE
     from inkloop.printing.so_far import RunFolder
     from inkloop.report import run_report
 

@@ -26,10 +26,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> int:
     """Print the remaining layers, in a subprocess where asked; the exit code."""
     from inkloop.printing import run as printing
-    from inkloop.scenario.class_path import classes_from
 
-    with classes_from(printing.scenario_file(options.run).parent):
-        scenario = printing.scenario_of_run(options.run)
+    with printing.scenario_of_run(options.run) as scenario:
         if not is_isolated(options, scenario):
             seen = options.layer_is
             return printing.resume(scenario, options.run, screen(options), pictures=formats_of(options), layer_is=seen)

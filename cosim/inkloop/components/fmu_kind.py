@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from inkloop.component import Component, Job, Port, Ports
-from inkloop.components.bench import Bench
 from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, parse_file, parse_model
-from inkloop.components.kind import Checked
+from inkloop.components.kind import Bench, Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
 from inkloop.errors import FmuError

@@ -16,12 +16,11 @@ from inkloop.components.job_parameters import (
     region_parameters,
 )
 from inkloop.components.port_tables import OPTION
-from inkloop.components.presets import PRESETS, preset_of
 from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import INTERVALS, find_fmu
 from inkloop.suggest import nearest
-from inkloop.tables.quantities import other_unit, scaled
+from inkloop.tables.messages import other_unit, scaled
 from inkloop.units import Key, declared_key, key_of
 
 JOB_PARAMETERS = "job_parameters"
@@ -32,6 +31,18 @@ FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
 CONTROLLER = "LayerController"
 """The model that plans the layers."""
+
+
+PRESETS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "ProfileSensor": {
+        # line laser of Lu, Zheng, Mishra 2015, Fig. 17; repeatability taken as the standard deviation of a reading
+        "laser": {"noise_std": 1e-6, "resolution": 0.1e-6, "scan_duration": 6.0},
+        # optical profilometer of Wu, Chiu 2024: resolution along z; its noise is not given, the duration assumed
+        "zeta-20": {"resolution": 0.04e-6, "scan_duration": 6.0},
+        "exact": {"scan_duration": 0.0},
+    }
+}
+"""Model -> preset -> parameter -> value; what is not named keeps the model's default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,3 +197,15 @@ def _without_python_options(options: Mapping[str, object]) -> tuple[dict[str, ob
             "that sets alpha between steps"
         )
     return left, errors
+
+
+def preset_of(model: str, name: object) -> tuple[Mapping[str, float], list[str]]:
+    """Values of a model's preset (none without a name), and the error of a wrong name."""
+    presets = PRESETS.get(model, {})
+    if name is None:
+        return {}, []
+    if not presets:
+        return {}, [f"preset is {name!r}; {model} has no presets"]
+    if not isinstance(name, str) or name not in presets:
+        return {}, [f"preset is {name!r}; expected one of {', '.join(presets)}"]
+    return presets[name], []

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.interrupt import deferred
-from inkloop.master.outputs import checked_output
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import Course, Observer, SavedPoint, StopReason
-from inkloop.master.wiring import Connection, check, feeds, without_start
+from inkloop.master.wiring import Connection, check, checked_output, feeds, without_start
 from inkloop.units import S_PER_NS
 
 __all__ = ["Master", "Turns"]

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from inkloop.components import catalog, devices
-from inkloop.components.fmu_parameters import FORMS
-from inkloop.components.presets import PRESETS
+from inkloop.components.fmu_parameters import FORMS, PRESETS
 from inkloop.fmu import Variable, describe
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.tables.schema import ScenarioFile

@@ -20,9 +20,8 @@ from inkloop.metrology.file_names import name_errors, numbered_files
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration
-from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
+from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.tables.slices import Slices
-from inkloop.tables.solid import Bounds, PartError, Solid
 from inkloop.units import M_PER_UM
 
 NUMBER = "n"

@@ -1,15 +1,17 @@
-"""`[grid]` and `[part]` of the scenario file: the cells, and the shape to print."""
+"""`[grid]` and the formulas of `[part]`: the cells, and what a part comes to on them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
-from inkloop.tables.solid import Bounds, Solid
+from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, Shape, Staircase
 from inkloop.units import M_PER_UM
 
 __all__ = ["Length", "Position", "Table"]
@@ -17,6 +19,45 @@ __all__ = ["Length", "Position", "Table"]
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 PITCH_MIN_UM = 1.0  # no head is that fine (assumed); a smaller number was meant in other units
 Position = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Bounds(NamedTuple):
+    """The box around a part in the plane [m], in coordinates of the grid."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A part on the grid of a scenario.
+
+    region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each.
+    """
+
+    shape: Shape
+    bounds: Bounds
+    region: Columns | None = None
+    remarks: tuple[str, ...] = ()
+
+    def columns(self, nx: int, ny: int, pitch: float) -> Columns:
+        """The shape over the cells of the grid; columns are taken as they are."""
+        return self.shape if isinstance(self.shape, Columns) else Columns.of_shape(self.shape, nx, ny, pitch)
+
+
+class PartError(Exception):
+    """A part that cannot be made; `errors` holds one sentence each, with the key of `[part]` in front."""
+
+    def __init__(self, errors: Sequence[str]) -> None:
+        self.errors = tuple(errors)
+        super().__init__("; ".join(self.errors))
+
+
+def nothing(nx: int, ny: int, pitch: float) -> Columns:
+    """No material on any cell."""
+    return Columns(nx, ny, pitch, np.zeros(nx * ny + 1, np.int64), np.zeros(0), np.zeros(0))
 
 
 class Table(BaseModel):

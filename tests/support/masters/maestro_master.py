@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.exchange.ssp import maestro
-from inkloop.exchange.ssp.command import write_folder
+from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, write
 from inkloop.exchange.ssp.system import System, Wire
 from inkloop.master.wiring import Transfer
 from support.masters.java_programs import MAESTRO
@@ -24,11 +23,9 @@ RESULTS = "outputs.csv"
 def by_maestro(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its rows. Java prints the shortest decimals that read back as the same number: the text loses no bit."""
     files, system = folder / "maestro", system if system.wires else _with_a_wire(system)
-    write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files)
+    write(replace(system, stop_s=TIME_MAX_S), "maestro", files)
     words = ("import", "sg1", "--interpret", "-output=out", "--fmu-search-path=.")
-    output = MAESTRO.run(
-        "org.intocps.maestro.Main", *words, maestro.CONFIGURATION, maestro.MULTI_MODEL, folder=files
-    ).stdout
+    output = MAESTRO.run("org.intocps.maestro.Main", *words, CONFIGURATION, MULTI_MODEL, folder=files).stdout
     if not (files / "out" / RESULTS).is_file():
         causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", output, re.MULTILINE)
         raise RuntimeError("; ".join(causes or output.splitlines()[-1:]))

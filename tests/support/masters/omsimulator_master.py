@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from inkloop.exchange.ssp import archive
+from inkloop.exchange.ssp import ssd
 from inkloop.exchange.ssp.system import System
 from support.masters.loops import Loop
 from support.masters.other_programs import OMSIMULATOR
@@ -25,7 +25,7 @@ RESULTS = "results.mat"
 
 def by_omsimulator(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its communication points. Raises RuntimeError with its errors."""
-    archive.write(replace(system, stop_s=TIME_MAX_S), "1.0", folder / "loop.ssp")
+    ssd.write(replace(system, stop_s=TIME_MAX_S), "1.0", folder / "loop.ssp")
     points = round(TIME_MAX_S / system.step_s)
     options = (f"--stopTime={points * system.step_s}", f"--intervals={points}", "--stripRoot=true")
     done = subprocess.run(

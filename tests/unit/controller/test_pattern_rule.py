@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from inkloop.component import FloatMap, Job, Status
 from inkloop.components import catalog
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck, job
 from support.toys import DROPLET, ToyPrinter, ToyProfiler, toy_job
 

@@ -13,9 +13,9 @@ import pytest
 
 from inkloop.component import Component
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.files import TomlError, read_toml_text, replaced, toml_tables, write_text
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop import units
-from inkloop.tables.quantities import other_unit
+from inkloop.tables.messages import other_unit
 from inkloop.units import QUANTITIES, SUFFIXES, UNITS, declared_key, defined_unit, key_of
 from support.places import ROOT
 from support.source_tree import modules, parsed

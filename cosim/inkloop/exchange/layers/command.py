@@ -10,7 +10,7 @@ from inkloop.errors import ResultError, ScenarioError
 from inkloop.exchange.layers import archive
 from inkloop.exchange.layers.patterns import Patterns
 from inkloop.report.terminal import Terminal
-from inkloop.tables import layer_manifest
+from inkloop.tables import part_layers as layer_manifest
 
 
 def export(patterns: Patterns, source: Path, options: argparse.Namespace, console: Terminal) -> int:

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.component import Job, Port, Values
 from inkloop.components import catalog
-from inkloop.components.bench import Bench
 from inkloop.components.devices import KINDS
 from inkloop.components.fmu_parameters import parse_model
+from inkloop.components.kind import Bench
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.printing.listening import check_listening, local_port
+from inkloop.printing.on_devices import check_listening, local_port
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 from inkloop.testing import job

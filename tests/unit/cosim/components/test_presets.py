@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from inkloop.components import catalog, fmu_parameters
-from inkloop.components.presets import PRESETS
+from inkloop.components.fmu_parameters import PRESETS
 from inkloop.fmu import describe
 from inkloop.fmu_writer.export import find_fmu
 from support.toys import toy_job

@@ -10,10 +10,10 @@ import pytest
 from inkloop.component import Port, Status, Values
 from inkloop.course.events import Event
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.outputs import checked_output
-from inkloop.master.wiring import Connection, contract_connections
+from inkloop.master.wiring import Connection, checked_output
 from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
 from support.toys import FunctionComponent, toy_job, toy_loop

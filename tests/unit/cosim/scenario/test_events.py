@@ -8,9 +8,9 @@ import pytest
 from inkloop.component import Port, Values
 from inkloop.course.events import Event, Manipulator
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.wiring import contract_connections
 from inkloop.printing.run import print_part
 from inkloop.results.recorder import Recorder
 from inkloop.scenario.file import Scenario

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import pytest
 
 import inkloop
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.errors import FmuError, ResultError, ScenarioError
 from inkloop.limits import GIB, KIB, MIB

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from inkloop.component import Component, Job
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ScenarioError
-from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.validation import mix_errors

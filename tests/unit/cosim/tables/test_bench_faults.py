@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.errors import InkloopError, ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import read_fault

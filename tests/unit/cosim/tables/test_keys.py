@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
 from typing import Any
 
 import pytest
@@ -15,11 +14,12 @@ from inkloop.components.shadow.options import ShadowTable
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable
 from inkloop.tables.ink_file import DropletTable
-from inkloop.tables.layer_manifest import Manifest, ManifestFile, ManifestInk
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part_images import StackTable
+from inkloop.tables.part_layers import Manifest, ManifestFile, ManifestInk
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable
+from inkloop.tables.substrate import SubstrateTable
 from inkloop_lab.identify.log_folder import PrintTable
 
 TINY = 5e-324
@@ -64,7 +64,7 @@ LIMITS: list[tuple[type[BaseModel], dict[str, Any], dict[str, tuple[list[Any], l
         {"rotate_deg": ([[0.0, 90.0, -1e3]], [[0.0] * 2, [0.0] * 4, [math.inf, 0.0, 0.0]]), "scale": POSITIVE},
     ),
     (
-        schema.SubstrateTable,
+        SubstrateTable,
         {},
         dict.fromkeys(("tilt_x", "tilt_y", "step_um"), FINITE)
         | dict.fromkeys(("wave_um", "roughness_um"), NOT_NEGATIVE)
@@ -183,7 +183,7 @@ DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
     (Grid, GRID, {"pitch_um": 263.256}),
     (CylinderTable, CYLINDER, {"center_x_um": None, "center_y_um": None}),
     (
-        schema.SubstrateTable,
+        SubstrateTable,
         {},
         {"tilt_x": 0.0, "tilt_y": 0.0, "step_um": 0.0, "wave_um": 0.0, "wavelength_um": 5000.0, "roughness_um": 0.0},
     ),
@@ -251,7 +251,5 @@ def test_key_that_is_left_out_has_its_default(
 
 def test_lengths_of_tables_become_metres() -> None:
     assert schema.InkTable(h1_um=4.0, h2_um=0.5, h3_um=0.25).ink == Ink(4e-6, 0.5e-6, 0.25e-6)
-    table = schema.SubstrateTable(tilt_x=0.1, tilt_y=-0.2, step_um=3, wave_um=5, wavelength_um=700, roughness_um=2)
-    assert astuple(table.substrate) == pytest.approx((0.1, -0.2, 3e-6, 5e-6, 7e-4, 2e-6), rel=1e-12, abs=0.0)
     treatment = MetrologyTable(s_filter_um=30, l_filter_um=800.0).evaluation.treatment
     assert (treatment.s_filter, treatment.l_filter) == pytest.approx((30e-6, 8e-4), rel=1e-12, abs=0.0)

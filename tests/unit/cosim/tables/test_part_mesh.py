@@ -17,8 +17,7 @@ from inkloop.geometry.body import Body
 from inkloop.geometry.mesh import closed_columns
 from inkloop.tables import part_mesh
 from inkloop.tables.part_mesh import MeshTable
-from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import PartError
+from inkloop.tables.shapes import Grid, PartError
 from inkloop.units import M_PER_UM, MM_PER_M
 from support.parts import PITCH_UM, with_part
 from support.three_mf import mesh_object, model_xml, package

@@ -14,8 +14,7 @@ from inkloop.errors import ScenarioError
 from inkloop.geometry import PipeJunction, cell_centers, contained
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop.tables.shapes import PipeJunctionTable
-from inkloop.tables.solid import Bounds, Solid
+from inkloop.tables.shapes import Bounds, PipeJunctionTable, Solid
 
 PITCH = 100e-6
 MIDDLE = 10 * PITCH

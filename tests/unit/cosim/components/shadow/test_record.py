@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from inkloop.component import Component
 from inkloop.components.shadow.shadow import Shadow
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.report import run_report
 from inkloop.report.formats import PNG
 from inkloop.report.remarks import remarks

@@ -13,14 +13,14 @@ import pytest
 
 from inkloop.component import Component, Job, Port, Status, Values
 from inkloop.components import catalog
-from inkloop.components.bench import Bench
+from inkloop.components.kind import Bench
 from inkloop.components.shadow import options as shadow_options
-from inkloop.components.shadow.comparison import ScannedLayer, start_surface
-from inkloop.components.shadow.shadow import Shadow
+from inkloop.components.shadow.shadow import ScannedLayer, Shadow, start_surface
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.wiring import check, contract_connections
+from inkloop.master.wiring import check
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from inkloop.testing import job as small_job
 from support.benches.device_toys import DevicePrinter, DeviceProfiler, StartingPrinter

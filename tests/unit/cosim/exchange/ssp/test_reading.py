@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.exchange.ssp import parameter_values
-from inkloop.exchange.ssp.archive import SCENARIO
+from inkloop.exchange.ssp import contents
 from inkloop.exchange.ssp.reading import scenario_of
+from inkloop.exchange.ssp.ssd import SCENARIO
 from inkloop.fmu import Variable
 from inkloop.fmu.archive_member import fmu_file
 from support.fmus import amplifier
@@ -215,5 +215,5 @@ def test_fmu_in_an_ssp_is_named_by_its_place_there(tmp_path: Path) -> None:
 def test_parameter_comes_in_the_unit_that_the_fmu_has() -> None:
     length, errors = Variable("pitch", "Float64", "parameter", "fixed", (1,), unit="m"), list[str]()
     entry = ET.fromstring('<Real value="250" unit="um"/>')
-    assert parameter_values._values(entry, length, "a.pitch", errors) == pytest.approx([250e-6], rel=1e-12, abs=0.0)
+    assert contents._values(entry, length, "a.pitch", errors) == pytest.approx([250e-6], rel=1e-12, abs=0.0)
     assert errors == []

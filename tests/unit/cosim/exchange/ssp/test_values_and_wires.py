@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.exchange.ssp import joined_connections, parameter_values, ssd
-from inkloop.exchange.ssp.start_values import _begun
+from inkloop.exchange.ssp import contents, ssd
+from inkloop.exchange.ssp.folder import _begun
 from inkloop.exchange.ssp.system import Part, System, Wire
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.master.wiring import Transfer
@@ -62,7 +62,7 @@ def read(*entries: str, prefix: str = "", files: dict[str, str] | None = None, m
     with zipfile.ZipFile(content, "w") as archive:
         for name, text in (files or {}).items():
             archive.writestr(name, text)
-        found = parameter_values.read(system, archive, KNOWN, errors)
+        found = contents.parameters(system, archive, KNOWN, errors)
     return found.get("a", {}), errors
 
 
@@ -152,7 +152,7 @@ def wired(
     outside = '<ssd:Connection startConnector="free" endElement="b" endConnector="m"/>'
     system = ET.fromstring(f"<ssd:System {NAMES}><ssd:Connections>{elements}{outside}</ssd:Connections></ssd:System>")
     errors: list[str] = []
-    return joined_connections.read(system, ports or PORTS, errors), errors
+    return contents.connections(system, ports or PORTS, errors), errors
 
 
 BOTH = ("a.y[1]", "b.x[1]"), ("a.y[2]", "b.x[2]")
