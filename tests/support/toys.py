@@ -55,6 +55,13 @@ class FunctionComponent:
         self.log.append("terminate")
 
 
+class Resumable(FunctionComponent):
+    """Has no state."""
+
+    def restore(self, state: bytes) -> None:
+        assert state == b""
+
+
 class ToyController:
     """Prints wherever the scan is below the target by more than half a droplet, until nothing is."""
 
