@@ -68,36 +68,37 @@ QUANTITIES = {
 
 
 class DefinedUnit(str):
-    """The name of a unit that an FMU defines itself: a value in it times `factor` is in the SI unit `si`."""
+    """The name of a unit that an FMU defines itself: factor * value + offset is the value in the SI unit `si`."""
 
     si: str
     factor: float
+    offset: float
 
-    def __new__(cls, name: str, si: str, factor: float) -> DefinedUnit:
+    def __new__(cls, name: str, si: str, factor: float, offset: float = 0.0) -> DefinedUnit:
         """The name, with its definition."""
         unit = super().__new__(cls, name)
-        unit.si, unit.factor = si, factor
+        unit.si, unit.factor, unit.offset = si, factor, offset
         return unit
 
 
 def defined_unit(name: str, exponents: Mapping[str, int], factor: float, offset: float) -> str:
     """A unit as an FMU defines it (FMI 3.0, 2.4.3): base value = factor * value + offset.
 
-    exponents: of the base units kg, m, s, A, K, mol, cd, rad. The plain name where it means the same here. A unit with
-    an offset is a quantity of its own: a factor alone does not convert it.
+    exponents: of the base units kg, m, s, A, K, mol, cd, rad. The plain name where it means the same here.
     """
     powers = {base: power for base, power in exponents.items() if power}
     product = ".".join(base + (f"{power}" if power != 1 else "") for base, power in powers.items())
     si = next((si for si, own in BASE_UNITS.items() if own == powers), product)
-    if offset != 0.0:
-        si, factor = f"{name}, {factor:g} {si} and an offset", 1.0
     known_si, known_factor = si_unit(name)
-    return name if si == known_si and isclose(factor, known_factor) else DefinedUnit(name, si, factor)
+    is_known_here = si == known_si and isclose(factor, known_factor) and offset == 0.0
+    return name if is_known_here else DefinedUnit(name, si, factor, offset)
 
 
 def si_unit(unit: str) -> tuple[str, float]:
-    """The SI unit of the quantity and the factor to it; of an unknown unit itself."""
-    return (unit.si, unit.factor) if isinstance(unit, DefinedUnit) else UNITS.get(unit, (unit, 1.0))
+    """The SI unit of the quantity and the factor to it; of an unknown unit, or one with an offset, itself."""
+    if not isinstance(unit, DefinedUnit):
+        return UNITS.get(unit, (unit, 1.0))
+    return (unit.si, unit.factor) if unit.offset == 0.0 else (unit, 1.0)
 
 
 def is_known(unit: str) -> bool:
@@ -130,13 +131,32 @@ def declared_key(name: str, unit: str) -> Key:
     return next((_key(name, suffix, 1.0) for suffix in suffixes), key_of(name, unit))
 
 
-def conversion(source: str, target: str) -> float | None:
-    """Factor from one unit to another, None if they are not known to be of the same quantity."""
-    (source_si, from_source), (target_si, from_target) = si_unit(source), si_unit(target)
+class Conversion(NamedTuple):
+    """From one unit to another: factor * value + offset."""
+
+    factor: float
+    offset: float = 0.0
+
+
+def unit_conversion(source: str, target: str) -> Conversion | None:
+    """The conversion from one unit to another, None if they are not known to be of the same quantity."""
+    (source_si, factor, offset), (target_si, to_factor, to_offset) = map(_definition, (source, target))
     if source_si == target_si:
-        return from_source / from_target
+        return Conversion(factor / to_factor, (offset - to_offset) / to_factor)
     is_undefined = any(not isinstance(unit, DefinedUnit) and unit not in UNITS for unit in (source, target))
-    return 1.0 if source == target and is_undefined else None
+    return Conversion(1.0) if source == target and is_undefined else None
+
+
+def conversion(source: str, target: str) -> float | None:
+    """Factor from one unit to another, None if a factor alone does not convert."""
+    found = unit_conversion(source, target)
+    return found.factor if found and found.offset == 0.0 else None
+
+
+def _definition(unit: str) -> tuple[str, float, float]:
+    return (
+        (unit.si, unit.factor, unit.offset) if isinstance(unit, DefinedUnit) else (*UNITS.get(unit, (unit, 1.0)), 0.0)
+    )
 
 
 def _key(name: str, suffix: str, factor: float) -> Key:

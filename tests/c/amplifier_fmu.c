@@ -1,7 +1,8 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
  * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural; half, a structural switch that halves the gain).
- * A step of 500 s ends the simulation, one with x[1] = 100 is discarded, and after an error it may only be freed. FMI 3
+ * A step of 500 s ends the simulation, one with x[1] = 100 is discarded with the instance's name and the text that is
+ * its parameter `label`, and after an error it may only be freed. FMI 3
  * divides one of 200 to 400 s into two, by returning early. With -DCRASHES=signal a step after the third raises it. It
  * shares nothing with the FMUs of this project and writes out the signatures of the standard that it needs, so that it
  * stands for the work of others. */
@@ -9,10 +10,11 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { CELLS_MAX = 64, OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3, FATAL = 4 };
+enum { CELLS_MAX = 64, TEXT_MAX = 32, OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3, FATAL = 4 };
 enum { N = 1, HALF = 2, ON = 3, GAIN = 4, MODE = 5, COUNT = 6, X = 100, Y = 200, HIGH = 300 };
 
 typedef void (*Logger2)(void *, const char *, int, const char *, const char *, ...);
@@ -29,6 +31,7 @@ typedef struct {
 typedef struct {
     State state;
     bool is_configured, has_ended, has_failed;
+    char name[TEXT_MAX], label[TEXT_MAX];
     void *environment;
     Logger2 log2;
     Logger3 log3;
@@ -43,8 +46,9 @@ static int refuse(Instance *instance, int status, const char *message) {
     return status;
 }
 
-static Instance *instantiate(void *environment, Logger2 log2, Logger3 log3) {
+static Instance *instantiate(const char *name, void *environment, Logger2 log2, Logger3 log3) {
     Instance *instance = calloc(1, sizeof *instance);
+    snprintf(instance->name, TEXT_MAX, "%s", name);
     instance->state = (State){.n = 3, .mode = 1, .on = true, .gain = 2.0};
     instance->environment = environment;
     instance->log2 = log2;
@@ -68,8 +72,11 @@ static int step(Instance *instance, double size) {
         instance->has_failed = true;
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
     }
-    if (state->x[0] == 100.0)
-        return refuse(instance, DISCARD, "step is too difficult");
+    if (state->x[0] == 100.0) {
+        char message[3 * TEXT_MAX];
+        snprintf(message, sizeof message, "step is too difficult for %s (%s)", instance->name, instance->label);
+        return refuse(instance, DISCARD, message);
+    }
 #ifdef CRASHES
     if (state->count == 3)
         raise(CRASHES);
@@ -117,8 +124,8 @@ const char *fmi2GetVersion(void) {
 }
 void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *callbacks,
                       int visible, int logging) {
-    (void)name, (void)type, (void)resources, (void)visible, (void)logging;
-    return strcmp(guid, "amplifier") ? NULL : instantiate(callbacks->environment, callbacks->logger, NULL);
+    (void)type, (void)resources, (void)visible, (void)logging;
+    return strcmp(guid, "amplifier") ? NULL : instantiate(name, callbacks->environment, callbacks->logger, NULL);
 }
 void fmi2FreeInstance(Instance *instance) {
     free(instance);
@@ -208,7 +215,11 @@ NOT_OFFERED(fmi2GetRealStatus)
 NOT_OFFERED(fmi2GetIntegerStatus)
 NOT_OFFERED(fmi2GetStringStatus)
 NOT_OFFERED(fmi2GetString)
-NOT_OFFERED(fmi2SetString)
+int fmi2SetString(Instance *instance, const uint32_t *reference, size_t count, const char *const *text) {
+    (void)reference, (void)count;
+    snprintf(instance->label, TEXT_MAX, "%s", text[0]);
+    return OK;
+}
 NOT_OFFERED(fmi2GetDirectionalDerivative)
 NOT_OFFERED(fmi2SetRealInputDerivatives)
 NOT_OFFERED(fmi2GetRealOutputDerivatives)
@@ -221,9 +232,9 @@ const char *fmi3GetVersion(void) {
 void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
                                   bool logging, bool events, bool early, const uint32_t *required, size_t count,
                                   void *environment, Logger3 logger, void *update) {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required, (void)count;
+    (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required, (void)count;
     (void)update;
-    return strcmp(token, "amplifier") ? NULL : instantiate(environment, NULL, logger);
+    return strcmp(token, "amplifier") ? NULL : instantiate(name, environment, NULL, logger);
 }
 void fmi3FreeInstance(Instance *instance) {
     free(instance);
@@ -358,7 +369,11 @@ NOT_OFFERED(fmi3SetBinary)
 NOT_OFFERED(fmi3GetClock)
 NOT_OFFERED(fmi3SetClock)
 NOT_OFFERED(fmi3GetString)
-NOT_OFFERED(fmi3SetString)
+int fmi3SetString(Instance *instance, const uint32_t *reference, size_t count, const char *const *text, size_t values) {
+    (void)reference, (void)count, (void)values;
+    snprintf(instance->label, TEXT_MAX, "%s", text[0]);
+    return OK;
+}
 NOT_OFFERED(fmi3GetFloat32)
 NOT_OFFERED(fmi3SetFloat32)
 NOT_OFFERED(fmi3GetInt8)

@@ -39,7 +39,7 @@ class Device:
         factory = load(self.module, self.name)
         own_job = _with_passes(job, parsed.values) if self.model == "LayerDeposition" else job
 
-        def construct(bench: Bench) -> Component:
+        def construct(bench: Bench, name: str) -> Component:
             cure = {"cure_ms": bench.table.cure_ms} if self.model == "LayerDeposition" else {}
             return cast(Component, factory(own_job, bench.rig, journal=bench.journal, **cure))
 

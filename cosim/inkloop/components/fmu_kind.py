@@ -34,8 +34,8 @@ class FmuModel:
         form = str(options.get("fmi", FORMS[0]))
         file = parsed.description.path if form == FORMS[0] else find_fmu(self.model, form)
 
-        def construct(bench: Bench) -> Component:
-            return _make_model(self.model, form, file, parsed)
+        def construct(bench: Bench, name: str) -> Component:
+            return _make_model(self.model, form, file, parsed, name)
 
         if errors := _binary_errors(file, f"kind is {self.model!r}, whose FMU"):
             return Checked(self.model, errors)
@@ -68,22 +68,23 @@ class FmuFile:
             inputs, outputs, wrong = mapped_ports(ports.inputs, ports.outputs, job, options.get(OPTION, {}))
             errors += wrong
             ports = Ports(ports_of(inputs, ports.inputs), ports_of(outputs, ports.outputs))
+        errors += exchange_errors(parsed.description)
         if errors := [*errors, *parsed.errors]:
             return Checked("Fmu", errors)
 
-        def construct(bench: Bench) -> Component:
+        def construct(bench: Bench, name: str) -> Component:
             with fmu_file(file) as path:  # a component keeps what it needs of the file
-                fmu = FmuComponent(path, parameters=parsed.parameters, structural=parsed.structural)
+                fmu = FmuComponent(path, name=name, parameters=parsed.parameters, structural=parsed.structural)
             return MappedPorts(fmu, inputs, outputs) if inputs or outputs else fmu
 
-        return Checked("Fmu", (), ports, construct)
+        return Checked("Fmu", (), ports, construct, file.resolve() if parsed.description.is_single else None)
 
 
-def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuComponent:
+def _make_model(model: str, form: str, file: Path, parsed: Parsed, name: str) -> FmuComponent:
     """One of our FMUs; where its sizes are fixed, one exported for the job."""
     sizes = parsed.structural
     if form == FORMS[0]:
-        return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
+        return FmuComponent(file, name=name, parameters=parsed.parameters, structural=sizes)
     with temporary_folder("export") as folder:  # a component keeps what it needs of the file
         made = export_fmu(
             model,
@@ -95,7 +96,7 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
             force=True,
             out=Path(folder) / f"{model}.fmu",
         )
-        return FmuComponent(made, parameters=parsed.parameters)
+        return FmuComponent(made, name=name, parameters=parsed.parameters)
 
 
 def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
@@ -108,6 +109,17 @@ def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
         return tuple(ports[name] for name in file.variables if name in ports)
 
     return Ports(ordered("input"), ordered("output"))
+
+
+def exchange_errors(description: FmuDescription) -> list[str]:
+    """The reason why the master cannot run an FMU: it has inputs or outputs, and none of them are exchanged."""
+    if not description.unused or any(each.causality in ("input", "output") for each in description.variables.values()):
+        return []
+    kinds = ", ".join(sorted({kind.split()[0] for kind in description.unused.values()}))
+    return [
+        f"file is {description.path.name!r}, whose inputs and outputs are of type {kinds}; this master exchanges "
+        "numbers and truth values, and has no Event Mode: run it in a tool that has one"
+    ]
 
 
 def _binary_errors(path: Path, what: str) -> list[str]:

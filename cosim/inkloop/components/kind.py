@@ -67,22 +67,25 @@ def _free_name(folder: Path, name: str) -> Path:
 class Checked:
     """The checked options of one component. errors: one sentence each, beginning with the key; ports: None with errors.
 
-    construct: makes a component from the options.
+    single: an FMU file of which a process takes one instance.
+
+    construct: makes a component from the options, of a loop's bench and by its name in it.
     """
 
     kind: str
     errors: Sequence[str] = ()
     ports: Ports | None = None
-    construct: Callable[[Bench], Component] | None = None
+    construct: Callable[[Bench, str], Component] | None = None
+    single: Path | None = None
 
-    def make(self, bench: Bench) -> Component:
-        """A component, for the caller to terminate; bench: of all devices of its loop.
+    def make(self, bench: Bench, name: str = "") -> Component:
+        """A component, for the caller to terminate; bench: of all devices of its loop; name: its own in it.
 
         Raises ScenarioError with the errors, FmuError.
         """
         if self.errors or self.construct is None:
             raise ScenarioError(self.kind, self.errors)
-        return self.construct(bench)
+        return self.construct(bench, name)
 
 
 Check: TypeAlias = Callable[[str, Job, Mapping[str, object]], Checked]

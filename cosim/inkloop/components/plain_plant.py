@@ -166,7 +166,7 @@ class PlainPlantKind:
         except ValueError as error:
             return Checked(KIND, [str(error)])
 
-        def construct(bench: Bench) -> Component:
-            return PlainPlant(job, plant.make(bench), **chosen)
+        def construct(bench: Bench, name: str) -> Component:
+            return PlainPlant(job, plant.make(bench, name), **chosen)
 
-        return Checked(KIND, (), ports, construct)
+        return Checked(KIND, (), ports, construct, plant.single)

@@ -19,7 +19,7 @@ from inkloop.components.port_mapping import MappedPort
 from inkloop.contract import SIGNALS
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
-from inkloop.units import UNITS, conversion, is_known, si_unit
+from inkloop.units import UNITS, Conversion, conversion, is_known, si_unit, unit_conversion
 
 OPTION = "ports"
 _PLACES = ("{i}", "{j}", "{n}")
@@ -115,12 +115,13 @@ def _mapped(
         return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
     if errors := _unit_errors(table, variables[0], port.unit):
         return None, errors
-    factor = table.gain * (conversion(port.unit, table.unit or variables[0].unit) or 1.0)  # counts have a gain only
+    units = unit_conversion(port.unit, table.unit or variables[0].unit) or Conversion(1.0)  # counts have a gain only
+    factor, offset = table.gain * units.factor, table.gain * units.offset + table.offset
     is_real = np.dtype(variables[0].dtype).kind == "f"
-    if (factor != 1.0 or table.offset != 0.0) and not is_real:
+    if (factor != 1.0 or offset != 0.0) and not is_real:
         found_type = variables[0].dtype
         return None, [f".variable is {table.variable!r} of type {found_type}; a unit, gain or offset needs a real one"]
-    mapped = MappedPort(port, variables, factor, table.offset)
+    mapped = MappedPort(port, variables, factor, offset)
     return (mapped if name in SIGNALS else replace(mapped, port=replace(port, start=mapped.start()))), []
 
 
@@ -140,9 +141,9 @@ def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
     if unit == "1":
         what = f".unit is {table.unit!r}, but this signal is a number without unit; leave it out, use gain instead"
         return [what] if table.unit not in (None, "1") else []
-    if table.unit is None and conversion(unit, variable.unit) is None:
+    if table.unit is None and unit_conversion(unit, variable.unit) is None:
         return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
-    if table.unit is not None and conversion(unit, table.unit) is None:
+    if table.unit is not None and unit_conversion(unit, table.unit) is None:
         return [f".unit is {table.unit!r}; {_units_of(unit)}"]
     if table.unit is not None and is_known(variable.unit) and variable.unit != table.unit and table.gain == 1.0:
         return [f".unit is {table.unit!r}, but the FMU declares {variable.name} in [{variable.unit}]; leave it out"]

@@ -127,7 +127,7 @@ class _Constructed:
         self._construct = construct
         self._terminate = weakref.finalize(self, first.component.terminate)
 
-    def __call__(self, bench: Bench) -> Component:
+    def __call__(self, bench: Bench, name: str) -> Component:
         """The component at the first call, a new one at every other; it has the rig of the bench."""
         made, self._first = self._first or self._construct(), None
         self._terminate.detach()

@@ -10,7 +10,7 @@ import ctypes
 import itertools
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -39,15 +39,15 @@ _log = logging.getLogger(__name__)
 class Binding:
     """A loaded binary; `worst` is the highest status that it ever returned."""
 
-    def __init__(self, description: FmuDescription, folder: Path) -> None:
-        """Load the binary below `folder`; raises the errors of the loader."""
+    def __init__(self, description: FmuDescription, name: str, folder: Path) -> None:
+        """Load the binary below `folder` for an instance of that name; raises the errors of the loader."""
         load = fmi2.FMU2Slave if description.fmi == 2 else fmi3.FMU3Slave
         self._fmi = description.fmi
         self._fmu: Any = load(
             guid=description.token,
             unzipDirectory=str(folder),
             modelIdentifier=description.identifier,
-            instanceName=description.name,
+            instanceName=name,
         )
         self._description = description
         self._grouped: dict[tuple[str, ...], list[ValueGroup]] = {}
@@ -97,6 +97,11 @@ class Binding:
             self._set_last = groups
         for group in groups:
             self._check(group.set(self._fmu.component, values), group.names, group.setter.name)
+
+    def set_texts(self, values: Mapping[str, str]) -> None:
+        """Set parameters that are texts, by name."""
+        for name, text in values.items():
+            self._call(name, self._fmu.setString, self._description.variables[name].references, [text])
 
     def get(self, ports: Sequence[Port]) -> dict[str, NDArray[Any]]:
         """The present value of each port, in memory of its own; one call for all of one type."""

@@ -25,7 +25,7 @@ from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
 from inkloop.limits import unpacked_error
 from inkloop.suggest import nearest
-from inkloop.units import S_PER_NS
+from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
@@ -71,20 +71,22 @@ def _archive_error(path: Path, changed_ns: int) -> str | None:
 class FmuComponent:
     """A co-simulation FMU behind the `Component` protocol.
 
-    `parameters` are in the units of the FMU by its names, an array for an array, and include structural switches;
-    `structural` resizes FMI 3 arrays and is checked against the grid of an FMU whose size is fixed. Both are checked
-    here; the binary is started by `initialize`. Outputs are new arrays at every step, so a caller may keep them.
-    Raises FmuError, later ComponentError.
+    `name` is that of the instance, by default the model's. `parameters` are in the units of the FMU by its names, an
+    array for an array, and include structural switches; `structural` resizes FMI 3 arrays and is checked against the
+    grid of an FMU whose size is fixed. Both are checked here; the binary is started by `initialize`. Outputs are new
+    arrays at every step, so a caller may keep them. Raises FmuError, later ComponentError.
     """
 
     def __init__(
         self,
         path: Path | str,
         *,
+        name: str = "",
         parameters: Mapping[str, object] | None = None,
         structural: Mapping[str, int] | None = None,
     ) -> None:
         self.description = describe(path)
+        self._name = name or self.description.name
         self._sizes = self.description.sizes(structural or {})
         checked = dict(self._checked(parameters or {}))
         switches = {n: value for n, value in checked.items() if self.description.variables[n].is_structural}
@@ -114,8 +116,11 @@ class FmuComponent:
         structural, parameters = self._structural, self._parameters
         if structural:
             binding.configure([self.description.variables[name].port({}) for name in structural], structural)
-        binding.set([self.description.variables[name].port(self._sizes) for name in parameters], parameters)
-        binding.enter_initialization(time_ns * S_PER_NS)
+        texts = {name: str(value) for name, value in parameters.items() if value.dtype.kind == "U"}
+        numbers = [self.description.variables[name].port(self._sizes) for name in parameters if name not in texts]
+        binding.set(numbers, parameters)
+        binding.set_texts(texts)
+        binding.enter_initialization(time_ns / NS_PER_S)
         self._set(binding, inputs)
         binding.exit_initialization()
         self._cleanup.callback(binding.terminate)
@@ -125,7 +130,7 @@ class FmuComponent:
         """Advance by one communication step."""
         binding = self._running()
         self._set(binding, inputs)
-        binding.do_step(time_ns * S_PER_NS, step_ns * S_PER_NS)
+        binding.do_step(time_ns / NS_PER_S, step_ns / NS_PER_S)
         return binding.get(self._outputs)
 
     def terminate(self) -> None:
@@ -181,7 +186,7 @@ class FmuComponent:
 
         here = Path.cwd()
         try:
-            binding = Binding(self.description, self._folder)
+            binding = Binding(self.description, self._name, self._folder)
         except Exception as error:  # the loader raises bare exceptions
             raise FmuError(f"{self.description.path}: the binary cannot be loaded: {error}") from error
         finally:

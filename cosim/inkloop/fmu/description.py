@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from inkloop.component import Port
@@ -14,7 +14,12 @@ from inkloop.suggest import nearest
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """An FMU as described by its modelDescription.xml; `platforms` are the folders with binaries in the archive."""
+    """An FMU as described by its modelDescription.xml.
+
+    platforms: folders with binaries in the archive; unused: variables that the master does not exchange, and their
+    kinds; notes: on reading it, one sentence each; is_single: a process takes one instance; needs_tool: it runs where
+    the tool is installed that made it.
+    """
 
     path: Path
     name: str
@@ -25,6 +30,10 @@ class FmuDescription:
     platforms: tuple[str, ...]
     can_serialize: bool
     can_vary_step: bool
+    is_single: bool = False
+    needs_tool: bool = False
+    unused: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     description: str = ""
     version: str = ""
     license: str = ""
@@ -89,6 +98,10 @@ class FmuDescription:
         yield f"  platforms  {', '.join(self.platforms) or 'none (sources only)'}"
         yield f"  state      {'can be saved and restored' if self.can_serialize else 'cannot be saved'}"
         yield f"  step size  {'any' if self.can_vary_step else 'fixed'}"
+        if self.is_single:
+            yield "  instances  one in a process"
+        if self.needs_tool:
+            yield "  needs      the tool that made it, on this machine"
         yield f"  licence    {self.license or 'not stated'}"
         yield f"  made by    {self.tool or 'not stated'}"
         for title, causalities in (
@@ -101,3 +114,10 @@ class FmuDescription:
             width = max((len(row.name) for row in rows), default=0)
             for row in rows:
                 yield f"  {row.name:{width}}  {summary(row)}"
+        if self.unused:
+            yield "not exchanged (numbers and truth values are, texts as parameters; no clock ticks without Event Mode)"
+            width = max(map(len, self.unused))
+            for name, kind in self.unused.items():
+                yield f"  {name:{width}}  {kind}"
+        for note in self.notes:
+            yield f"note: {note}"

@@ -1,29 +1,34 @@
 """Read modelDescription.xml through FMPy's parser.
 
-The structured scalars of FMI 2 (`height[1,1]`, `height[1,2]`, ...) become one variable `height` of shape (nx, ny), and
-the dimensions of an FMI 3 array keep the names of the structural parameters that set them.
+The structured scalars of FMI 2 (`height[1,1]`, `height[1,2]`, ...) become one variable `height` of shape (nx, ny) if
+none is missing and all agree in type, causality, variability, unit and limits; names that follow no convention ("flat")
+stay as they are. The dimensions of an FMI 3 array keep the names of the structural parameters that set them.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from inkloop.errors import FmuError
 from inkloop.fmu.description import FmuDescription
-from inkloop.fmu.variable import DTYPES, Variable
+from inkloop.fmu.variable import DTYPES, TEXT, Variable
 from inkloop.limits import memory_error, size_text, unpacked_error
 from inkloop.units import defined_unit
 
 PARSED_BYTES = 18
 """Memory that reading takes per byte of a description: 3.0 GiB for the 184 MB of an FMI 2 grid of 400 x 400 cells."""
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:,\d+)*)\]")
+_SHOWN = ("input", "output", "parameter", "structuralParameter")
 
 
 def describe(path: Path | str) -> FmuDescription:
@@ -44,7 +49,9 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
             names = [name.split("/") for name in archive.namelist()]
             if reason := unpacked_error(archive) or _description_error(archive):
                 raise FmuError(f"{path}: {reason}")
-        model = read_model_description(str(path), validate=False)
+            model = read_model_description(str(path), validate=False)
+            has_offset = any(unit.baseUnit is not None and unit.baseUnit.offset for unit in model.unitDefinitions)
+            differences = _differences(archive) if has_offset else frozenset[str]()
     except (OSError, FmuError):
         raise
     except zipfile.BadZipFile as error:
@@ -58,7 +65,7 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         offered = "model exchange" if model.modelExchange is not None else "scheduled execution"
         raise FmuError(f"{path}: offers {offered} only; export it for co-simulation")
     platforms = sorted({parts[1] for parts in names if parts[0] == "binaries" and len(parts) > 2})
-    return _translated(path, model, tuple(platforms))
+    return _translated(path, model, tuple(platforms), differences)
 
 
 def _description_error(archive: zipfile.ZipFile) -> str | None:
@@ -68,20 +75,27 @@ def _description_error(archive: zipfile.ZipFile) -> str | None:
     return reason and f"its modelDescription.xml of {size_text(size)} {reason}; export it as FMI 3, or a smaller grid"
 
 
-def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescription:
+def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences: Container[str]) -> FmuDescription:
     """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
     fmi = int(model.fmiVersion[0])
     by_reference = {v.valueReference: v.name for v in model.modelVariables}
-    units = {unit.name: _unit(unit) for unit in model.unitDefinitions}
-    plain = (_variable(v, by_reference, units) for v in model.modelVariables if v.type in DTYPES)
+    units = {unit.name: unit for unit in model.unitDefinitions}
+    exchanged = [_variable(v, by_reference, units, differences) for v in model.modelVariables if _is_exchanged(v)]
+    notes: list[str] = []
+    if fmi == 2 and model.variableNamingConvention == "structured":
+        exchanged, notes = _joined(exchanged)
     return FmuDescription(
         path=path,
         name=model.modelName,
         fmi=fmi,
         identifier=model.coSimulation.modelIdentifier,
         token=model.guid,
-        variables={v.name: v for v in (_joined(path, plain) if fmi == 2 else plain)},
+        variables={variable.name: variable for variable in exchanged},
+        unused={v.name: _kind(v) for v in model.modelVariables if v.causality in _SHOWN and not _is_exchanged(v)},
+        notes=tuple(notes),
         platforms=platforms,
+        is_single=bool(model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        needs_tool=bool(model.coSimulation.needsExecutionTool),
         can_serialize=bool(model.coSimulation.canSerializeFMUstate),
         can_vary_step=bool(model.coSimulation.canHandleVariableCommunicationStepSize),
         description=model.description or "",
@@ -91,19 +105,48 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescri
     )
 
 
-def _unit(found: Any) -> str:
-    """A unit by the FMU's own UnitDefinitions, which decide the meaning of its name."""
+def _differences(archive: zipfile.ZipFile) -> frozenset[str]:
+    """Names of the variables that are differences (relativeQuantity), which FMPy 0.3.32 does not read."""
+    found, name = set(), ""
+    with archive.open("modelDescription.xml") as file:
+        for _, element in ElementTree.iterparse(file, ["start"]):
+            name = element.get("name", name)
+            if element.get("relativeQuantity") in ("true", "1"):
+                found.add(name)
+    return frozenset(found)
+
+
+def _is_exchanged(found: Any) -> bool:
+    """Whether the master exchanges a variable: numbers and truth values, texts only as parameters, none with a
+    clock.
+    """
+    is_text_parameter = found.type == TEXT and found.causality == "parameter" and not found.dimensions
+    return (found.type in DTYPES and found.type != TEXT and not found.clocks) or is_text_parameter
+
+
+def _kind(found: Any) -> str:
+    """The kind of a variable that is not exchanged."""
+    clocks = [clock.name for clock in found.clocks or ()]
+    return f"{found.type} {found.causality}" + (f", at ticks of {', '.join(clocks)}" if clocks else "")
+
+
+def _unit(found: Any, is_difference: bool) -> str:
+    """A unit by the FMU's own UnitDefinitions, which decide the meaning of its name; no offset for differences."""
     if found.baseUnit is None:
         return str(found.name)
     base = found.baseUnit
     exponents = {name: getattr(base, name) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
-    return defined_unit(found.name, exponents, base.factor, base.offset)
+    return defined_unit(found.name, exponents, base.factor, 0.0 if is_difference else base.offset)
 
 
-def _variable(found: Any, by_reference: Mapping[int, str], units: Mapping[str, str]) -> Variable:
+def _variable(
+    found: Any, by_reference: Mapping[int, str], units: Mapping[str, Any], differences: Container[str]
+) -> Variable:
     declared = found.declaredType
     items = declared.items if declared is not None and found.type == "Enumeration" else ()
     unit = found.unit or (declared.unit if declared is not None else None) or "1"
+    is_difference = found.name in differences or (declared is not None and declared.relativeQuantity)
+    start = found.start or ""
     return Variable(
         name=found.name,
         type=found.type,
@@ -111,8 +154,8 @@ def _variable(found: Any, by_reference: Mapping[int, str], units: Mapping[str, s
         variability=found.variability,
         references=(found.valueReference,),
         dimensions=tuple(by_reference[d.valueReference] if d.start is None else int(d.start) for d in found.dimensions),
-        unit=units.get(unit, unit),
-        start=tuple((found.start or "").split()),
+        unit=_unit(units[unit], is_difference) if unit in units else unit,
+        start=(start,) if found.type == TEXT else tuple(start.split()),
         minimum=found.min if found.min is not None or declared is None else declared.min,
         maximum=found.max if found.max is not None or declared is None else declared.max,
         items={item.name: int(item.value) for item in items},
@@ -120,42 +163,68 @@ def _variable(found: Any, by_reference: Mapping[int, str], units: Mapping[str, s
     )
 
 
-def _joined(path: Path, scalars: Iterable[Variable]) -> Iterator[Variable]:
-    """Structured scalars joined to arrays; everything else as it is."""
+def _joined(scalars: Sequence[Variable]) -> tuple[list[Variable], list[str]]:
+    """Structured scalars joined to arrays, everything else as it is; and a note on each name that is not joined."""
     arrays: dict[str, dict[tuple[int, ...], Variable]] = {}
     for variable in scalars:
         if match := _ELEMENT.fullmatch(variable.name):
             index = tuple(int(part) for part in match["index"].split(","))
             arrays.setdefault(match["name"], {})[index] = variable
-        else:
-            yield variable
+    names = {variable.name for variable in scalars}
+    found: list[Variable] = []
+    notes: list[str] = []
+    joined: set[str] = set()
     for name, elements in arrays.items():
-        yield _join(path, name, elements)
+        reason = f"there is a variable {name}" if name in names else _difference(name, elements)
+        if reason:
+            if any(element.causality in _SHOWN for element in elements.values()):
+                notes.append(f"the elements of {name} stay single variables: {reason}")
+        else:
+            found.append(_join(name, elements))
+            joined.update(element.name for element in elements.values())
+    return [variable for variable in scalars if variable.name not in joined] + found, notes
 
 
-def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -> Variable:
-    along = list(zip(*elements, strict=False))
+def _difference(name: str, elements: Mapping[tuple[int, ...], Variable]) -> str | None:
+    """The reason why elements are no array: some are missing, or two of them differ."""
+    if len({len(index) for index in elements}) > 1:
+        return "they have different numbers of indices"
+    begin, shape = _extent(elements)
+    if len(elements) != math.prod(shape):
+        indices = (tuple(i + b for i, b in zip(index, begin, strict=True)) for index in np.ndindex(shape))
+        missing = next(index for index in indices if index not in elements)
+        return f"{name}[{','.join(map(str, missing))}] is missing"
+    first = next(iter(elements.values()))
+    for element in elements.values():
+        for what in ("type", "causality", "variability", "unit", "items", "minimum", "maximum"):
+            if getattr(element, what) != getattr(first, what):
+                one, other = (f"{each.name} has {what} {_shown(getattr(each, what))}" for each in (first, element))
+                return f"{one}, {other}"
+    return None
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(value) or "none"
+    return "none" if value is None else str(value)
+
+
+def _extent(elements: Iterable[tuple[int, ...]]) -> tuple[list[int], tuple[int, ...]]:
+    """First index, 0 or 1, and length along each dimension."""
+    along = list(zip(*elements, strict=True))
     begin = [0 if 0 in indices else 1 for indices in along]  # some exporters count from 0
-    shape = tuple(max(indices) - first + 1 for indices, first in zip(along, begin, strict=True))
-    order = [tuple(int(i) + first for i, first in zip(index, begin, strict=True)) for index in np.ndindex(shape)]
-    missing = [index for index in order if index not in elements]
-    if missing or len(order) != len(elements):
-        what = f"{name}[{','.join(map(str, missing[0]))}] is missing" if missing else "they have different dimensions"
-        raise FmuError(f"{path}: the elements of {name} do not make an array of {' x '.join(map(str, shape))}: {what}")
-    first = elements[order[0]]
-    has_start = any(element.start for element in elements.values())
-    return Variable(
+    return begin, tuple(max(indices) - first + 1 for indices, first in zip(along, begin, strict=True))
+
+
+def _join(name: str, elements: Mapping[tuple[int, ...], Variable]) -> Variable:
+    _, shape = _extent(elements)
+    ordered = [elements[index] for index in sorted(elements)]
+    has_start = any(element.start for element in ordered)
+    return replace(
+        ordered[0],
         name=name,
-        type=first.type,
-        causality=first.causality,
-        variability=first.variability,
-        references=tuple(elements[index].references[0] for index in order),
-        elements=tuple(elements[index].name for index in order),
+        references=tuple(element.references[0] for element in ordered),
+        elements=tuple(element.name for element in ordered),
         dimensions=shape,
-        unit=first.unit,
-        start=tuple(text for index in order for text in elements[index].start or ("0",)) if has_start else (),
-        minimum=first.minimum,
-        maximum=first.maximum,
-        items=first.items,
-        description=first.description,
+        start=tuple(text for element in ordered for text in element.start or ("0",)) if has_start else (),
     )

@@ -17,8 +17,11 @@ DTYPES = {
     "Float64": "float64", "Float32": "float32",
     "Int8": "int8", "Int16": "int16", "Int32": "int32", "Int64": "int64",
     "UInt8": "uint8", "UInt16": "uint16", "UInt32": "uint32", "UInt64": "uint64",
+    "String": "str",
 }  # fmt: skip
-"""FMI type -> NumPy dtype; texts, binaries and clocks have none and take no part in the exchange."""
+"""FMI type -> NumPy dtype; binaries and clocks have none and take no part in the exchange."""
+TEXT = "String"
+"""The type of texts, which are exchanged as parameters alone."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,10 @@ class Variable:
 
     def convert(self, value: object, sizes: Mapping[str, int]) -> NDArray[Any]:
         """`value`, in its unit, as an array of the variable's shape and dtype; ValueError names the expected form."""
+        if self.type == TEXT:
+            if not isinstance(value, str):
+                raise ValueError(f"is {value!r}; {self._expected(sizes)}")
+            return np.array(value)
         if isinstance(value, str):
             if value not in self.items:
                 raise ValueError(f"is {value!r}; {self._expected(sizes)}")
@@ -107,7 +114,7 @@ class Variable:
     def _expected(self, sizes: Mapping[str, int]) -> str:
         if self.items:
             return f"expected one of {', '.join(f'{name!r} ({number})' for name, number in self.items.items())}"
-        what = {"f": "a number", "b": "true or false"}.get(np.dtype(self.dtype).kind, "a whole number")
+        what = {"f": "a number", "b": "true or false", "U": "a text"}.get(np.dtype(self.dtype).kind, "a whole number")
         if self.minimum is not None and self.maximum is not None:
             what += f" in {self.minimum} .. {self.maximum}"
         elif self.minimum is not None or self.maximum is not None:
@@ -118,6 +125,8 @@ class Variable:
 
     def _start(self, shape: tuple[int, ...]) -> float | NDArray[Any]:
         """The start value; 0 where the description has none, or those of an array that has been resized."""
+        if self.type == TEXT:
+            return 0.0  # a parameter, which is no port
         numbers = {text: self._number(text) for text in self.start}
         if len(numbers) == 1:
             return next(iter(numbers.values()))

@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from inkloop.component import HasPorts, Port, Values
 from inkloop.errors import ComponentError
 from inkloop.suggest import nearest
-from inkloop.units import conversion, is_known
+from inkloop.units import Conversion, is_known, unit_conversion
 
 
 @dataclass(frozen=True)
 class Connection:
     """An output, `source`, that feeds an input, `target`; both "component.port".
 
-    The input is gain * output + offset, the output in the unit of the input, the offset too.
+    The input is gain * output + offset, the output in the unit of the input, the offset too. gain None: 1 where the
+    units are known, none to convert unknown ones.
     """
 
     source: str
     target: str
-    gain: float = 1.0
+    gain: float | None = None
     offset: float = 0.0
 
     @property
@@ -41,26 +42,30 @@ class Connection:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Conversion of a value between two ports: value * factor + offset, in the unit of the input."""
+    """Conversion of a value between two ports: value * factor + offset, in the unit and type of the input."""
 
     factor: float = 1.0
     offset: float = 0.0
+    dtype: str = "float64"
 
     @classmethod
     def of(cls, connection: Connection, source: Port, target: Port) -> Transfer:
         """The transfer of a connection without errors between its two ports."""
-        return cls((conversion(source.unit, target.unit) or 1.0) * connection.gain, connection.offset)
+        units = unit_conversion(source.unit, target.unit) or Conversion(1.0)
+        gain = 1.0 if connection.gain is None else connection.gain
+        return cls(units.factor * gain, units.offset + connection.offset, target.dtype)
 
     @property
     def is_plain(self) -> bool:
-        """Whether values arrive unchanged."""
+        """Whether numbers arrive unchanged."""
         return self.factor == 1.0 and self.offset == 0.0
 
     def __call__(self, value: NDArray[Any]) -> NDArray[Any]:
         """The converted value; the array itself if there is no conversion."""
-        if self.is_plain:
+        if self.is_plain and value.dtype == self.dtype:
             return value
-        arrived = np.asarray(value * self.factor + self.offset, dtype=value.dtype)
+        number = value.astype(self.dtype)
+        arrived = number if self.is_plain else np.asarray(number * self.factor + self.offset, dtype=self.dtype)
         arrived.flags.writeable = False
         return arrived
 
@@ -119,19 +124,30 @@ def check(components: Mapping[str, HasPorts], connections: Sequence[Connection])
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
     strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
-    has_gain = bool(strange) and connection.gain != 1.0  # the gain converts one unit into the other
-    is_one_quantity = has_gain or conversion(source.unit, target.unit) is not None
+    units = unit_conversion(source.unit, target.unit)
+    has_gain = bool(strange) and connection.gain is not None  # the gain converts one unit into the other
+    is_one_quantity = has_gain or units is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
         ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
-        ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
         if not fits:
             advice = f", or a gain that converts {found} into {expected}" if strange & {found, expected} else ""
             yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
-    if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
+    if not holds(target.dtype, source.dtype):
         yield (
-            f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "
+            f"{connection.source} gives {source.dtype}, {connection.target} takes {target.dtype}, which does not hold "
+            "all its values; put a component between them that rounds or limits "
+            "(docs/how-to/bring-your-own-component.md)"
+        )
+    if units and units.offset != 0.0 and (connection.gain is not None or connection.offset != 0.0):
+        yield (
+            f"{connection.source} gives [{source.unit}], {connection.target} takes [{target.unit}]: these are "
+            "converted by themselves, offset included; leave gain and offset out"
+        )
+    elif is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(target):
+        yield (
+            f"{connection.target} is {target.dtype}; a gain, an offset or another unit needs floating-point values; "
             "leave gain and offset out"
         )
 
@@ -157,6 +173,13 @@ def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, er
 def _parts(place: str) -> tuple[str, str]:
     component, _, port = place.partition(".")
     return component, port
+
+
+def holds(wide: str, narrow: str) -> bool:
+    """Whether every value of the type `narrow` is one of the type `wide`: 64-bit integers are no float64."""
+    target, source = np.dtype(wide), np.dtype(narrow)
+    is_beyond = target.kind == "f" and source.kind in "iu" and source.itemsize >= target.itemsize
+    return target == source or (np.can_cast(source, target, "safe") and target.kind != "b" and not is_beyond)
 
 
 def _is_float(port: Port) -> bool:

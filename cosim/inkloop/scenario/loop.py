@@ -41,6 +41,7 @@ class Loop:
             errors = end_errors(ports, unknown, [(c.source, c.target) for c in tables.connections])
         else:
             connections, errors = _connected(tables.connections, ports)
+        errors += _single_errors(checked)
         counts = {name: table.options.get("nozzle_pitch") for name, table in components.items()}
         nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
         events, wrong = read_events(tables.events, ports, nozzle_pitch, tables.grid.pitch, unknown)
@@ -52,12 +53,25 @@ class Loop:
         shared = Bench(bench, folder)
         try:
             for name, checked in self.checked.items():
-                components[name] = checked.make(shared)
+                components[name] = checked.make(shared, name)
         except BaseException:
             for component in components.values():
                 component.terminate()
             raise
         return components
+
+
+def _single_errors(checked: Mapping[str, Checked]) -> list[str]:
+    """Components that need a second instance of an FMU that a process takes one of."""
+    first: dict[Path, str] = {}
+    errors = []
+    for name, found in checked.items():
+        if found.single is not None and first.setdefault(found.single, name) != name:
+            errors.append(
+                f"components.{name}: {found.single.name} can be instantiated once per process, and components."
+                f"{first[found.single]} has it; take it out, or export it without canBeInstantiatedOnlyOncePerProcess"
+            )
+    return errors
 
 
 def _connected(tables: list[ConnectionTable], ports: Mapping[str, HasPorts]) -> tuple[list[Connection], list[str]]:

@@ -133,7 +133,9 @@ class ConnectionTable(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     source: str
     target: str
-    gain: Annotated[float, Field(allow_inf_nan=False)] = Field(default=1.0, description="factor on the way")
+    gain: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
+        default=None, description="factor on the way; also converts units that are not known here"
+    )
 
     @property
     def quantities(self) -> dict[str, Any]:

@@ -15,10 +15,8 @@ _COMMON = 'modelName="Amplifier" description="Foreign FMU" generationTool="gcc" 
 _MODES = '<Item name="plain" value="1"/><Item name="squared" value="2"/>'
 
 
-def build(
-    folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: str = ""
-) -> Path:
-    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` names the folder of the binary.
+def build(folder: Path, fmi: int, *, platform: str | None = None, crashes: str = "") -> Path:
+    """Compile and pack; `platform` names the folder of the binary.
 
     `crashes` names a signal that the step after the third raises.
     """
@@ -26,10 +24,10 @@ def build(
     flags = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-fPIC", f"-DFMI={fmi}")
     made = compiled.object_of(SOURCE, (*flags, f"-DCRASHES={crashes}") if crashes else flags)
     library = compiled.linked(f"{name}.so", [made], ("-shared",))
-    path = folder / f"{name}{'-hole' if element_missing else ''}{platform or ''}.fmu"
+    path = folder / f"{name}{platform or ''}.fmu"
     place = platform or (fmpy.platform if fmi == 2 else fmpy.platform_tuple)
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", _fmi2(element_missing) if fmi == 2 else _fmi3())
+        archive.writestr("modelDescription.xml", _fmi2() if fmi == 2 else _fmi3())
         archive.write(library, f"binaries/{place}/amplifier.so")
     return path
 
@@ -60,21 +58,21 @@ def _fmi3() -> str:
 <Float64 name="gain" valueReference="4" causality="parameter" variability="fixed" start="2" min="0" max="10"/>
 <Enumeration name="mode" valueReference="5" causality="parameter" variability="fixed" declaredType="Mode" start="1"/>
 <Int32 name="count" valueReference="6" causality="output"/>
+<String name="label" valueReference="7" causality="parameter" variability="fixed"><Start value="a b"/></String>
 <Float64 name="x" valueReference="100" causality="input" unit="m" start="0"><Dimension valueReference="1"/></Float64>
 <Float64 name="y" valueReference="200" causality="output" unit="m"><Dimension valueReference="1"/></Float64>
 <Boolean name="high" valueReference="300" causality="output"><Dimension valueReference="1"/></Boolean>
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
-def _fmi2(element_missing: bool) -> str:
-    cells = [1, 3] if element_missing else [3, 1, 2]  # any order will do
+def _fmi2() -> str:
     fixed = 'causality="parameter" variability="fixed"'
     flag = 'causality="output" variability="discrete"'
     arrays = "".join(
         _scalar(f"x[{i}]", 99 + i, 'causality="input"', '<Real unit="m" start="0"/>')
         + _scalar(f"y[{i}]", 199 + i, 'causality="output"', '<Real unit="m"/>')
         + _scalar(f"high[{i}]", 299 + i, flag, "<Boolean/>")
-        for i in cells
+        for i in (3, 1, 2)  # any order will do
     )
     return f"""<fmiModelDescription fmiVersion="2.0" {_COMMON} guid="amplifier" variableNamingConvention="structured">
 <CoSimulation modelIdentifier="amplifier" canGetAndSetFMUstate="true" canSerializeFMUstate="true"/>
@@ -84,6 +82,7 @@ def _fmi2(element_missing: bool) -> str:
 {_scalar("gain", 4, fixed, '<Real start="2" min="0" max="10"/>')}
 {_scalar("mode", 5, fixed, '<Enumeration declaredType="Mode" start="1"/>')}
 {_scalar("count", 6, flag, "<Integer/>")}
+{_scalar("label", 7, fixed, '<String start="a b"/>')}
 {arrays}
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 

@@ -68,13 +68,13 @@ class ShadowKind:
             inputs, outputs, is_shadow=True, optional_inputs=Shadow.optional_inputs, starts_on_scan=starts_on_scan
         )
 
-        def construct(bench: Bench) -> Component:
+        def construct(bench: Bench, name: str) -> Component:
             def make_plant(wanted: Job) -> Component:  # another job: the same on another start surface
                 checked = plant if wanted is job else self._check(table.plant, wanted, plant_options)
-                made = checked.make(bench)
+                made = checked.make(bench, name)
                 return made if has_handshake else PlainPlant(wanted, made, **names)
 
             stop = None if table.stop_um is None else table.stop_um * M_PER_UM
             return Shadow(job, make_plant, start=table.start, alarm=table.alarm_um * M_PER_UM, stop=stop)
 
-        return Checked(KIND, (), ports, construct)
+        return Checked(KIND, (), ports, construct, plant.single)

@@ -12,8 +12,9 @@ from urllib.parse import unquote
 import numpy as np
 
 from inkloop.fmu import FmuDescription, Variable
+from inkloop.fmu.variable import TEXT
 from inkloop.suggest import nearest
-from inkloop.units import conversion, key_of
+from inkloop.units import conversion, key_of, unit_conversion
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC = f"{{{_NAMESPACE}Common}}"
@@ -107,7 +108,7 @@ def _entries(scope: ET.Element, archive: zipfile.ZipFile, errors: list[str]) -> 
 
 
 def _values(entry: ET.Element, variable: Variable, place: str, errors: list[str]) -> list[Value]:
-    texts = [entry.get("value", "")] if variable.items else entry.get("value", "").split()
+    texts = [entry.get("value", "")] if variable.items or variable.type == TEXT else entry.get("value", "").split()
     factor = 1.0
     if unit := entry.get("unit"):
         found = conversion(unit, variable.unit)
@@ -127,6 +128,8 @@ def _values(entry: ET.Element, variable: Variable, place: str, errors: list[str]
 
 def _value(text: str, variable: Variable, factor: float) -> Value:
     kind = np.dtype(variable.dtype).kind
+    if variable.type == TEXT:
+        return text
     if variable.items:
         return text if text in variable.items else int(text)
     if kind == "b":
@@ -199,7 +202,10 @@ def _gain_and_offset(
             errors.append(f"{place}: factor {line.get('factor')!r}, offset {line.get('offset')!r}; expected numbers")
     if element.get("suppressUnitConversion") in ("true", "1"):
         units = [known[component].variables[variable].unit for component, variable, _ in (source, target)]
-        factor /= conversion(units[0], units[1]) or 1.0
+        found = unit_conversion(*units)
+        if found and found.offset != 0.0:
+            errors.append(f"{place} suppresses the conversion from [{units[0]}] to [{units[1]}], which inkloop does")
+        factor /= found.factor if found else 1.0
     return factor, offset
 
 

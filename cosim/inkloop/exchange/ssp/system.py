@@ -18,6 +18,7 @@ from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp import omsimulator
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.variable import TEXT
 from inkloop.fmu_writer.export import INTERVALS, export_fmu
 from inkloop.master.wiring import Connection, Transfer
 from inkloop.scenario.file import Scenario
@@ -192,6 +193,8 @@ def _with_values(part: Part) -> Part:
 
 
 def _is_changed(variable: Variable, value: NDArray[Any], sizes: Mapping[str, int]) -> bool:
+    if variable.type == TEXT:
+        return str(value) != "".join(variable.start)
     numbers = [float({"true": 1, "false": 0}.get(text, text)) for text in variable.start]
     return len(numbers) not in (1, value.size) or bool((value.ravel() != numbers).any())
 
@@ -208,7 +211,7 @@ def _wires(
         if source[0] not in parts and target[0] not in parts:
             continue
         transfer = Transfer.of(connection, outputs[source], inputs[target])
-        gain, offset = connection.gain, connection.offset
+        gain, offset = (1.0 if connection.gain is None else connection.gain), connection.offset
         if target[0] not in parts:  # outside, the receiving tool decides
             target, gain, offset, transfer = ("", source[1]), 1.0, 0.0, Transfer()
             if source in given:

@@ -9,9 +9,12 @@ import pytest
 
 from inkloop.component import Job
 from inkloop.components import catalog, fmu_parameters
+from inkloop.errors import ScenarioError
 from inkloop.fmu import FmuComponent, FmuDescription, Variable
 from inkloop.fmu_writer.export import find_fmu
-from support.fmus.amplifier import build
+from inkloop.scenario.file import Scenario
+from support.fmus.amplifier import altered, build
+from support.places import ROOT
 from support.toys import toy_job
 
 KINDS = {"per droplet": 1, "per_layer": 3}
@@ -137,6 +140,45 @@ def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     outputs = part.do_step(0, 1, {"x": np.array([1.0, 2.0])})
     np.testing.assert_array_equal(outputs["y"], [3.0, 6.0])
     part.terminate()
+
+
+@pytest.mark.compiled
+def test_fmu_of_frames_and_clocks_alone_is_refused_before_it_runs(tmp_path: Path) -> None:
+    fmu = altered(
+        build(tmp_path, 3),
+        tmp_path / "bus.fmu",
+        ('<Float64 name="x"', '<Clock name="tx_clock" valueReference="50" causality="output" '
+         'intervalVariability="triggered"/><Binary name="tx" valueReference="51" causality="output" clocks="50"/>'
+         '<Float64 name="x"'),
+        *((f'name="{name}" valueReference="{number}" causality="{causality}"',
+           f'name="{name}" valueReference="{number}" causality="local"')
+          for name, number, causality in (("on", 3, "input"), ("count", 6, "output"), ("x", 100, "input"),
+                                          ("y", 200, "output"), ("high", 300, "output"))),
+    )  # fmt: skip
+    (error,) = catalog.check("Fmu", toy_job(), {"file": str(fmu)}).errors
+    assert error.startswith("file is 'bus.fmu', whose inputs and outputs are of type Binary, Clock; this master")
+
+
+@pytest.mark.compiled
+def test_fmu_of_one_instance_a_process_stands_once_in_a_loop(tmp_path: Path) -> None:
+    single = ('modelIdentifier="amplifier"', 'modelIdentifier="amplifier" canBeInstantiatedOnlyOncePerProcess="true"')
+    lone = altered(build(tmp_path, 3), tmp_path / "lone.fmu", single)
+    tables = {
+        name: {"kind": "Fmu", "file": str(path)}
+        for name, path in {"one": lone, "two": lone, "free": tmp_path / "amplifier3.fmu",
+                           "free_too": tmp_path / "amplifier3.fmu"}.items()
+    }  # fmt: skip
+    text = (ROOT / "scenarios/cuboid.toml").read_text(encoding="utf-8")
+    for name, table in tables.items():
+        text += f'\n[components.{name}]\nkind = "Fmu"\nfile = "{table["file"]}"\n'
+    (tmp_path / "two.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError) as told:
+        Scenario.load(tmp_path / "two.toml")
+    named = [error for error in told.value.errors if "once per process" in error]
+    assert named == [
+        "components.two: lone.fmu can be instantiated once per process, and components.one has it; take it out, or "
+        "export it without canBeInstantiatedOnlyOncePerProcess"
+    ]
 
 
 @pytest.mark.compiled

@@ -262,9 +262,83 @@ def test_elements_counted_from_0_make_the_same_array(folder: Path, tmp_path: Pat
     assert x.elements == ("x[0]", "x[1]", "x[2]")
 
 
-def test_array_with_a_missing_element_is_refused(folder: Path) -> None:
-    with pytest.raises(FmuError, match=r"the elements of x do not make an array of 3: x\[2\] is missing"):
-        describe(build(folder, 2, element_missing=True))
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (('"x[2]"', '"other"'), "x[2] is missing"),
+        (('"x[2]"', '"x[2,1]"'), "they have different numbers of indices"),
+        (('"y[2]"', '"x"'), "there is a variable x"),
+        (('valueReference="101" causality="input"><Real unit="m"', 'valueReference="101" causality="input"><Real'),
+         "x[3] has unit m, x[2] has unit 1"),
+        (('valueReference="101" causality="input"', 'valueReference="101" causality="output"'),
+         "x[3] has causality input, x[2] has causality output"),
+        (('valueReference="101" causality="input"><Real unit="m" start="0"/>',
+          'valueReference="101" causality="input"><Integer start="0"/>'), "x[3] has type Real, x[2] has type Integer"),
+        (('valueReference="101" causality="input"><Real', 'valueReference="101" causality="input"><Real max="1"'),
+         "x[3] has maximum none, x[2] has maximum 1"),
+        (('valueReference="101" causality="input"', 'valueReference="101" causality="input" variability="discrete"'),
+         "x[3] has variability continuous, x[2] has variability discrete"),
+    ],
+)  # fmt: skip
+def test_elements_that_are_no_array_stay_single_and_info_says_why(
+    folder: Path, tmp_path: Path, change: tuple[str, str], note: str
+) -> None:
+    found = describe(altered(build(folder, 2), tmp_path / "it.fmu", change))
+    assert {"x[1]", "x[3]"} <= found.variables.keys()
+    assert found.variables["x[3]"].dimensions == ()
+    assert found.variables["high"].dimensions == (3,)
+    assert f"note: the elements of x stay single variables: {note}" in list(found.lines())
+
+
+def test_names_without_a_convention_are_not_joined(folder: Path, tmp_path: Path) -> None:
+    flat = altered(build(folder, 2), tmp_path / "flat.fmu", (' variableNamingConvention="structured"', ""))
+    found = describe(flat)
+    assert {"x[1]", "x[2]", "x[3]"} <= found.variables.keys()
+    assert not found.notes
+
+
+def test_time_of_a_whole_second_is_whole(folder: Path) -> None:
+    part = FmuComponent(build(folder, 3))
+    part._binding = binding = MagicMock()
+    for second in range(2000):
+        part.do_step(second * SECOND, SECOND // 10, {})
+    assert [each.args for each in binding.do_step.mock_calls] == [(float(second), 0.1) for second in range(2000)]
+    part.terminate()
+
+
+@BOTH
+def test_instance_has_the_name_of_its_component_and_a_text_reaches_it(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi), name="left", parameters={"label": "Grüße, zwei Worte"})
+    part.initialize(0, inputs(100.0, 0.0, 0.0))
+    with pytest.raises(ComponentError, match=r"too difficult for left \(Grüße, zwei Worte\)"):
+        part.do_step(0, SECOND, {})
+    part.terminate()
+    with pytest.raises(FmuError, match="label is 5; expected a text"):
+        FmuComponent(build(folder, fmi), parameters={"label": 5})
+
+
+@BOTH
+def test_what_the_master_cannot_use_is_shown(folder: Path, tmp_path: Path, fmi: int) -> None:
+    flags = ('modelIdentifier="amplifier"', 'modelIdentifier="amplifier" canBeInstantiatedOnlyOncePerProcess="true" '
+             'needsExecutionTool="true"')  # fmt: skip
+    texts = {
+        2: ('name="label" valueReference="7" causality="parameter" variability="fixed"',
+            'name="label" valueReference="7" causality="output" variability="discrete"'),
+        3: ('<Float64 name="gain"', '<Clock name="tick" valueReference="8" causality="input" '
+            'intervalVariability="triggered"/><Binary name="frame" valueReference="9" causality="output" clocks="8"/>'
+            '<Float64 name="at_tick" valueReference="10" causality="output" clocks="8"/><Float64 name="gain"'),
+    }  # fmt: skip
+    found = describe(altered(build(folder, fmi), tmp_path / "it.fmu", flags, texts[fmi]))
+    lines = list(found.lines())
+    assert "  instances  one in a process" in lines
+    assert "  needs      the tool that made it, on this machine" in lines
+    shown = {
+        2: ["  label  String output"],
+        3: ["  tick     Clock input", "  frame    Binary output, at ticks of tick",
+            "  at_tick  Float64 output, at ticks of tick"],
+    }[fmi]  # fmt: skip
+    assert lines[-len(shown) :] == shown
+    assert not {"tick", "frame", "at_tick"} & found.variables.keys()
 
 
 def test_fmu_for_another_machine_is_refused_with_a_message(folder: Path) -> None:
@@ -329,8 +403,8 @@ def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -
         "  on  Boolean = true",
         f"  x   {real} ({size}) [m] = 0",
         f"  count  {'Integer' if fmi == 2 else 'Int32'}",
-        f"  gain  {real} = 2",
-        "  mode  Enumeration = 1 {1 plain, 2 squared}",
+        f"  gain   {real} = 2",
+        "  mode   Enumeration = 1 {1 plain, 2 squared}",
         "  Foreign FMU",
         "  grid       none",
         f"  platforms  {'linux64' if fmi == 2 else 'x86_64-linux'}",

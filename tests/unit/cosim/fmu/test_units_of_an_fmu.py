@@ -13,7 +13,7 @@ from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
 from inkloop.testing import job
-from inkloop.units import conversion
+from inkloop.units import conversion, unit_conversion
 from support.fmus.amplifier import altered, build
 from support.toys import FunctionComponent
 
@@ -77,10 +77,27 @@ def test_quantities_that_inkloop_does_not_know_are_converted_too(folder: Path) -
     assert conversion(hectopascal, "m") is None
 
 
-def test_unit_with_an_offset_is_not_converted_by_a_factor(folder: Path) -> None:
-    celsius, kelvin = (unit_of_x(folder, 3, unit) for unit in ("degC", "K"))
+@BOTH
+def test_offset_of_a_unit_is_that_of_the_fmu_and_none_for_differences(folder: Path, tmp_path: Path, fmi: int) -> None:
+    celsius, kelvin = (unit_of_x(folder, fmi, unit) for unit in ("degC", "K"))
     assert conversion(celsius, kelvin) is None
-    assert conversion(celsius, celsius) == 1.0
+    assert unit_conversion(celsius, kelvin) == (1.0, 273.15)
+    assert unit_conversion(celsius, celsius) == (1.0, 0.0)
+    difference = ('unit="degC"', 'unit="degC" relativeQuantity="true"')
+    found = describe(altered(with_units(folder, fmi, "degC"), tmp_path / "difference.fmu", difference))
+    assert unit_conversion(found.variables["x"].unit, kelvin) == (1.0, 0.0)
+
+
+@BOTH
+def test_port_of_a_quantity_with_an_offset_is_mapped_and_connected_with_it(folder: Path, fmi: int) -> None:
+    part = FmuComponent(with_units(folder, fmi, "degC"))
+    inputs = [port for port in part.inputs if port.name == "x"]
+    (mapped,), _, errors = mapped_ports(inputs, [], job(), {"bed": {"variable": "x"}})
+    assert not errors
+    assert Transfer.of(Connection("a.y", "b.bed"), Port("y", "K", (3,)), mapped.port) == Transfer(1.0, -273.15)
+    (own,) = mapped.to_fmu(np.array([20.0, 21.0, 22.0])).values()
+    np.testing.assert_array_equal(own, [20.0, 21.0, 22.0])
+    part.terminate()
 
 
 def test_unit_without_definition_goes_by_its_name(folder: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from inkloop.component import Port
 from inkloop.master.wiring import Connection, Transfer, check, feeds
+from inkloop.units import DefinedUnit
 from support.toys import FunctionComponent
 
 
@@ -15,7 +16,8 @@ def test_shape_that_differs_is_no_matter_of_gains() -> None:
     parts = {"a": FunctionComponent(outputs=[source]), "b": FunctionComponent(inputs=[target])}
     assert check(parts, [Connection("a.y", "b.x", 0.01)]) == [
         "a.y gives 3 x 2, b.x takes 2 x 3: same shape needed",
-        "a.y gives float64, b.x takes float32: same type needed",
+        "a.y gives float64, b.x takes float32, which does not hold all its values; put a component between them that "
+        "rounds or limits (docs/how-to/bring-your-own-component.md)",
     ]
 
 
@@ -55,7 +57,74 @@ def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y", **port)]), "b": FunctionComponent(inputs=[Port("x", **port)])}
     assert check(parts, [Connection("a.y", "b.x")]) == []
     (error,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
-    assert error.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")
+    assert error.startswith(f"b.x is {dtype}; a gain, an offset or another unit needs floating-point values")
+
+
+@pytest.mark.parametrize(
+    ("narrow", "wide"),
+    [("float32", "float64"), ("int8", "int32"), ("int16", "int32"), ("uint8", "int16"), ("bool", "int32"),
+     ("int32", "float64"), ("int16", "float32"), ("int32", "int64"), ("bool", "float32")],
+)  # fmt: skip
+def test_wider_type_takes_every_value_and_narrower_is_refused(narrow: str, wide: str) -> None:
+    ports = {"narrow": Port("y", dtype=narrow), "wide": Port("x", dtype=wide)}
+    parts = {"a": FunctionComponent(outputs=[ports["narrow"]]), "b": FunctionComponent(inputs=[ports["wide"]])}
+    wire = Connection("a.y", "b.x")
+    assert check(parts, [wire]) == []
+    value = np.asarray(1 if narrow == "bool" else np.finfo(narrow).max if "float" in narrow else np.iinfo(narrow).max)
+    arrived = Transfer.of(wire, ports["narrow"], ports["wide"])(value.astype(narrow))
+    assert arrived.dtype == wide
+    assert arrived == value
+    assert not arrived.flags.writeable
+    back = {
+        "a": FunctionComponent(outputs=[Port("y", dtype=wide)]),
+        "b": FunctionComponent(inputs=[Port("x", dtype=narrow)]),
+    }
+    (error,) = check(back, [wire])
+    assert error.startswith(f"a.y gives {wide}, b.x takes {narrow}, which does not hold all its values")
+
+
+@pytest.mark.parametrize(("source", "target"), [("int64", "float64"), ("uint64", "float64"), ("int32", "float32")])
+def test_real_number_that_skips_whole_ones_is_not_wider(source: str, target: str) -> None:
+    parts = {
+        "a": FunctionComponent(outputs=[Port("y", dtype=source)]),
+        "b": FunctionComponent(inputs=[Port("x", dtype=target)]),
+    }
+    (error,) = check(parts, [Connection("a.y", "b.x")])
+    assert "does not hold all its values" in error
+
+
+def test_whole_number_gets_a_gain_on_its_way_to_a_real_input() -> None:
+    ports = Port("y", dtype="int32"), Port("x", dtype="float64")
+    parts = {"a": FunctionComponent(outputs=[ports[0]]), "b": FunctionComponent(inputs=[ports[1]])}
+    wire = Connection("a.y", "b.x", gain=0.5, offset=0.25)
+    assert check(parts, [wire]) == []
+    assert float(Transfer.of(wire, *ports)(np.asarray(3, np.int32))) == 1.75
+
+
+CELSIUS, FAHRENHEIT = DefinedUnit("degC", "K", 1.0, 273.15), DefinedUnit("degF", "K", 5 / 9, 459.67 * 5 / 9)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "given", "expected"),
+    [(CELSIUS, "K", 20.0, 293.15), ("K", CELSIUS, 293.15, 20.0), (CELSIUS, FAHRENHEIT, 100.0, 212.0),
+     (FAHRENHEIT, CELSIUS, -40.0, -40.0), (CELSIUS, CELSIUS, 20.0, 20.0)],
+)  # fmt: skip
+def test_unit_with_an_offset_is_converted_by_itself(source: str, target: str, given: float, expected: float) -> None:
+    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("wire", [Connection("a.y", "b.x", 1.0, 273.15), Connection("a.y", "b.x", 1.0)])
+def test_gain_or_offset_beside_such_a_conversion_is_refused(wire: Connection) -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y", CELSIUS)]), "b": FunctionComponent(inputs=[Port("x", "K")])}
+    (error,) = check(parts, [wire])
+    assert error == (
+        "a.y gives [degC], b.x takes [K]: these are converted by themselves, offset included; leave gain and offset out"
+    )
+
+
+def test_gain_of_one_is_a_gain() -> None:
+    """Two names for one unit that neither FMU defines."""
+    assert fed(Connection("a.y", "b.x", 1.0), "clicks", "ticks", 3.0) == 3.0
 
 
 @pytest.mark.parametrize(
@@ -78,7 +147,7 @@ def test_value_arrives_in_the_unit_of_the_input(
 
 def test_array_on_its_way_is_that_of_its_source_or_has_its_type_and_cannot_be_written() -> None:
     assert Transfer()(value := np.ones(3)) is value
-    arrived = Transfer(factor=2.0)(np.ones(3, np.float32))
+    arrived = Transfer(factor=2.0, dtype="float32")(np.ones(3, np.float32))
     assert arrived.dtype == np.float32
     assert not arrived.flags.writeable
 
@@ -89,7 +158,7 @@ def test_array_on_its_way_is_that_of_its_source_or_has_its_type_and_cannot_be_wr
         (Port("y", "s"), 1.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
         (Port("y", "s"), 2.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
         (Port("y", "m", (3,)), 1.0, "a.y gives 3, b.x takes a scalar"),
-        (Port("y", "m", dtype="int32"), 1.0, "a.y gives int32, b.x takes float64"),
+        (Port("y", "m", dtype="int64"), 1.0, "a.y gives int64, b.x takes float64"),
     ],
 )
 def test_mismatch_is_named_with_both_sides(port: Port, gain: float, message: str) -> None:

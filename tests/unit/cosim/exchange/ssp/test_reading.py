@@ -84,7 +84,7 @@ def test_components_and_connections_take_the_place_of_the_scenario_s(tmp_path: P
     scenario = scenario_of(packed(tmp_path, connections=both))
     assert [table.kind for table in scenario.tables.components.values()] == ["Fmu", "Fmu"]
     found = [(wire.source, wire.target, wire.gain) for wire in scenario.tables.connections]
-    assert found == [("first.y", "second.x", 1.0), ("second.y", "first.x", 1.0)]
+    assert found == [("first.y", "second.x", None), ("second.y", "first.x", None)]
 
 
 def test_parameters_stand_in_the_unit_of_the_fmu_and_enumerations_by_name(tmp_path: Path) -> None:
