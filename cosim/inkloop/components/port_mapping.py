@@ -12,23 +12,26 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu import FmuComponent
+from inkloop.orientation import OWN, Orientation
 
 
 @dataclass(frozen=True)
 class MappedPort:
     """A port and the variables of the FMU behind it, in the order of its cells, last index fastest.
 
-    One variable may hold all cells. The FMU's own number is factor * (number in the unit of the port) + offset.
+    One variable may hold all cells. The FMU's own number is factor * (number in the unit of the port) + offset;
+    orientation: of the FMU's maps.
     """
 
     port: Port
     variables: Sequence[Port]
     factor: float = 1.0
     offset: float = 0.0
+    orientation: Orientation = OWN
 
     def to_fmu(self, value: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Values of the FMU's variables for a value of the port."""
-        own = self._own_numbers(np.asarray(value)).reshape(-1)
+        own = self._own_numbers(self.orientation.there(np.asarray(value))).reshape(-1)
         if len(self.variables) == 1:
             return {self.variables[0].name: own.reshape(self.variables[0].shape)}
         return {variable.name: own[cell].reshape(variable.shape) for cell, variable in enumerate(self.variables)}
@@ -41,7 +44,9 @@ class MappedPort:
         kind = np.dtype(self.port.dtype).kind
         if kind == "i" and not (np.isfinite(found) & (found == np.rint(found))).all():
             raise ComponentError(f"{self.port.name} is {found.flat[0]!r}, read from {self._names}; needs whole numbers")
-        return (found != 0 if kind == "b" else found).astype(self.port.dtype).reshape(self.port.shape)
+        there = found.reshape(self.orientation.shape(self.port.shape))
+        own = np.ascontiguousarray(self.orientation.here(there)).reshape(self.port.shape)
+        return (own != 0 if kind == "b" else own).astype(self.port.dtype)
 
     def start(self) -> NDArray[Any]:
         """The start values of the variables, as the value of the port."""

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inkloop.component import Job, Port
 from inkloop.components.port_mapping import MappedPort
 from inkloop.contract import SIGNALS
+from inkloop.orientation import Mirrored, Orientation, Transposed
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
 from inkloop.units import UNITS, Conversion, conversion, is_known, si_unit, unit_conversion
@@ -37,6 +38,13 @@ class PortTable(BaseModel):
     gain: _Finite = Field(default=1.0, description="number in the FMU per `unit`")
     offset: _Finite = Field(default=0.0, description="number in the FMU at zero")
     first: int = Field(default=1, ge=0, description="first index of a template")
+    mirror: Mirrored = "none"
+    transpose: Transposed = False
+
+    @property
+    def orientation(self) -> Orientation:
+        """Of the maps in the FMU."""
+        return Orientation(self.mirror, self.transpose)
 
 
 def mapped_ports(
@@ -84,7 +92,8 @@ def _names(table: PortTable, job: Job) -> list[str]:
     """The variables of the FMU in the order of the cells."""
     if not any(place in table.variable for place in _PLACES):
         return [table.variable]
-    cells = [(i, j) for i in range(job.nx) for j in range(job.ny)]
+    rows, columns = table.orientation.shape((job.nx, job.ny))
+    cells = [(i, j) for i in range(rows) for j in range(columns)]
     places = ({"{i}": i, "{j}": j, "{n}": n} for n, (i, j) in enumerate(cells))
     return [_filled(table.variable, {place: table.first + number for place, number in at.items()}) for at in places]
 
@@ -113,7 +122,7 @@ def _mapped(
     if found != needed:
         what = f"{job.nx} x {job.ny} values, as the grid" if port.shape else "one value"
         return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
-    if errors := _unit_errors(table, variables[0], port.unit):
+    if errors := [*_orientation_errors(table, variables, port), *_unit_errors(table, variables[0], port.unit)]:
         return None, errors
     units = unit_conversion(port.unit, table.unit or variables[0].unit) or Conversion(1.0)  # counts have a gain only
     factor, offset = table.gain * units.factor, table.gain * units.offset + table.offset
@@ -121,7 +130,7 @@ def _mapped(
     if (factor != 1.0 or offset != 0.0) and not is_real:
         found_type = variables[0].dtype
         return None, [f".variable is {table.variable!r} of type {found_type}; a unit, gain or offset needs a real one"]
-    mapped = MappedPort(port, variables, factor, offset)
+    mapped = MappedPort(port, variables, factor, offset, table.orientation)
     return (mapped if name in SIGNALS else replace(mapped, port=replace(port, start=mapped.start()))), []
 
 
@@ -131,7 +140,20 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
     if name in SIGNALS:
         return SIGNALS[name].port(grid)
     unit, _ = si_unit(table.unit or first.unit)
-    return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype)
+    return Port(name, unit, grid if len(variables) > 1 else table.orientation.shape(first.shape), first.dtype)
+
+
+def _orientation_errors(table: PortTable, variables: Sequence[Port], port: Port) -> list[str]:
+    """The error of a map in another order of axes, and of an orientation for what is no map."""
+    if len(port.shape) != 2:
+        what = "transpose" if table.transpose else "mirror"
+        return [] if table.orientation.is_own else [f".{what} turns maps, and {port.name} is none; leave it out"]
+    there, expected = variables[0].shape, table.orientation.shape(port.shape)
+    if len(variables) > 1 or len(there) != 2 or there == expected:
+        return []
+    found, needed = (" x ".join(map(str, shape)) for shape in (there, expected))
+    advice = "write transpose = true if its first index goes along y" if there == expected[::-1] else "take its grid"
+    return [f".variable is {table.variable!r} of {found}; needs {needed}: {advice}"]
 
 
 def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:

@@ -59,14 +59,12 @@ class FmuDescription:
                 known = nearest(name, sizes) if sizes else "it has none"
                 raise FmuError(f"{self.path}: {name} is no structural parameter of {self.name}; {known}")
         wanted = (structural.get("nx"), structural.get("ny"))
-        if self.grid and "nx" not in sizes and None not in wanted and wanted != self.grid:
+        is_ours = self.tool.startswith("inkloop ")
+        fits = self.grid is None or wanted == self.grid or (not is_ours and wanted == self.grid[::-1])
+        if self.grid and "nx" not in sizes and None not in wanted and not fits:
             nx, ny = wanted
             flag = "--fmi 2" if self.fmi == 2 else "--fmi 3 --fixed"
-            made = (
-                f": inkloop export fmu {self.name} {flag} --nx {nx} --ny {ny}"
-                if self.tool.startswith("inkloop ")
-                else ""
-            )
+            made = f": inkloop export fmu {self.name} {flag} --nx {nx} --ny {ny}" if is_ours else ""
             raise FmuError(
                 f"{self.path}: {self.name} has a fixed grid of {self.grid[0]} x {self.grid[1]} cells, "
                 f"wanted are {nx} x {ny}; take the grid of the FMU, or make one that fits{made}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import HasPorts, Port, Values
 from inkloop.errors import ComponentError
+from inkloop.orientation import OWN, Orientation
 from inkloop.suggest import nearest
 from inkloop.units import Conversion, is_known, unit_conversion
 
@@ -21,13 +22,14 @@ class Connection:
     """An output, `source`, that feeds an input, `target`; both "component.port".
 
     The input is gain * output + offset, the output in the unit of the input, the offset too. gain None: 1 where the
-    units are known, none to convert unknown ones.
+    units are known, none to convert unknown ones; orientation: of a map in the input.
     """
 
     source: str
     target: str
     gain: float | None = None
     offset: float = 0.0
+    orientation: Orientation = OWN
 
     @property
     def source_parts(self) -> tuple[str, str]:
@@ -42,18 +44,21 @@ class Connection:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Conversion of a value between two ports: value * factor + offset, in the unit and type of the input."""
+    """Conversion of a value between two ports: value * factor + offset, in the unit, type and orientation of the
+    input.
+    """
 
     factor: float = 1.0
     offset: float = 0.0
     dtype: str = "float64"
+    orientation: Orientation = OWN
 
     @classmethod
     def of(cls, connection: Connection, source: Port, target: Port) -> Transfer:
         """The transfer of a connection without errors between its two ports."""
         units = unit_conversion(source.unit, target.unit) or Conversion(1.0)
         gain = 1.0 if connection.gain is None else connection.gain
-        return cls(units.factor * gain, units.offset + connection.offset, target.dtype)
+        return cls(units.factor * gain, units.offset + connection.offset, target.dtype, connection.orientation)
 
     @property
     def is_plain(self) -> bool:
@@ -62,9 +67,9 @@ class Transfer:
 
     def __call__(self, value: NDArray[Any]) -> NDArray[Any]:
         """The converted value; the array itself if there is no conversion."""
-        if self.is_plain and value.dtype == self.dtype:
+        if self.is_plain and value.dtype == self.dtype and self.orientation.is_own:
             return value
-        number = value.astype(self.dtype)
+        number = self.orientation.there(value).astype(self.dtype, order="C")
         arrived = number if self.is_plain else np.asarray(number * self.factor + self.offset, dtype=self.dtype)
         arrived.flags.writeable = False
         return arrived
@@ -124,15 +129,20 @@ def check(components: Mapping[str, HasPorts], connections: Sequence[Connection])
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
     strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
+    shape = connection.orientation.shape(source.shape)
+    if not connection.orientation.is_own and len(shape) != 2:
+        yield f"{connection.source} gives {_shape(source.shape)}; mirror and transpose turn maps: leave them out"
     units = unit_conversion(source.unit, target.unit)
     has_gain = bool(strange) and connection.gain is not None  # the gain converts one unit into the other
     is_one_quantity = has_gain or units is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
-        ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
+        ("shape", _shape(shape), _shape(target.shape), shape == target.shape),
     ):
         if not fits:
             advice = f", or a gain that converts {found} into {expected}" if strange & {found, expected} else ""
+            if what == "shape" and len(shape) == 2 and shape == target.shape[::-1]:
+                advice = "; transpose in the connection, or in ports of an FMU, exchanges the axes"
             yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
     if not holds(target.dtype, source.dtype):
         yield (

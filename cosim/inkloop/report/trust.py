@@ -157,11 +157,12 @@ _VOLUMES = {"volume_least": 0.5, "volume_most": 1.25}
 """Defaults of a controller's credible volumes, as in controller/core/observer."""
 _AXES = (
     "Exchange the axes: set rows_along to the other axis in a `MapFolder`, fastest to the other axis in the mapping "
-    "file of a device, or exchange {i} and {j} in `ports`"
+    "file of a device, or set transpose in `ports` of an FMU or in the connection"
 )
 _ROTATION = "to rotation_deg of a `MapFolder` and correct its offsets, or turn the maps in the settings of the profiler"
 _MIRROR = (
-    'of a `MapFolder` (or "none" if it is set so) and correct {}, or mirror the maps in the settings of the profiler'
+    'of a `MapFolder` (or "none" if it is set so) and correct {}, in `ports` of an FMU or in the connection, or mirror '
+    "the maps in the settings of the profiler"
 )
 _TURNS: Mapping[int, tuple[str, str]] = {
     2: ("mirrored in x", f'Set mirror = "x" {_MIRROR.format("offset_x_um")}'),

@@ -12,6 +12,7 @@ from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
 from inkloop.course.wiring import contract_connections, open_inputs
 from inkloop.master.wiring import Connection, check
+from inkloop.orientation import Orientation
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
 from inkloop.tables.messages import read_quantities
@@ -98,4 +99,5 @@ def _connection(place: str, table: ConnectionTable, ports: Mapping[str, HasPorts
         wrong.append(f"{key} is {table.quantities[key]!r}; expected a finite number")
         offset = 0.0
     errors += [f"{place}.{error}" for error in wrong]
-    return Connection(table.source, table.target, table.gain, float(offset))
+    orientation = Orientation(table.mirror, table.transpose)
+    return Connection(table.source, table.target, table.gain, float(offset), orientation)

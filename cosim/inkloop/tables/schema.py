@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
+from inkloop.orientation import Mirrored, Transposed
 from inkloop.tables import bench_faults
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part
@@ -136,6 +137,8 @@ class ConnectionTable(BaseModel):
     gain: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
         default=None, description="factor on the way; also converts units that are not known here"
     )
+    mirror: Mirrored = "none"
+    transpose: Transposed = False
 
     @property
     def quantities(self) -> dict[str, Any]:

@@ -125,6 +125,9 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     if not parts:
         reasons = [f"{name}: {reason}" for name, reason in outside.items()]
         raise ScenarioError(scenario.source, ["none of its components is an FMU that could be packed", *reasons])
+    if turned := [wire for wire in scenario.connections if not wire.orientation.is_own]:
+        errors = [f"connections: {wire.source} to {wire.target} turns a map, which SSP cannot say" for wire in turned]
+        raise ScenarioError(scenario.source, errors)
     wires = _wires(scenario.connections, scenario.ports, parts)
     title, step_s, has_events = scenario.tables.title, scenario.tables.run.step_s, bool(scenario.tables.events)
     stop_s = _stop_s(scenario, parts)

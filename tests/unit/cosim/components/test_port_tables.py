@@ -34,6 +34,56 @@ def test_map_goes_to_one_array_of_the_fmu_in_its_shape(shape: tuple[int, ...]) -
     np.testing.assert_array_equal(given.reshape(2, 3), 2.5 * MAP)
 
 
+TURNS = {
+    ("none", False): [[0, 1, 2], [3, 4, 5]],
+    ("x", False): [[3, 4, 5], [0, 1, 2]],
+    ("y", False): [[2, 1, 0], [5, 4, 3]],
+    ("xy", False): [[5, 4, 3], [2, 1, 0]],
+    ("none", True): [[0, 3], [1, 4], [2, 5]],
+    ("x", True): [[3, 0], [4, 1], [5, 2]],
+    ("y", True): [[2, 5], [1, 4], [0, 3]],
+    ("xy", True): [[5, 2], [4, 1], [3, 0]],
+}
+"""The map 0 to 5 of 2 x 3 cells, as an FMU has it that counts these axes the other way, or y first."""
+
+
+@pytest.mark.parametrize(("mirror", "transpose"), TURNS)
+@pytest.mark.parametrize("form", ["array", "flat", "scalars"])
+def test_map_of_an_fmu_with_other_axes_arrives_turned(mirror: str, transpose: bool, form: str) -> None:
+    there = np.array(TURNS[mirror, transpose], float)
+    option = {"height": {"variable": "U{n}" if form == "scalars" else "U", "mirror": mirror, "transpose": transpose}}
+    if form == "scalars":
+        ports = [Port(f"U{n}", "m") for n in range(1, 7)]
+        values = {f"U{n}": np.asarray(value) for n, value in enumerate(there.flat, start=1)}
+    else:
+        shape = there.shape if form == "array" else (6,)
+        ports, values = [Port("U", "m", shape)], {"U": there.reshape(shape)}
+    coming, going = the_one([], ports, option), the_one(ports, [], option)
+    np.testing.assert_array_equal(coming.from_fmu(values), MAP)
+    given = going.to_fmu(MAP)
+    assert {name: value.tolist() for name, value in given.items()} == {
+        name: value.tolist() for name, value in values.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "error"),
+    [
+        ("height", {"variable": "z"}, "ports.height.variable is 'z' of 3 x 2; needs 2 x 3: write transpose = true if "
+         "its first index goes along y"),
+        ("height", {"variable": "long"}, "ports.height.variable is 'long' of 1 x 6; needs 2 x 3: take its grid"),
+        ("status", {"variable": "s", "transpose": True}, "ports.status.transpose turns maps, and status is none; "
+         "leave it out"),
+        ("height", {"variable": "z", "mirror": "z"}, "ports.height.mirror is 'z'; expected 'none', 'x', 'y' or 'xy' "
+         "(axes that count the other way there)"),
+    ],
+)  # fmt: skip
+def test_map_in_another_order_is_refused_not_scrambled(name: str, table: dict[str, Any], error: str) -> None:
+    outputs = [Port("z", "m", (3, 2)), Port("s", dtype="int32"), Port("long", "m", (1, 6))]
+    *_, errors = mapped_ports([], outputs, JOB, {name: table})
+    assert errors == [error]
+
+
 @pytest.mark.parametrize(
     ("template", "first", "last"), [("z_{i}_{j}", "z_0_0", "z_1_2"), ("z{n}", "z0", "z5"), ("z{j}.{i}", "z0.0", "z2.1")]
 )

@@ -7,6 +7,7 @@ import pytest
 
 from inkloop.component import Port
 from inkloop.master.wiring import Connection, Transfer, check, feeds
+from inkloop.orientation import Orientation
 from inkloop.units import DefinedUnit
 from support.toys import FunctionComponent
 
@@ -15,7 +16,8 @@ def test_shape_that_differs_is_no_matter_of_gains() -> None:
     source, target = Port("y", "%", (3, 2)), Port("x", "1", (2, 3), "float32")
     parts = {"a": FunctionComponent(outputs=[source]), "b": FunctionComponent(inputs=[target])}
     assert check(parts, [Connection("a.y", "b.x", 0.01)]) == [
-        "a.y gives 3 x 2, b.x takes 2 x 3: same shape needed",
+        "a.y gives 3 x 2, b.x takes 2 x 3: same shape needed; transpose in the connection, or in ports of an FMU, "
+        "exchanges the axes",
         "a.y gives float64, b.x takes float32, which does not hold all its values; put a component between them that "
         "rounds or limits (docs/how-to/bring-your-own-component.md)",
     ]
@@ -120,6 +122,36 @@ def test_gain_or_offset_beside_such_a_conversion_is_refused(wire: Connection) ->
     assert error == (
         "a.y gives [degC], b.x takes [K]: these are converted by themselves, offset included; leave gain and offset out"
     )
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(2, 3), (3, 2)])
+@pytest.mark.parametrize("transpose", [False, True])
+@pytest.mark.parametrize("mirror", ["none", "x", "y", "xy"])
+def test_map_arrives_in_the_orientation_of_the_input(nx: int, ny: int, transpose: bool, mirror: Any) -> None:
+    value = np.arange(6.0).reshape(nx, ny)
+    ports = Port("y", "m", (nx, ny)), Port("x", "mm", (ny, nx) if transpose else (nx, ny))
+    parts = {"a": FunctionComponent(outputs=[ports[0]]), "b": FunctionComponent(inputs=[ports[1]])}
+    wire = Connection("a.y", "b.x", orientation=Orientation(mirror, transpose))
+    assert check(parts, [wire]) == []
+    arrived = Transfer.of(wire, *ports)(value)
+    for i in range(nx):
+        for j in range(ny):
+            k, m = nx - 1 - i if "x" in mirror else i, ny - 1 - j if "y" in mirror else j
+            assert arrived[(m, k) if transpose else (k, m)] == 1e3 * value[i, j]
+    assert not arrived.flags.writeable
+
+
+def test_turn_of_a_scalar_is_refused_and_a_turned_map_gets_advice() -> None:
+    parts = {
+        "a": FunctionComponent(outputs=[Port("y"), Port("z", shape=(2, 3))]),
+        "b": FunctionComponent(inputs=[Port("x"), Port("w", shape=(3, 2))]),
+    }
+    errors = check(parts, [Connection("a.y", "b.x", orientation=Orientation("x")), Connection("a.z", "b.w")])
+    assert errors == [
+        "a.y gives a scalar; mirror and transpose turn maps: leave them out",
+        "a.z gives 2 x 3, b.w takes 3 x 2: same shape needed; transpose in the connection, or in ports of an FMU, "
+        "exchanges the axes",
+    ]
 
 
 def test_gain_of_one_is_a_gain() -> None:

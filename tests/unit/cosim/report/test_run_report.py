@@ -198,7 +198,7 @@ def stopped_run(reason: int, figure: float = 2.5, transform: int = 0, **more: An
         (512, 2, ("mirrored in x", "layer 4", "2.5 times better", 'mirror = "x"', "offset_x_um")),
         (512, 3, ("mirrored in y", 'mirror = "y"', "offset_y_um")),
         (512, 4, ("turned by 180 degrees", "Add 180 to rotation_deg")),
-        (512, 5, ("transposed against", "rows_along", "exchange {i} and {j} in `ports`", "fastest")),
+        (512, 5, ("transposed against", "rows_along", "set transpose in `ports`", "fastest")),
         (512, 6, ("turned by 90 degrees", "Add 90 to rotation_deg")),
         (512, 7, ("turned by 270 degrees", "Add 270 to rotation_deg")),
         (512, 8, ("transposed and turned by 180 degrees", "rows_along", "add 180 to rotation_deg")),

@@ -203,7 +203,7 @@ DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
         {},
         {"step_s": 1.0, "algorithm": "gauss-seidel", "layers_max": 1000, "time_max_s": None, "real_time_factor": None},
     ),
-    (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": 1.0}),
+    (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": None, "mirror": "none", "transpose": False}),
     (schema.EventTable, EVENT, {"tilt_x": 0.0, "tilt_y": 0.0, "cells": None, "nozzles": None}),
     (
         MetrologyTable,
@@ -229,7 +229,7 @@ DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
             "inked_um": None, "passes": 1, "pass_order": "raster", "pass_rotation": 0,
         },
     ),
-    (PortTable, {"variable": "x"}, {"unit": None, "gain": 1.0, "offset": 0.0, "first": 1}),
+    (PortTable, {"variable": "x"}, {"unit": None, "gain": 1.0, "offset": 0.0, "first": 1, "mirror": "none", "transpose": False}),
     (
         ShadowTable,
         {},
