@@ -205,39 +205,6 @@ DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
     ),
     (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": 1.0}),
     (schema.EventTable, EVENT, {"tilt_x": 0.0, "tilt_y": 0.0, "cells": None, "nozzles": None}),
-    (
-        MetrologyTable,
-        {},
-        {"parameters": ["Sa", "Sq", "Sz"], "f_operation": "plane", "filter_order": 1, "every_layer": False},
-    ),
-    (
-        MeshTable,
-        MESH,
-        {
-            "unit": None, "place": "on-substrate", "rotate_deg": [0.0, 0.0, 0.0], "scale": 1.0, "mirror": "none",
-            "inks": None, "open_columns": "refuse",
-        },
-    ),
-    (StackTable, STACK, {"rows_along": "x", "mirror": "none", "inks": {"0": "none", "1": "A", "2": "B"}}),
-    (
-        PrintTable,
-        {"pitch_um": 1.0},
-        {
-            "patterns": "pattern_{layer:04d}.csv", "maps": "layer_{layer:04d}.csv", "unit": None, "pixel_um": None,
-            "count_scale": None, "invalid_value": None, "rows_along": None, "offset_x_um": 0.0, "offset_y_um": 0.0,
-            "rotation_deg": 0.0, "mirror": "none", "valid_share_min": 0.5, "datum": "none", "middle_share": 1.0,
-            "inked_um": None, "passes": 1, "pass_order": "raster", "pass_rotation": 0,
-        },
-    ),
-    (PortTable, {"variable": "x"}, {"unit": None, "gain": 1.0, "offset": 0.0, "first": 1}),
-    (
-        ShadowTable,
-        {},
-        {
-            "plant": "LayerDeposition", "alarm_um": 3.0, "stop_um": None, "pattern_input": "pattern",
-            "height_output": "height",
-        },
-    ),
 ]  # fmt: skip
 
 
@@ -251,5 +218,3 @@ def test_key_that_is_left_out_has_its_default(
 
 def test_lengths_of_tables_become_metres() -> None:
     assert schema.InkTable(h1_um=4.0, h2_um=0.5, h3_um=0.25).ink == Ink(4e-6, 0.5e-6, 0.25e-6)
-    treatment = MetrologyTable(s_filter_um=30, l_filter_um=800.0).evaluation.treatment
-    assert (treatment.s_filter, treatment.l_filter) == pytest.approx((30e-6, 8e-4), rel=1e-12, abs=0.0)

@@ -102,13 +102,6 @@ def test_bodies_that_touch_and_overlap_are_one_part(tmp_path: Path) -> None:
     assert scenario.solid.remarks == ()
 
 
-def test_walls_on_centres_of_cells_are_a_warning(tmp_path: Path) -> None:
-    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.03))
-    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
-    assert remark.startswith("2 upright walls stand on rows of cell centres")
-    assert "center_x_um" in remark
-
-
 @pytest.mark.parametrize(
     ("part", "expected"),
     [

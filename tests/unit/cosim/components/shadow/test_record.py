@@ -64,19 +64,6 @@ def test_print_on_devices_is_judged_by_its_scans() -> None:
     np.testing.assert_allclose(run.shadow_height[:, 1, 1] / DROPLET, [0, 1, 2, 3, 4])
 
 
-def test_device_printer_under_a_simulated_sensor_is_judged_by_its_shadow() -> None:
-    recorder, rows, _ = printed(parts("simulated"))
-    run = recorder.dataset()
-    np.testing.assert_array_equal(run.height, run.shadow_height)
-    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
-
-
-def test_devices_without_a_shadow_are_recorded_too() -> None:
-    run = printed(parts("device", shadow=False))[0].dataset()
-    np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
-    assert "shadow_height" not in run
-
-
 def test_divergence_stands_in_the_row_of_the_layer_it_belongs_to() -> None:
     run = printed(parts("device"))[0].dataset()
     np.testing.assert_allclose(run.growth_divergence[1:] / DROPLET, [0, 1, 0, 0], atol=1e-12)
@@ -117,3 +104,13 @@ def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path, mo
     assert remarks(result) == [message]
     assert f"toy: {message}" in (tmp_path / "summary.txt").read_text()
     assert (tmp_path / "divergence.png").stat().st_size > 1000
+
+
+def test_record_is_judged_by_scans_or_else_by_the_shadow() -> None:
+    recorder, rows, _ = printed(parts("simulated"))
+    run = recorder.dataset()
+    np.testing.assert_array_equal(run.height, run.shadow_height)
+    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
+    run = printed(parts("device", shadow=False))[0].dataset()
+    np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
+    assert "shadow_height" not in run
