@@ -98,6 +98,10 @@ def test_support_below_overhangs_reaches_up_to_the_part_and_the_part_is_whole(tm
 
 
 def test_support_around_the_part_fills_the_block(tmp_path: Path) -> None:
+    text = TEXT.replace("ny = 21", "ny = 25") + "[support]\nmargin_cells = 3\n"
+    expected = np.zeros((21, 25), np.bool_)
+    expected[3:18, 3:22] = True
+    np.testing.assert_array_equal(Scenario.of_text(text, "pipes.toml").job().mask, expected)
     for kind in ("around", None):
         path = tmp_path / "around.toml"
         path.write_text(TEXT + "[support]\n" + ('kind = "around"\n' if kind else ""))
@@ -167,10 +171,3 @@ class Cap(Mushroom):
     def intervals(self, x: Any, y: Any) -> Any:
         ((bottom, top),) = super().intervals(x, y)
         return ((np.maximum(bottom, 20e-6), top),)
-
-
-def test_block_around_the_part_leaves_the_margin_along_every_edge() -> None:
-    text = TEXT.replace("ny = 21", "ny = 25") + "[support]\nmargin_cells = 3\n"
-    expected = np.zeros((21, 25), np.bool_)
-    expected[3:18, 3:22] = True
-    np.testing.assert_array_equal(Scenario.of_text(text, "pipes.toml").job().mask, expected)
