@@ -93,15 +93,6 @@ def test_resumed_run_begins_with_time_and_outputs_of_its_checkpoint() -> None:
     assert trace.values == [6.0, 14.0, 18.0]
 
 
-def test_component_that_cannot_be_restored_is_named() -> None:
-    parts = {"good": Resumable(outputs=[Port("y")]), "bad": Resumable(outputs=[Port("y")])}
-    outputs: dict[str, Values] = {name: {"y": np.asarray(0.0)} for name in parts}
-    point = Checkpoint(40, 0, outputs, {"good": b"", "bad": b"of another"})
-    with pytest.raises(ComponentError, match=r"^bad could not be restored: AssertionError"):
-        Master(parts, [], step_ns=10).run(time_max_ns=90, resume=point)
-    assert [part.log[-1] for part in parts.values()] == ["terminate"] * 2
-
-
 def test_steps_below_one_are_refused_at_once() -> None:
     parts = {"a": counter(), "b": counter(), "c": counter()}
     with pytest.raises(ScenarioError) as raised:

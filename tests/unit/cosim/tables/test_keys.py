@@ -38,6 +38,10 @@ CYLINDER = {"shape": "cylinder", "radius_um": 1.0, "height_um": 1.0}
 STAIRS = {"shape": "staircase", "size_x_um": 1.0, "size_y_um": 1.0, "steps": 1, "height_um": 1.0}
 STACK = {"shape": "stack", "files": "x.tif", "layer_um": 1.0, "pixel_um": 1.0}
 MESH = {"shape": "mesh", "file": "x.stl"}
+PITCH = {"pitch_um": 1.0}
+LOSS = {"kind": "loss"}
+INKS = ([{"0123456789": "A"}], [{"01234567890": "A"}, {"-1": "A"}, {"": "A"}, {"a": "A"}, {"1": "C"}])
+TURNS = ([[0.0, 90.0, -1e3]], [[0.0] * 2, [0.0] * 4, [math.inf, 0.0, 0.0]])
 EVENT = {"action": "reset", "port": "a.b"}
 FILE = {"file": "x.png", "layer": 1, "ink": "A", "sha256": ""}
 MANIFEST = {
@@ -45,118 +49,43 @@ MANIFEST = {
     "pitch_y_um": 1.0, "origin": "", "first_row": "", "first_column": "", "polarity": "", "drop_levels": 1,
     "inks": {}, "files": [FILE],
 }  # fmt: skip
+SHARE = ([TINY, 1.0], [0.0, 1.0001, math.nan])
+WORD = whole(1, 2**32 - 1)
 LIMITS: list[tuple[type[BaseModel], dict[str, Any], dict[str, tuple[list[Any], list[Any]]]]] = [
-    (Grid, GRID, {"nx": COUNT, "ny": COUNT, "pitch_um": ([1.0, 1e4], [0.999, math.inf, math.nan])}),
-    (CylinderTable, CYLINDER, dict.fromkeys(("radius_um", "height_um"), POSITIVE) | {"center_x_um": FINITE}),
-    (StaircaseTable, STAIRS, {"size_x_um": POSITIVE, "size_y_um": POSITIVE, "steps": COUNT, "center_y_um": FINITE}),
-    (
-        StackTable,
-        STACK,
-        {
-            "layer_um": POSITIVE,
-            "pixel_um": POSITIVE,
-            "inks": ([{"0123456789": "A"}], [{"01234567890": "A"}, {"-1": "A"}, {"": "A"}, {"a": "A"}, {"1": "C"}]),
-        },
-    ),
-    (
-        MeshTable,
-        MESH,
-        {"rotate_deg": ([[0.0, 90.0, -1e3]], [[0.0] * 2, [0.0] * 4, [math.inf, 0.0, 0.0]]), "scale": POSITIVE},
-    ),
+    (Grid, GRID, {"nx ny": COUNT, "pitch_um": ([1.0, 1e4], [0.999, math.inf, math.nan])}),
+    (CylinderTable, CYLINDER, {"radius_um height_um": POSITIVE, "center_x_um": FINITE}),
+    (StaircaseTable, STAIRS, {"size_x_um size_y_um": POSITIVE, "steps": COUNT, "center_y_um": FINITE}),
+    (StackTable, STACK, {"layer_um pixel_um": POSITIVE, "inks": INKS}),
+    (MeshTable, MESH, {"rotate_deg": TURNS, "scale": POSITIVE}),
     (
         SubstrateTable,
         {},
-        dict.fromkeys(("tilt_x", "tilt_y", "step_um"), FINITE)
-        | dict.fromkeys(("wave_um", "roughness_um"), NOT_NEGATIVE)
-        | {"wavelength_um": POSITIVE},
+        {"tilt_x tilt_y step_um": FINITE, "wave_um roughness_um": NOT_NEGATIVE, "wavelength_um": POSITIVE},
     ),
     (schema.Support, {}, {"margin_cells": ([0, 9], [-1, 0.5])}),
-    (schema.InkTable, {}, {"h1_um": POSITIVE, "h2_um": NOT_NEGATIVE, "h3_um": NOT_NEGATIVE}),
-    (
-        DropletTable,
-        {"h1_um": 1.0, "h2_um": 1.0, "h3_um": 1.0},
-        {"h1_um": POSITIVE, "h2_um": NOT_NEGATIVE, "h3_um": NOT_NEGATIVE},
-    ),
+    (schema.InkTable, {}, {"h1_um": POSITIVE, "h2_um h3_um": NOT_NEGATIVE}),
+    (DropletTable, {"h1_um": 1.0, "h2_um": 1.0, "h3_um": 1.0}, {"h1_um": POSITIVE, "h2_um h3_um": NOT_NEGATIVE}),
     (schema.Process, {}, {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)}),
-    (
-        schema.BenchTable,
-        {},
-        {
-            "bitrate": whole(10_000, 1_000_000),
-            "data_bitrate": whole(10_000, 8_000_000),
-            "traffic_log": (["", "a.blf", "b.asc"], ["x/a.blf", "x\\a.blf", "a.log", ".blf"]),
-            "cure_ms": whole(1, 65534),
-            "loop_timeout_s": POSITIVE,
-            "grace_s": POSITIVE,
-            "answer_s": POSITIVE,
-            "silence_s": ([0.1, 60.0], [0.0999, 60.1, math.nan]),
-        },
-    ),
-    (
-        schema.RunTable,
-        {},
-        {
-            "step_s": ([1e-9, 1e9], [0.9e-9, math.inf, math.nan]),
-            "layers_max": COUNT,
-            "time_max_s": POSITIVE,
-            "real_time_factor": POSITIVE,
-        },
-    ),
+    (schema.BenchTable, {}, {"bitrate": whole(10_000, 1_000_000), "data_bitrate": whole(10_000, 8_000_000)}),
+    (schema.BenchTable, {}, {"traffic_log": (["", "a.blf", "b.asc"], ["x/a.blf", "x\\a.blf", "a.log", ".blf"])}),
+    (schema.BenchTable, {}, {"cure_ms": whole(1, 65534), "loop_timeout_s grace_s answer_s": POSITIVE}),
+    (schema.BenchTable, {}, {"silence_s": ([0.1, 60.0], [0.0999, 60.1, math.nan])}),
+    (schema.RunTable, {}, {"step_s": ([1e-9, 1e9], [0.9e-9, math.inf, math.nan]), "layers_max": COUNT}),
+    (schema.RunTable, {}, {"time_max_s real_time_factor": POSITIVE}),
     (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": FINITE}),
-    (
-        schema.EventTable,
-        EVENT,
-        {
-            "at_layer": COUNT,
-            "at_time_s": NOT_NEGATIVE,
-            "tilt_x": FINITE,
-            "tilt_y": FINITE,
-            "cells": ([[[0, 1]], []], [[[0]], [[0, 1, 2]], [0, 1]]),
-        },
-    ),
-    (
-        MetrologyTable,
-        {},
-        {
-            "parameters": ([["Sa"]], [[], ["Saa"]]),
-            "s_filter_um": POSITIVE,
-            "l_filter_um": POSITIVE,
-            "filter_order": ([0, 1], [2, -1]),
-        },
-    ),
-    (PortTable, {"variable": "x"}, {"gain": FINITE, "offset": FINITE, "first": ([0, 5], [-1, 0.5])}),
-    (ShadowTable, {}, {"alarm_um": POSITIVE, "stop_um": POSITIVE}),
-    (
-        FaultTable,
-        {"kind": "loss"},
-        {
-            "probability": ([TINY, 1.0], [0.0, 1.0001]),
-            "nth": whole(1, 2**32 - 1),
-            "count": whole(1, 2**32 - 1),
-            "frames": whole(1, 2**32 - 1),
-            "id": whole(0, 0x7FF),
-            "service": whole(0, 0xBF),
-            "byte": whole(0, 7),
-            "layer": whole(0, 65535),
-            "pass": whole(0, 3),
-            "seed": whole(0, 2**31 - 1),
-        },
-    ),
-    (
-        Manifest,
-        MANIFEST,
-        dict.fromkeys(("width_pixels", "height_pixels", "drop_levels"), COUNT)
-        | dict.fromkeys(("pitch_x_um", "pitch_y_um"), POSITIVE)
-        | {"files": ([[FILE]], [[]]), "format_version": ([1], [0, 2])},
-    ),
-    (
-        PrintTable,
-        {"pitch_um": 1.0},
-        dict.fromkeys(("pitch_um", "pixel_um", "count_scale", "inked_um"), POSITIVE)
-        | dict.fromkeys(("invalid_value", "offset_x_um", "offset_y_um", "rotation_deg"), FINITE)
-        | dict.fromkeys(("valid_share_min", "middle_share"), ([TINY, 1.0], [0.0, 1.0001, math.nan]))
-        | {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)},
-    ),
+    (schema.EventTable, EVENT, {"at_layer": COUNT, "at_time_s": NOT_NEGATIVE, "tilt_x tilt_y": FINITE}),
+    (schema.EventTable, EVENT, {"cells": ([[[0, 1]], []], [[[0]], [[0, 1, 2]], [0, 1]])}),
+    (MetrologyTable, {}, {"s_filter_um l_filter_um": POSITIVE, "filter_order": ([0, 1], [2, -1])}),
+    (PortTable, {"variable": "x"}, {"gain offset": FINITE, "first": ([0, 5], [-1, 0.5])}),
+    (ShadowTable, {}, {"alarm_um stop_um": POSITIVE}),
+    (FaultTable, LOSS, {"probability": ([TINY, 1.0], [0.0, 1.0001]), "nth count frames": WORD, "id": whole(0, 0x7FF)}),
+    (FaultTable, LOSS, {"service": whole(0, 0xBF), "byte": whole(0, 7), "layer": whole(0, 65535), "pass": whole(0, 3)}),
+    (FaultTable, LOSS, {"seed": whole(0, 2**31 - 1)}),
+    (Manifest, MANIFEST, {"width_pixels height_pixels drop_levels": COUNT, "pitch_x_um pitch_y_um": POSITIVE}),
+    (Manifest, MANIFEST, {"files": ([[FILE]], [[]]), "format_version": ([1], [0, 2])}),
+    (PrintTable, PITCH, {"pitch_um pixel_um count_scale inked_um": POSITIVE, "valid_share_min middle_share": SHARE}),
+    (PrintTable, PITCH, {"invalid_value offset_x_um offset_y_um rotation_deg": FINITE}),
+    (PrintTable, PITCH, {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)}),
     (ManifestFile, FILE, {"layer": COUNT, "file": (["a b.png"], ["", "a/b.png", "a\\b.png", "a\0"])}),
     (ManifestInk, {"layer_height_um": 1.0}, {"layer_height_um": POSITIVE}),
 ]
@@ -165,8 +94,12 @@ LIMITS: list[tuple[type[BaseModel], dict[str, Any], dict[str, tuple[list[Any], l
 
 @pytest.mark.parametrize(
     ("model", "needed", "key", "taken", "refused"),
-    [(model, needed, key, *values) for model, needed, keys in LIMITS for key, values in keys.items()],
-    ids=[f"{model.__name__}.{key}" for model, _, keys in LIMITS for key in keys],
+    [
+        (model, needed, key, *values)
+        for model, needed, rows in LIMITS
+        for keys, values in rows.items()
+        for key in keys.split()
+    ],
 )
 def test_key_takes_the_values_between_its_limits(
     model: type[BaseModel], needed: dict[str, Any], key: str, taken: list[Any], refused: list[Any]
