@@ -258,7 +258,7 @@ def test_structural_parameters_resize_arrays_and_switch_the_form_of_the_model(fo
         ({"structural": {"m": 4}}, "m is no structural parameter of Amplifier; known: n"),
     ):
         with pytest.raises(FmuError, match=message):
-            FmuComponent(build(folder, 3), **options)  # type: ignore[arg-type]
+            FmuComponent(build(folder, 3), **options)
     with pytest.raises(FmuError, match="n is no structural parameter of Amplifier; it has none"):
         FmuComponent(build(folder, 2), structural={"n": 4})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import fmpy
 import numpy as np
@@ -81,6 +81,7 @@ def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
 
 
 def test_set_that_is_missing_damaged_or_of_another_build_is_named_with_a_remedy(tmp_path, monkeypatch) -> None:
+    fmi: Literal["2", "3"]
     with pytest.raises(FmuError, match="'fmi1'; expected one of fmi3, fmi3-fixed, fmi2"):
         find_fmu("LayerDeposition", "fmi1")
     members = unpack(find_fmu("LayerDeposition", "fmi2"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from inkloop.cli import main
-from inkloop.commands.new import SHAPES
+from inkloop.commands.parts import SHAPES
 from inkloop.printing.run import print_part
 from inkloop.scenario import new
 from inkloop.scenario.file import Scenario
