@@ -14,7 +14,7 @@ from inkloop import limits
 from inkloop.errors import FmuError, HeightMapError, InkloopError, ScenarioError
 from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.fmu import FmuComponent, archive_error, describe
-from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.limits import GIB, KIB, MIB, available_memory, filled, free_disk, memory_error, size_text, unpacked_error

@@ -18,8 +18,7 @@ from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part_images import StackTable
 from inkloop.tables.part_layers import Manifest, ManifestFile, ManifestInk
 from inkloop.tables.part_mesh import MeshTable
-from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable
-from inkloop.tables.substrate import SubstrateTable
+from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable, SubstrateTable
 from inkloop_lab.identify.log_folder import PrintTable
 
 TINY = 5e-324

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inkloop.scenario.file import Scenario
-from inkloop.tables.substrate import SubstrateTable
+from inkloop.tables.shapes import SubstrateTable
 from support.places import SCENARIOS
 
 PITCH = 250e-6

@@ -11,7 +11,7 @@ import pytest
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.exchange.ssp.ssd import SCENARIO
-from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.reading import fmu_file
 from support.fmus import amplifier
 
 pytestmark = pytest.mark.compiled
