@@ -42,13 +42,8 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str
     assert found["printer_seed"] == scenario.job("printer").seed
     assert found["sensor_seed"] == scenario.job("profiler").seed
     assert emulation_of(scenario).surface is None
-
-
-def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), {"substrate.wave_um": 3.0})
-    surface = emulation_of(scenario).surface
-    assert surface is not None
-    np.testing.assert_array_equal(surface, scenario.job("printer").height_start)
+    uneven = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0})
+    np.testing.assert_array_equal(emulation_of(uneven).surface, uneven.job("printer").height_start)
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
@@ -93,14 +88,6 @@ def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
             catalog.check(name, job(), {"bla": 1, "nx": "x"}).errors for name in (kind, device.model)
         )
         assert of_device == of_model
-
-
-def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), {"bench.channel": "/dev/no-such-adapter"})
-    components = scenario.build(tmp_path)
-    printer, profiler = components["printer"], components["profiler"]
-    assert printer._rig is profiler._rig  # type: ignore[attr-defined]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["block.toml"]
 
 
 def test_traffic_of_a_resumed_run_does_not_replace_that_of_its_first_part(tmp_path: Path) -> None:

@@ -53,14 +53,6 @@ def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters.
     return fmu_parameters.parse(PRINTER, job or toy_job(), options, ())
 
 
-def test_parameters_of_the_job_need_no_options() -> None:
-    job = toy_job(nx=6, ny=4)
-    parsed = parse({}, job)
-    assert parsed.errors == []
-    assert parsed.structural == {"nx": 6, "ny": 4}
-    assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
-
-
 def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
     variables = {
         "pitch": parameter("pitch", "mm"),
@@ -69,6 +61,9 @@ def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
         "pass_order": parameter("pass_order"),
         "passes": parameter("passes", type="Int32"),
     }
+    own = parse({}, job := toy_job(nx=6, ny=4))
+    assert (own.errors, own.structural) == ([], {"nx": 6, "ny": 4})
+    assert own.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
     sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
     foreign = replace(PRINTER, variables={**variables, **sizes})
     job = toy_job()

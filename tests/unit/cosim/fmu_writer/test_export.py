@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -38,14 +37,6 @@ def test_fixed_fmu_has_as_many_cells_as_asked_for(fmi, tmp_path) -> None:
         assert found["nx"].start == "3"
     else:
         assert [d.start for d in found["height"].dimensions] == [3, 2]
-
-
-def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
-    with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.export"):
-        export_fmu("ProfileSensor", fmi="2", nx=32, ny=32, fixed=True, out=tmp_path / "it.fmu")
-        assert not caplog.messages
-        export_fmu("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
-    assert "1056 scalars per map" in caplog.text
 
 
 def test_fmi_2_grid_that_many_tools_cannot_read_is_refused_unless_forced(tmp_path, monkeypatch) -> None:

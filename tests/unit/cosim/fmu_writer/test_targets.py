@@ -118,14 +118,3 @@ def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "it.fmu"
     assert main(["export", "fmu", "ProfileSensor", "--platforms", NATIVE, "--out", str(path)]) == 0
     assert describe(path).platforms == (NATIVE,)
-
-
-def test_missing_compiler_is_named_with_its_package(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, cross.COMPILER, None)
-    other = next(name for name in TARGETS if name not in describe(find_fmu("ProfileSensor", "fmi3")).platforms)
-    words = ["export", "fmu", "ProfileSensor", "--platforms", f"{NATIVE}, {other}", "--out", str(tmp_path / "it.fmu")]
-    assert main(words) == 1
-    assert "needs the package ziglang: pip install 'inkloop[cross]'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []

@@ -75,18 +75,6 @@ def test_grid_is_refused_before_a_part_is_laid_over_it(name: str, eight_gib: Non
     tracemalloc.stop()
 
 
-def test_grid_that_is_said_to_fit_does(eight_gib: None) -> None:
-    with pytest.raises(ScenarioError) as caught:
-        inkloop.load(CUBOID, {"grid.nx": 80_000, "grid.ny": 40_000})
-    words = str(caught.value).partition("available; ")[2].split()
-    nx, ny = int(words[0]), int(words[2])
-    assert nx == pytest.approx(2 * ny, abs=2.0)
-    loaded = inkloop.load(CUBOID)
-    assert isinstance(loaded, Scenario)
-    of_a_cell = loaded.footprint.memory_of_a_cell
-    assert of_a_cell * nx * ny <= 8 * GIB < of_a_cell * (nx + 2) * (ny + 2)
-
-
 def test_run_that_the_disk_cannot_hold_is_refused_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from inkloop.bench.commands import emulation_of
 from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
+from inkloop.errors import InkloopError, ScenarioError
+from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from inkloop.scenario.file import Scenario
 from inkloop.tables import schema
-from inkloop.tables.bench_faults import FaultTable
+from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop.tables.ink_file import DropletTable
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part_images import StackTable
 from inkloop.tables.part_layers import Manifest, ManifestFile, ManifestInk
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable, SubstrateTable
+from inkloop.units import M_PER_UM
 from inkloop_lab.identify.log_folder import PrintTable
+from support.benches.bench_run import BLOCK, write
 
 TINY = 5e-324
 POSITIVE = ([TINY, 1e9], [0.0, -1.0, math.inf, math.nan])
@@ -150,3 +157,66 @@ def test_key_that_is_left_out_has_its_default(
 
 def test_lengths_of_tables_become_metres() -> None:
     assert schema.InkTable(h1_um=4.0, h2_um=0.5, h3_um=0.25).ink == Ink(4e-6, 0.5e-6, 0.25e-6)
+
+
+def test_the_table_becomes_an_evaluation_in_si() -> None:
+    table = MetrologyTable.model_validate(
+        {"parameters": ["Sq", "Rz"], "s_filter_um": 100.0, "l_filter_um": 800.0, "filter_order": 0, "profile": "y"}
+    )
+    treatment = Treatment("plane", 100.0 * M_PER_UM, 800.0 * M_PER_UM, 0)
+    assert table.evaluation == Evaluation(("Sq", "Rz"), treatment, "y")
+    assert MetrologyTable().evaluation == Evaluation(("Sa", "Sq", "Sz"))
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"parameters": ["Sa", "flatness_lz"]}, "'flatness_lz' is no parameter: did you mean flatness_ls"),
+        ({"parameters": []}, "at least 1 item"),
+        ({"parameters": ["Pa"]}, 'Pa need profile = "x" or "y" as well'),
+        ({"parameters": ["Ra", "Rz"], "profile": "x"}, "Ra, Rz needs l_filter_um, the section length"),
+        ({"parameters": ["Pa"], "profile": "x", "l_filter_um": 9.0}, "Pa is of profiles without l_filter_um"),
+        ({"s_filter_um": 90.0, "l_filter_um": 80.0}, "expected s_filter_um below l_filter_um"),
+        ({"f_operation": "mean"}, "'none', 'plane', 'form' or 'target'"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_an_error(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        MetrologyTable.model_validate(keys)
+
+
+@pytest.mark.parametrize(
+    "text", ["loss:probability=0.001,way=to-nodes,seed=3", "reboot:nth=4,node=head,layer=2,pass=1,step=pass", "bus-off"]
+)
+def test_fault_is_written_as_it_is_read(text: str) -> None:
+    assert str(read_fault(text)) == text
+    assert str(read_fault("corruption:id=0x640")) == "corruption:id=1600"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lost", "kind is 'lost'; expected 'loss'"),
+        ("loss:p=1", "p is not a key of this table"),
+        ("loss:psas=1", "did you mean pass"),
+        ("loss:probability=2,way=up", r"probability is 2;.*way is 'up'; expected 'to-nodes' or 'from-nodes'"),
+        ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
+        ("death", "needs node as well"),
+        ("hang", "needs node as well"),
+        ("broken:node=head", "needs part as well"),
+    ],
+)
+def test_wrong_fault_is_refused_with_a_message(text: str, message: str) -> None:
+    with pytest.raises(InkloopError, match=message):
+        read_fault(text)
+
+
+def test_scenario_lists_the_faults_and_all_its_errors_are_reported_at_once(tmp_path: Path) -> None:
+    tables = '\n[[bench.faults]]\nkind = "death"\nnode = "cure"\nstep = "cure"\n[[bench.faults]]\nkind = "swap"\n'
+    found = emulation_of(Scenario.load(write(tmp_path, BLOCK + tables))).faults
+    assert [str(fault) for fault in found] == ["death:node=cure,step=cure", "swap"]
+    wrong = tables.replace('"swap"', '"swop"').replace('"cure"', '"lamp"')
+    with pytest.raises(ScenarioError) as raised:
+        Scenario.load(write(tmp_path, BLOCK + wrong))
+    for word in ("bench.faults.[0].node", "bench.faults.[0].step", "bench.faults.[1].kind is 'swop'"):
+        assert word in str(raised.value)
