@@ -306,7 +306,7 @@ class Sticky(FunctionComponent):
 
 def test_every_component_is_terminated_even_if_terminating_fails() -> None:
     good = counter()
-    with pytest.raises(ComponentError, match="sticky could not be terminated: .*device is gone"):
+    with pytest.raises(ComponentError, match=r"sticky could not be terminated: .*device is gone"):
         Master({"good": good, "sticky": Sticky()}, [], step_ns=1).run(time_max_ns=1)
     assert good.log[-1] == "terminate"
 
