@@ -14,26 +14,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from inkloop.commands import (
-    bench,
-    compare,
-    export,
-    geometry,
-    info,
-    metrology,
-    new,
-    report,
-    resume,
-    run,
-    validate,
-    watch,
-)
+from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError, message_of
 from inkloop.files import reason_of
 
-COMMANDS = (run, resume, validate, report, watch, compare, new, geometry, export, info, metrology, bench)
-"""The modules of inkloop's own commands, in the order of `inkloop --help`; packages add others."""
+COMMANDS = (*prints.PARTS, *runs.PARTS, *parts.PARTS, export, bench)
+"""inkloop's own commands, in the order of `inkloop --help`; packages add others."""
 RENAMED = {
     **{f"export-{part}": f"export {part}" for part in ("ssp", "job", "layers", "surface")},
     "schema": "export schema",

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import Part, add_overrides, overrides_of, scenario_of, screen, show_error
+from inkloop.commands import Part
+from inkloop.commands.options import add_overrides, overrides_of, scenario_of, screen, show_error
 from inkloop.errors import ScenarioError
 
 ACTIONS = {

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from inkloop.commands import Part
 from inkloop.commands.options import (
-    Part,
     add_overrides,
     add_part_options,
     add_platforms,

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError, missing
 from inkloop.report.formats import FORMATS, PNG, picture_formats
@@ -21,13 +21,6 @@ if TYPE_CHECKING:
     from inkloop.scenario.part_file import PartFile
 
 __all__ = ["add_overrides", "add_pictures", "formats_of", "overrides_of", "screen"]
-
-
-class Part(NamedTuple):
-    """One of the commands below a command: what adds its parser, and what runs it and returns the exit code."""
-
-    add_parser: Callable[[Any], argparse.ArgumentParser]
-    run: Callable[[argparse.Namespace], int]
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -197,20 +190,20 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     return overrides
 
 
-def whole_number(text: str) -> int:
-    """The value of an option. Raises ArgumentTypeError."""
-    try:
-        return int(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"is {text!r}; expected a whole number") from error
+def _reader(kind: Callable[[str], float], expected: str) -> Callable[[str], float]:
+    """A reader of an option that says what it expects."""
+
+    def read(text: str) -> float:
+        try:
+            return kind(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"is {text!r}; expected {expected}") from error
+
+    return read
 
 
-def number(text: str) -> float:
-    """The value of an option. Raises ArgumentTypeError."""
-    try:
-        return float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number, without a unit") from error
+number = _reader(float, "a number, without a unit")
+whole_number = _reader(int, "a whole number")
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:

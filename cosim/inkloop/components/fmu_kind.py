@@ -15,7 +15,7 @@ from inkloop.components.port_tables import OPTION, mapped_ports
 from inkloop.errors import FmuError
 from inkloop.files import temporary_folder
 from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
-from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.export import INTERVALS, export_fmu, find_fmu
 
 

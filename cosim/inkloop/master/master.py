@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from time import perf_counter_ns
 from typing import Any, Literal, TypeAlias
 
@@ -19,7 +20,7 @@ from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import Course, Observer, SavedPoint, StopReason
-from inkloop.master.wiring import Connection, check, checked_output, feeds, without_start
+from inkloop.master.wiring import Connection, check, checked_output, feeds, initial_order, without_start
 from inkloop.units import S_PER_NS
 
 __all__ = ["Master", "Turns"]
@@ -89,7 +90,6 @@ class Master:
         """Initialize, step and terminate; returns the stop reason. Raises ComponentError.
 
         resume: the point to resume from, the start if None.
-
         "time_max": this time is over. "interrupted": Ctrl-C; all observers saw the last communication point. Any other
         is a reason of the course.
         """
@@ -112,8 +112,8 @@ class Master:
         if time_max_ns is None and endless:
             raise ScenarioError("run", [f"nothing ends this run: {endless}; set time_max_s"])
         with ExitStack() as stack:
-            for component in self._components.values():
-                stack.callback(component.terminate)
+            for name in self._components:
+                stack.push(partial(self._terminate, name))
             self._initialize()
             time_ns = self._restore(resume) if resume else 0
             if self._course:
@@ -145,7 +145,7 @@ class Master:
         return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
 
     def _initialize(self) -> None:
-        order = self._initial_order()
+        order = initial_order(self._feeds)
         for k, name in enumerate(order):
             if reason := without_start(name, self._feeds, self._outputs, order[:k]):
                 raise ComponentError(reason)
@@ -156,6 +156,16 @@ class Master:
             except Exception as error:
                 raise ComponentError(f"{name} could not be initialized: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
+
+    def _terminate(self, name: str, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Terminate a component; a failure of it does not hide the error that ended the run."""
+        try:
+            self._components[name].terminate()
+        except Exception as last:
+            failure = f"{name} could not be terminated: {message_of(last)}"
+            if not isinstance(error, Exception):
+                raise ComponentError(failure) from last
+            error.add_note(failure)
 
     def _restore(self, point: SavedPoint) -> int:
         """Bring the initialized components to a saved point; the time there."""
@@ -220,16 +230,6 @@ class Master:
                 value = checked_output(port, outputs, must_be_finite)
             checked[key] = value
         return checked
-
-    def _initial_order(self) -> list[str]:
-        """Sources before their targets; in a loop, the order of the scenario."""
-        waiting = list(self._components)
-        order = []
-        while waiting:
-            free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in self._feeds[n]))
-            order.append(next(free, waiting[0]))
-            waiting.remove(order[-1])
-        return order
 
     def _end(self, time_ns: int, time_max_ns: int | None, interrupted: Callable[[], bool]) -> StopReason | None:
         """The reason why the run ends here, None if it does not."""

@@ -107,6 +107,16 @@ def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready:
     return None
 
 
+def initial_order(feeds: Feeds) -> list[str]:
+    """Components for initialization: sources before their targets; in a loop, the order of the scenario."""
+    waiting, order = list(feeds), list[str]()
+    while waiting:
+        free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in feeds[n]))
+        order.append(next(free, waiting[0]))
+        waiting.remove(order[-1])
+    return order
+
+
 def check(components: Mapping[str, HasPorts], connections: Sequence[Connection]) -> list[str]:
     """Every error of the wiring, one sentence each; empty if the loop may run."""
     inputs, outputs = (

@@ -15,8 +15,7 @@ from inkloop.orientation import Mirrored, Transposed
 from inkloop.tables import bench_faults
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part
-from inkloop.tables.shapes import Grid, Length, Table
-from inkloop.tables.substrate import SubstrateTable
+from inkloop.tables.shapes import Grid, Length, SubstrateTable, Table
 from inkloop.units import M_PER_UM
 
 __all__ = ["Inks", "Process"]

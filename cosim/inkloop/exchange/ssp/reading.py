@@ -23,7 +23,7 @@ from inkloop.exchange.ssp import contents
 from inkloop.exchange.ssp.contents import SSD, member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
 from inkloop.fmu import FmuDescription, describe
-from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
+from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import unpacked_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
