@@ -156,7 +156,7 @@ def test_components_parameters_and_connections_take_the_place_of_the_scenario_s(
     assert (tables["first"].options["gain"], tables["first"].options["mode"]) == (4.5, "squared")
     assert (tables["second"].options["gain"], "mode" in tables["second"].options) == (3.0, False)
     found = [(wire.source, wire.target, wire.gain) for wire in scenario.tables.connections]
-    assert found == [("first.y", "second.x", 1.0), ("second.y", "first.x", 1.0)]
+    assert found == [("first.y", "second.x", None), ("second.y", "first.x", None)]
 
 
 def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
