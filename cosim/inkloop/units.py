@@ -137,6 +137,10 @@ class Conversion(NamedTuple):
     factor: float
     offset: float = 0.0
 
+    def then(self, other: Conversion) -> Conversion:
+        """This one, then the other."""
+        return Conversion(other.factor * self.factor, other.factor * self.offset + other.offset)
+
 
 def unit_conversion(source: str, target: str) -> Conversion | None:
     """The conversion from one unit to another, None if they are not known to be of the same quantity."""

@@ -19,9 +19,10 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop.components.fmu_parameters import JOB_PARAMETERS
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.exchange.ssp import contents
-from inkloop.exchange.ssp.contents import SSD, member_of
+from inkloop.exchange.ssp import contents, wires
+from inkloop.exchange.ssp.contents import member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
+from inkloop.exchange.ssp.structure import SSD, Structure, flat_name, units_in
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import unpacked_error
@@ -31,7 +32,6 @@ from inkloop.suggest import nearest
 from inkloop.tables.messages import scaled
 from inkloop.units import declared_key
 
-_FMU = "application/x-fmu-sharedlibrary"
 __all__ = ["SUFFIX", "scenario_of"]
 
 
@@ -52,14 +52,15 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
             system = root.find(f"{SSD}System")
             if system is None:
                 raise ScenarioError(str(path), [f"{STRUCTURE} has no System"])
-            sources = _sources(system, archive, errors)
+            structure, units = Structure.of(system, errors), units_in(root, SSD)
+            sources = _sources(structure, archive, errors)
             known = _described(path, sources, errors)
-            values = contents.parameters(system, archive, known, errors)
+            values = contents.parameters(structure, units, archive, known, errors)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except UNREADABLE as error:
         raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
-    connections = contents.connections(system, known, errors)
+    connections = wires.connections(structure, units, known, errors)
     if errors := errors or _grid_errors(known, text, overrides or {}, job):
         raise ScenarioError(str(path), errors)
     source = job or path
@@ -100,25 +101,16 @@ def _parsed(archive: zipfile.ZipFile, member: str, errors: list[str]) -> ET.Elem
         return None
 
 
-def _sources(system: ET.Element, archive: zipfile.ZipFile, errors: list[str]) -> dict[str, str]:
+def _sources(structure: Structure, archive: zipfile.ZipFile, errors: list[str]) -> dict[str, str]:
     """Component -> the member of the archive that is its FMU."""
+    packed = [member for member in archive.namelist() if member.endswith(".fmu")] or ["none"]
     sources = {}
-    for element in system.findall(f"{SSD}Elements/*"):
-        name, source = element.get("name", ""), member_of(element.get("source", ""))
-        kind = element.tag.removeprefix(SSD)
-        if kind != "Component":
-            errors.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")
-        elif element.get("type", _FMU) != _FMU:
-            errors.append(f"{name} is of type {element.get('type')!r}; inkloop takes FMUs ({_FMU})")
-        elif "." in name:
-            errors.append(f"{name} has a dot in its name, which separates component and port; rename it")
-        elif source not in archive.namelist():
-            packed = [member for member in archive.namelist() if member.endswith(".fmu")] or ["none"]
-            errors.append(f"{name} is {source!r}, which is not in the .ssp; {nearest(source, packed)}")
+    for path, element in structure.components.items():
+        source = member_of(element.get("source", ""))
+        if source in archive.namelist():
+            sources[flat_name(path)] = source
         else:
-            sources[name] = source
-    if not sources and not errors:
-        errors.append("its system has no component")
+            errors.append(f"{'.'.join(path)} is {source!r}, which is not in the .ssp; {nearest(source, packed)}")
     return sources
 
 

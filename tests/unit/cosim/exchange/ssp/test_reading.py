@@ -77,7 +77,8 @@ def errors_of(path: Path) -> str:
 
 
 def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
-    elements = f"""{BOTH}<ssd:System name="inner"/><ssd:Component name="a.b" source="resources/amplifier2.fmu"/>
+    elements = f"""{BOTH}<ssd:SignalDictionaryReference name="bus"/>
+<ssd:Component name="a.b" source="resources/amplifier2.fmu"/>
 <ssd:Component name="lost" source="resources/amplifier.fmu"/>
 <ssd:Component name="packet" source="x.ssp" type="application/x-ssp-package"/>"""
     connections = (
@@ -95,10 +96,10 @@ def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
     )
     bindings += '<ssd:ParameterBinding source="resources/none.ssv"/>'
     bindings += '<ssd:ParameterBinding source="x.ssv" sourceBase="component"/>'
-    bindings += "<ssd:ParameterBinding><ssd:ParameterMapping/></ssd:ParameterBinding>"
+    bindings += '<ssd:ParameterBinding><ssd:ParameterMapping source="none.ssm"/></ssd:ParameterBinding>'
     text = errors_of(packed(tmp_path, elements, connections, bindings))
     for message in (
-        "inner is a System; inkloop takes components in one system only",
+        "bus is a SignalDictionaryReference; inkloop takes components and systems",
         "a.b has a dot in its name",
         "lost is 'resources/amplifier.fmu', which is not in the .ssp; did you mean resources/amplifier2.fmu?",
         "packet is of type 'application/x-ssp-package'; inkloop takes FMUs",
@@ -112,7 +113,7 @@ def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         "parameter third.gain: there is no component 'third'",
         "parameter first.gain is in [m]; gain is in [1]",
         "parameters 'resources/none.ssv' cannot be read",
-        "a parameter binding has a mapping (.ssm)",
+        "mappings 'none.ssm' cannot be read",
         "parameters 'x.ssv' lie in an FMU (sourceBase)",
     ):
         assert message in text, text

@@ -12,16 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.exchange.ssp import contents, ssd
+from inkloop.exchange.ssp import contents, ssd, wires
 from inkloop.exchange.ssp.folder import _begun
+from inkloop.exchange.ssp.structure import Structure
 from inkloop.exchange.ssp.system import Part, System, Wire
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.master.wiring import Transfer
+from inkloop.units import defined_unit
 
 NAMES = " ".join(
     f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"'
-    for short, long in (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues"))
-)
+    for short, long in (
+        ("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues"), ("ssm", "ParameterMapping")
+    )
+)  # fmt: skip
 ITEMS = {"plain": 1, "squared": 2}
 
 
@@ -50,19 +54,35 @@ PARAMETERS = (
     scattered("bare", "parameter", (2, 2), start=("7",)),
 )
 KNOWN = {"a": described(2, *PARAMETERS)}
+ROOT_UNITS = {"celsius": defined_unit("celsius", {"K": 1}, 1.0, 273.15)}
 
 
-def read(*entries: str, prefix: str = "", files: dict[str, str] | None = None, more: str = "") -> tuple[Any, list[str]]:
-    """The parameters of a component, and the errors."""
-    bound = f"""<ssd:ParameterBinding prefix="{prefix}"><ssd:ParameterValues><ssv:ParameterSet><ssv:Parameters>
-{"".join(entries)}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>{more}"""
-    system = ET.fromstring(f"<ssd:System {NAMES}><ssd:ParameterBindings>{bound}</ssd:ParameterBindings></ssd:System>")
+def bound(*entries: str, prefix: str = "", units: str = "", mapping: str = "") -> str:
+    """A binding of parameters that stand in the structure itself."""
+    return f"""<ssd:ParameterBinding prefix="{prefix}"><ssd:ParameterValues><ssv:ParameterSet><ssv:Parameters>
+{"".join(entries)}</ssv:Parameters>{units}</ssv:ParameterSet></ssd:ParameterValues>{mapping}</ssd:ParameterBinding>"""
+
+
+def read(
+    *entries: str, prefix: str = "", files: dict[str, str] | None = None, more: str = "", inner: str = ""
+) -> tuple[Any, list[str]]:
+    """The parameters of a component, and the errors; inner: bindings of the component itself."""
+    system = f"""<ssd:System {NAMES}>
+<ssd:ParameterBindings>{bound(*entries, prefix=prefix)}{more}</ssd:ParameterBindings>
+<ssd:Elements><ssd:Component name="a"><ssd:ParameterBindings>{inner}</ssd:ParameterBindings></ssd:Component>
+</ssd:Elements></ssd:System>"""
+    found, errors = parameters(system, files)
+    return found.get("a", {}), errors
+
+
+def parameters(system: str, files: dict[str, str] | None = None, known: Any = None) -> tuple[Any, list[str]]:
+    """The parameters by component, and the errors."""
     content, errors = io.BytesIO(), list[str]()
     with zipfile.ZipFile(content, "w") as archive:
         for name, text in (files or {}).items():
             archive.writestr(name, text)
-        found = contents.parameters(system, archive, KNOWN, errors)
-    return found.get("a", {}), errors
+        structure = Structure.of(ET.fromstring(system), errors)
+        return contents.parameters(structure, ROOT_UNITS, archive, known or KNOWN, errors), errors
 
 
 def entry(name: str, value: str, kind: str = "Real", unit: str = "") -> str:
@@ -113,13 +133,143 @@ def test_elements_that_no_set_names_keep_their_start_value() -> None:
     assert found == {"start": [[1.0, 2.0], [9.0, 4.0]], "bare": [[0.0, 5.0], [0.0, 0.0]]}
 
 
+def test_outer_system_overrides_its_parts() -> None:
+    """As in SSP 1.0 and 2.0: what stands higher up comes from who put the parts together."""
+    assert read(entry("a.length", "2"), inner=bound(entry("length", "1"), entry("count", "7"))) == (
+        {"length": 2.0, "count": 7},
+        [],
+    )
+    sub = bound(entry("deep.length", "3"), entry("deep.count", "4"))
+    system = f"""<ssd:System {NAMES}>
+<ssd:ParameterBindings>{bound(entry("sub.deep.count", "5"))}</ssd:ParameterBindings>
+<ssd:Elements><ssd:System name="sub"><ssd:ParameterBindings>{sub}</ssd:ParameterBindings>
+<ssd:Elements><ssd:Component name="deep"><ssd:ParameterBindings>
+{bound(entry("length", "1"), entry("count", "1"), entry("is_on", "true"))}</ssd:ParameterBindings></ssd:Component>
+</ssd:Elements></ssd:System></ssd:Elements></ssd:System>"""
+    found, errors = parameters(system, known={"sub_deep": KNOWN["a"]})
+    assert not errors
+    assert found == {"sub_deep": {"length": 3.0, "count": 5, "is_on": True}}
+
+
+def test_unit_is_the_one_that_the_file_defines() -> None:
+    units = """<ssv:Units><ssc:Unit name="millimetre"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>
+<ssc:Unit name="um"><ssc:BaseUnit m="1" factor="1.0"/></ssc:Unit></ssv:Units>"""
+    more = bound(entry("a.length", "250", unit="millimetre"), units=units)
+    assert read(more=more) == ({"length": pytest.approx(0.25, rel=1e-12, abs=0.0)}, [])
+    assert read(more=bound(entry("a.length", "3", unit="um"), units=units)) == ({"length": 3.0}, [])
+    warm = {"a": described(2, variable("bed", unit="K"))}
+    system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("a.bed", "60", unit="celsius"))}
+</ssd:ParameterBindings><ssd:Elements><ssd:Component name="a"/></ssd:Elements></ssd:System>"""
+    assert parameters(system, known=warm) == ({"a": {"bed": 333.15}}, [])
+
+
+@pytest.mark.parametrize("in_file", [False, True])
+def test_mapping_gives_a_parameter_the_names_of_the_parts(in_file: bool) -> None:
+    entries = """<ssm:MappingEntry source="size" target="a.length"><ssc:LinearTransformation factor="2" offset="1"/>
+</ssm:MappingEntry><ssm:MappingEntry source="n" target="a.count"/>"""
+    inside = f"<ssm:ParameterMapping {NAMES}>{entries}</ssm:ParameterMapping>"
+    mapping = (
+        '<ssd:ParameterMapping source="names.ssm"/>'
+        if in_file
+        else f"<ssd:ParameterMapping>{inside}</ssd:ParameterMapping>"
+    )
+    more = bound(entry("size", "500", unit="mm"), entry("n", "3"), entry("a.is_on", "true"), mapping=mapping)
+    assert read(more=more, files={"names.ssm": inside}) == (
+        {"length": 2.0, "count": 3},
+        [],
+    )  # what no entry names stays
+    _, errors = read(more=bound(entry("n", "3"), mapping=mapping.replace('offset="1"', 'offset="x"')),
+                     files={"names.ssm": inside.replace('offset="1"', 'offset="x"')})  # fmt: skip
+    assert errors == ["the mapping of size to a.length: factor '2', offset 'x'; expected numbers"]
+
+
+def test_transformation_of_a_whole_number_is_refused() -> None:
+    mapping = """<ssd:ParameterMapping><ssm:ParameterMapping><ssm:MappingEntry source="n" target="a.count">
+<ssc:LinearTransformation factor="2"/></ssm:MappingEntry></ssm:ParameterMapping></ssd:ParameterMapping>"""
+    _, errors = read(more=bound(entry("n", "3"), mapping=mapping))
+    assert errors == ["parameter a.count is Int32; a unit or a transformation needs a real number"]
+
+
+def test_element_that_is_refused_is_one_error() -> None:
+    system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("bus.length", "3"))}</ssd:ParameterBindings>
+<ssd:Elements><ssd:Component name="a"/><ssd:SignalDictionaryReference name="bus"/></ssd:Elements>
+<ssd:Connections><ssd:Connection startElement="a" startConnector="y" endElement="bus" endConnector="y"/>
+<ssd:Connection startElement="bus" startConnector="z" endElement="a" endConnector="x"/></ssd:Connections>
+</ssd:System>"""
+    found, errors = parameters(system)
+    structure = Structure.of(ET.fromstring(system), [])
+    known = {"a": described(3, variable("y", "Float64", "output"), variable("x", "Float64", "input"))}
+    assert wires.connections(structure, {}, known, errors) == []
+    assert found == {}
+    assert errors == ["bus is a SignalDictionaryReference; inkloop takes components and systems"]
+
+
+def nested(*connections: str, connectors: str = "") -> tuple[Any, list[str]]:
+    """A plant in an inner system, a source and a sink outside of it."""
+    system = f"""<ssd:System {NAMES}><ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/>
+<ssd:System name="sub"><ssd:Connectors>{connectors}</ssd:Connectors><ssd:Elements><ssd:Component name="c"/>
+</ssd:Elements><ssd:Connections>{"".join(connections[2:])}</ssd:Connections></ssd:System></ssd:Elements>
+<ssd:Connections>{"".join(connections[:2])}</ssd:Connections></ssd:System>"""
+    known = {
+        "a": described(3, variable("y", "Float64", "output", unit="mm")),
+        "b": described(3, variable("x", "Float64", "input", unit="m")),
+        "sub_c": described(
+            3, variable("x", "Float64", "input", unit="m"), variable("y", "Float64", "output", unit="m")
+        ),
+    }
+    errors: list[str] = []
+    structure = Structure.of(ET.fromstring(system), errors)
+    return wires.connections(structure, {}, known, errors), errors
+
+
+def joint(start: str, end: str, inside: str = "") -> str:
+    """A connection between two "element.connector", without an element for the system itself."""
+    ends = ""
+    for which, place in (("start", start), ("end", end)):
+        element, _, connector = place.rpartition(".")
+        ends += (f'{which}Element="{element}" ' if element else "") + f'{which}Connector="{connector}" '
+    return f"<ssd:Connection {ends}>{inside}</ssd:Connection>"
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_wire_passes_the_connectors_of_an_inner_system(turned: bool) -> None:
+    """Units on the way are converted, transformations come in order: (2 (y mm) in um + 500) 3 m."""
+    connectors = """<ssd:Connector name="in" kind="input"><ssc:Real unit="um"/></ssd:Connector>
+<ssd:Connector name="out" kind="output"/>"""
+    ends = [("a.y", "sub.in"), ("sub.out", "b.x"), ("in", "c.x"), ("c.y", "out")]
+    lines = [line('factor="2" offset="500"'), "", line('factor="3"'), ""]
+    tables, errors = nested(
+        *(joint(*(end[::-1] if turned else end), inside) for end, inside in zip(ends, lines, strict=True)),
+        connectors=connectors,
+    )
+    assert not errors
+    first, second = sorted(tables, key=lambda table: str(table["source"]))
+    assert (first["source"], first["target"]) == ("a.y", "sub_c.x")
+    assert first["gain"] == pytest.approx(6.0, rel=1e-12, abs=0.0)
+    assert first["offset_um"] == pytest.approx(1500.0, rel=1e-12, abs=0.0)
+    assert second == {"source": "sub_c.y", "target": "b.x"}
+
+
+def test_connector_that_an_inner_system_lacks_is_named() -> None:
+    _, errors = nested(joint("a.y", "sub.inn"), "", connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == ["a connection names sub.inn; did you mean in?"]
+
+
+def test_two_components_of_one_name_are_refused() -> None:
+    system = f"""<ssd:System {NAMES}><ssd:Elements><ssd:Component name="sub_c"/><ssd:System name="sub"><ssd:Elements>
+<ssd:Component name="c"/></ssd:Elements></ssd:System></ssd:Elements></ssd:System>"""
+    errors: list[str] = []
+    Structure.of(ET.fromstring(system), errors)
+    assert errors == ["sub.c would have the name sub_c of sub_c in a scenario; rename one"]
+
+
 def test_file_that_is_no_parameter_set_is_reported() -> None:
     other = f"<x {NAMES}><ssv:Parameters>{entry('a.length', '3')}</ssv:Parameters></x>"
     files = {"a b.ssv": other, "good.ssv": f"<ssv:ParameterSet {NAMES}><ssv:Parameters>{entry('a.count', '4')}"
              "</ssv:Parameters></ssv:ParameterSet>"}  # fmt: skip
     more = '<ssd:ParameterBinding source="a%20b.ssv"/><ssd:ParameterBinding source="./good.ssv"/>'
     found, errors = read(files=files, more=more)
-    assert errors == ["parameters 'a%20b.ssv' are no parameter set of SSP, but <x>"]
+    assert errors == ["parameters 'a%20b.ssv' are no ParameterSet of SSP, but <x>"]
     assert found == {"count": 4}
 
 
@@ -140,9 +290,12 @@ def wired(
         for number, (source, target) in enumerate(connections)
     )
     outside = '<ssd:Connection startConnector="free" endElement="b" endConnector="m"/>'
-    system = ET.fromstring(f"<ssd:System {NAMES}><ssd:Connections>{elements}{outside}</ssd:Connections></ssd:System>")
+    known = ports or PORTS
+    parts = "".join(f'<ssd:Component name="{name}"/>' for name in known)
+    system = f"""<ssd:System {NAMES}><ssd:Elements>{parts}</ssd:Elements>
+<ssd:Connections>{elements}{outside}</ssd:Connections></ssd:System>"""
     errors: list[str] = []
-    return contents.connections(system, ports or PORTS, errors), errors
+    return wires.connections(Structure.of(ET.fromstring(system), errors), {}, known, errors), errors
 
 
 BOTH = ("a.y[1]", "b.x[1]"), ("a.y[2]", "b.x[2]")
@@ -182,7 +335,7 @@ def test_transformation_becomes_gain_and_offset(inside: str, more: str, expected
     [
         (BOTH, {"other": line('factor="3"')}, "a.y to b.x: elements have different transformations"),
         ((("a.y[1]", "b.x[2]"), ("a.y[2]", "b.x[1]")), {}, "a.y to b.x: 2 of 2 elements are connected, or not each"),
-        (BOTH, {"inside": line('factor="x"')}, "from a.y to b.x: factor 'x', offset None; expected numbers"),
+        (BOTH, {"inside": line('factor="x"')}, "from a.y to b.x: factor 'x', offset '0'; expected numbers"),
     ],
 )
 def test_wire_that_no_scenario_has_is_reported(connections: Any, options: Any, message: str) -> None:
