@@ -34,6 +34,9 @@ def _add_new(commands: Any) -> argparse.ArgumentParser:
         metavar="FILE",
         help="mesh (STL, OBJ, PLY, 3MF), height map or manifest of layers to print, with a grid for it",
     )
+    either.add_argument(
+        "--plant", type=Path, metavar="FMU", help="deposition model of another tool to print with, on its grid"
+    )
     add_part_options(parser)
     return parser
 
@@ -54,7 +57,16 @@ def _new(options: argparse.Namespace) -> int:
         return 0
     if options.name is None:
         raise InkloopError("new needs the NAME of the scenario to write; --list lists those of inkloop")
-    if options.part is None:
+    if options.plant is not None:
+        path, plant = templates.write_for_plant(options.name, options.plant)
+        nx, ny = plant.pattern.grid
+        terminal.sentence(
+            f"{options.plant}: droplets into {plant.pattern.variable}, surface from {plant.height.variable}, on "
+            f"{nx} x {ny} cells"
+        )
+        if plant.unstated:
+            terminal.sentence(f"it does not state these, correct them in {path}: {'; '.join(plant.unstated)}")
+    elif options.part is None:
         path = templates.write(options.name, options.shape)
     else:
         path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)

@@ -11,7 +11,9 @@ import tomlkit
 
 from inkloop.errors import ScenarioError
 from inkloop.files import write_text
+from inkloop.fmu import describe
 from inkloop.scenario.part_file import ASSUMED_UNIT, FittedPart, PartFile, expected_layers, fit
+from inkloop.scenario.plant_file import Plant, plant_of, text_for_plant
 from inkloop.tables.schema import RunTable
 
 _TEMPLATES = files("inkloop.scenario") / "templates"
@@ -38,6 +40,16 @@ def write_for_part(name: Path, file: PartFile, pitch_um: float | None = None) ->
     path = _free(name)
     part = fit(file, pitch_um)
     return _written(path, text_for_part(path, file, part)), part
+
+
+def write_for_plant(name: Path, fmu: Path) -> tuple[Path, Plant]:
+    """Write NAME.toml that prints a block with the plant in an FMU; its path and the plant.
+
+    Raises ScenarioError, FmuError.
+    """
+    path = _free(name)
+    plant = plant_of(describe(fmu))
+    return _written(path, text_for_plant(path, _titled(path), plant)), plant
 
 
 def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
