@@ -50,6 +50,8 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name.split("/") for name in archive.namelist()]
+            if any("\\" in name for name in archive.namelist()):
+                raise FmuError(f"{path}: its members are named with backslashes; pack it again, with / in the names")
             if reason := unpacked_error(archive) or _description_error(archive):
                 raise FmuError(f"{path}: {reason}")
             model = read_model_description(str(path), validate=False)

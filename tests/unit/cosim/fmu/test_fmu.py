@@ -387,6 +387,15 @@ def test_elements_make_an_array_counted_from_1_or_0(folder: Path, tmp_path: Path
     assert x.elements == ("x[0]", "x[1]", "x[2]")
 
 
+def test_archive_packed_with_backslashes_is_refused(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "windows.fmu"
+    with zipfile.ZipFile(build(folder, 2)) as ours, zipfile.ZipFile(path, "w") as theirs:
+        for name in ours.namelist():
+            theirs.writestr(zipfile.ZipInfo(name.replace("/", "\\")), ours.read(name))
+    with pytest.raises(FmuError, match="its members are named with backslashes; pack it again"):
+        describe(path)
+
+
 def test_model_exchange_only_is_reported(folder: Path, tmp_path: Path) -> None:
     def without(text: str) -> str:
         start, end = text.index("<CoSimulation"), text.index("<TypeDefinitions")
