@@ -1,7 +1,8 @@
 """Rows of options in scenario.md and sweep-settings.md, one table for each class.
 
 The rows of `LayerMpc` and its parts come from the options that the class marks, whose texts stand in
-fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
+fmus/layer_controller/variables.toml. The other rows come from the fields of a table; of a height map those that a
+map folder has too are left out.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ STUDY_TABLES = (SampleTable, SeedsTable, OptimiseTable, KeepTable)
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
 TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, MetrologyTable, *PARTS)}
+OF_ALL_PARTS = {"shape", "center_x_um", "center_y_um"}
+"""Keys that the table on top of the page explains."""
 Row: TypeAlias = tuple[str, str, str]
 FIRST = {
     "PortTable": "key",
@@ -56,7 +59,9 @@ def texts() -> Texts:
     rows = {name: [row_of_keyword(each) for each in keywords(marked)] for name, marked in MARKED.items()}
     rows["HeightEstimator"] += map(row_of_keyword, keywords(on_doubt_option))
     for name, fields in TABLES.items():
-        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
+        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key not in OF_ALL_PARTS]
+    of_map = set(rows[MapFolder.__name__])
+    rows[HeightMapTable.__name__] = [each for each in rows[HeightMapTable.__name__] if each not in of_map]
     study = {
         f"options of {each.__name__}": table(
             ("key", "default", "meaning"), [row_of_field(key, field) for key, field in each.model_fields.items()]
