@@ -131,9 +131,9 @@ def texts() -> Texts:
 
 
 def printed_figures(paper: str) -> str:
-    """Table of the figures that a paper prints, times aside; a place is named in its first row."""
-    unit, is_printed = HEADINGS.index("unit"), HEADINGS.index("printed")
-    rows = [row for row in rows_of(paper) if row[is_printed] != "-" and row[unit] != "s"]
+    """Table of the figures that a paper prints and that can be compared; a place is named in its first row."""
+    verdict, is_printed = HEADINGS.index("reproduced"), HEADINGS.index("printed")
+    rows = [row for row in rows_of(paper) if "-" not in (row[is_printed], row[verdict])]
     places = [row[0] for row in rows]
     above = ["", *places[:-1]]
     shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(rows, above, strict=True)]
