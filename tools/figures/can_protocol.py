@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from os.path import commonprefix
+from collections.abc import Iterable
+from itertools import takewhile
 
 from cantools.database.can import Message, Signal
 from tools.figures.pages import DOCS, Texts
@@ -78,11 +79,16 @@ def _frame_row(codec: Codec, alike: list[Message]) -> str:
 
 def _shared(comments: list[str]) -> str:
     """The comment of messages alike: where they differ stands "the node"."""
-    begin = commonprefix(comments)
+    begin = _common(comments)
     if begin == comments[0]:
         return begin
-    end = commonprefix([comment[len(begin) :][::-1] for comment in comments])[::-1]
+    end = _common(comment[len(begin) :][::-1] for comment in comments)[::-1]
     return f"{begin.removesuffix('the ')}the node{end}"
+
+
+def _common(texts: Iterable[str]) -> str:
+    """The begin that the texts share."""
+    return "".join(alike[0] for alike in takewhile(lambda alike: len(set(alike)) == 1, zip(*texts, strict=False)))
 
 
 def _signal_row(signal: Signal, alike: list[Message]) -> str:

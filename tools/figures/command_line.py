@@ -47,8 +47,7 @@ def _section(prog: str, meaning: str, rows: Sequence[Row], often: Sequence[Row])
     own = [row for row in rows if row not in often]
     names = ", ".join(f"`{row[0].strip('`').split()[0]}`" for row in rows if row in often)
     return (
-        f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n"
-        f"{table(HEADS, own) if own else ''}"
+        f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{table(HEADS, own) if own else ''}"
     )
 
 
