@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import TypeAlias
 
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.cli import parser
 from inkloop.commands.options import add_output
@@ -30,15 +30,14 @@ def texts() -> Texts:
     often = [row for row, times in count.items() if times >= OFTEN]
     return {
         PAGE: {
-            "output": table(HEADS, _rows(shared, set())),
-            "often": table(HEADS, often),
+            "output": _listed(_rows(shared, set())),
+            "often": _listed(often),
             "commands": "".join(_section(*command, often) for command in commands),
         }
     }
 
 
-HEADS = ("argument", "meaning")
-OFTEN = 6
+OFTEN = 3
 """Number of commands from which on the page explains an option once."""
 
 
@@ -46,9 +45,12 @@ def _section(prog: str, meaning: str, rows: Sequence[Row], often: Sequence[Row])
     """Heading, meaning and arguments of a command; of the options explained above the names alone."""
     own = [row for row in rows if row not in often]
     names = ", ".join(f"`{row[0].strip('`').split()[0]}`" for row in rows if row in often)
-    return (
-        f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{table(HEADS, own) if own else ''}"
-    )
+    return f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{_listed(own)}"
+
+
+def _listed(rows: Iterable[Row]) -> str:
+    """A line for each argument."""
+    return "".join(f"\n- {names}: {meaning}" for names, meaning in rows) + "\n"
 
 
 def _commands(above: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
@@ -68,7 +70,7 @@ def _rows(parser: argparse.ArgumentParser, left_out: Container[str]) -> Iterator
             continue
         value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
         names = ", ".join(action.option_strings)
-        yield f"`{f'{names} {value}'.strip()}`".replace("|", r"\|"), str(action.help).replace("|", r"\|")
+        yield f"`{f'{names} {value}'.strip()}`", str(action.help)
 
 
 def _sentence(text: str) -> str:
