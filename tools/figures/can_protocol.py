@@ -14,7 +14,7 @@ from inkloop_hardware.protocol.codec import Codec
 
 SUPERVISION = ("Crc8", "Counter")
 """The signals of E2E profile 1, alike in all supervised frames."""
-SIGNAL_HEADS = ("| signal | bits | step | limits | unit | meaning |", "|---|---|---|---|---|---|")
+SIGNAL_HEADS = ("| signal | bits | value | meaning |", "|---|---|---|---|")
 
 
 def run() -> None:
@@ -94,9 +94,18 @@ def _common(texts: Iterable[str]) -> str:
 def _signal_row(signal: Signal, alike: list[Message]) -> str:
     last = signal.start + signal.length - 1
     bits = f"{signal.start}" if last == signal.start else f"{signal.start}-{last}"
-    limits = "" if signal.minimum is None else f"{signal.minimum:.10g} to {signal.maximum:.10g}"
     comments = {message.name: message.get_signal_by_name(signal.name).comment or "" for message in alike}
     shared = len(set(comments.values())) == 1
     meaning = comments[alike[0].name] if shared else "; ".join(f"{name}: {text}" for name, text in comments.items())
     signed = ", signed" if signal.is_signed else ""
-    return f"| `{signal.name}` | {bits}{signed} | {signal.scale:g} | {limits} | {signal.unit or ''} | {meaning} |"
+    return f"| `{signal.name}` | {bits}{signed} | {_value(signal)} | {meaning} |"
+
+
+def _value(signal: Signal) -> str:
+    """Limits, unit and step."""
+    if signal.length == 1:
+        return "flag"
+    if signal.minimum is None:
+        return "bytes"
+    limits = f"{signal.minimum:.10g} to {signal.maximum:.10g} {signal.unit or ''}".rstrip()
+    return limits if signal.scale == 1 else f"{limits}, step {signal.scale:g}"
