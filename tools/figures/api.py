@@ -32,6 +32,7 @@ GROUPS = {
 OPTIONS = "[Options](scenario.md#layermpc), in SI"
 EXPLAINED = {
     **dict.fromkeys(("Criterion", "DropletChoices", "HeightEstimator", "LayerMpc", "Work"), OPTIONS),
+    "LayerEnv": "[Observation, action, reward](../how-to/learn-a-policy.md)",
     "LayerPlan": "[Fields](layer-plan.md#the-record)",
 }
 """Class -> the page that explains its arguments; here stands the first paragraph of its docstring."""
