@@ -61,7 +61,7 @@ def test_page_of_commands_names_every_option_and_explains_a_frequent_one_once() 
     section = command_line._section("inkloop weigh", "weigh", [*often, ("`PART`", "a part")], often)
     assert section == "\n## inkloop weigh\n\nWeigh. Takes `--set`.\n\n- `PART`: a part\n"
     page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
-    assert page.count("`--set KEY=VALUE`") == 1
+    assert page.count("`--set KEY=VALUE`: override a key") == 1
 
 
 def test_comments_of_frames_that_differ_by_their_node_are_one() -> None:
