@@ -66,7 +66,7 @@ def test_lamp_time_is_that_of_the_present_or_the_last_pulse() -> None:
         bench.ready()
         assert lamp(bench) == (0.0, 30.0, 0.0)
         bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\x2c"), CURE)
-        bench.tick(200)
+        bench.tick(205)
         assert lamp(bench) == (1e4, 30.0, 200.0)
         bench.tick(200)
         assert lamp(bench) == (0.0, 30.0, 300.0)
@@ -86,6 +86,7 @@ def test_profiler_counts_its_scans_and_the_cells_that_answered() -> None:
         assert found(bench) == (0, 0.0, 0.0)
         for number in (1, 2):
             bench.raw(bench.routine(SCAN, attempt=number), PROFILER)
+            bench.tick()
             assert found(bench)[:2] == (number - 1, 0.0)
             bench.tick(100)
             valid = heights(bench.upload(0), 1e-7)[1]

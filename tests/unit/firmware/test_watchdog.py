@@ -37,7 +37,7 @@ def bench() -> Iterator[NodeBench]:
 def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_not_longer(bench: NodeBench) -> None:
     """Nine lines in 900 ms: one in 100 ms. The last kick comes with the tick in which the jets begin."""
     assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
-    bench.tick()
+    bench.tick(10)
     bench.clock += 3000
     bench.tick()
     state = bench.state()
@@ -57,6 +57,7 @@ def test_head_without_power_has_its_gate_closed(bench: NodeBench) -> None:
     """By its spring: before the node is there again."""
     cure = bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00")
     assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+    bench.tick()
     assert bench.raw(cure, CURE) == bytes((0x7F, 0x31, NRC_CONDITIONS))
     bench.c.bench_power_off(bench.bench, HEAD)
     assert bench.raw(cure, CURE) == b"\x7f\x31\x78"
@@ -72,6 +73,7 @@ def test_lamp_without_power_is_dark(one_node: int) -> None:
         else:
             bench.ready()
         assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00"), node) == b"\x7f\x31\x78"
+        bench.tick()
 
         def irradiance() -> int:
             frame = bench.measured(CURE, ctypes.create_string_buffer(64), bench.clock)
