@@ -13,6 +13,11 @@ void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
+void probe_refuse_slots(Bench *bench, int node, uint32_t from, uint32_t to);
+void probe_decay(Bench *bench, int node, uint32_t offset);
+void probe_memory(Bench *bench, int node, uint32_t sectors, uint32_t sector_bytes, uint32_t write_unit);
+void probe_restore(Bench *bench, int node);
+void probe_erase_slowly(Bench *bench, int node, uint32_t milliseconds);
 void probe_refuse_work(Bench *bench, int node);
 void probe_light_while_recording(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
@@ -78,6 +83,57 @@ void probe_wear(Bench *bench, int node) {
     replace_write(bench, node, write_with_a_dead_bit);
 }
 
+static uint32_t refused_from, refused_to;
+
+static bool write_elsewhere(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    return (offset < refused_from || offset >= refused_to) && sound.storage_write(context, offset, from, length);
+}
+
+/* From now on a node's storage refuses to write at these offsets, whatever they read. */
+void probe_refuse_slots(Bench *bench, int node, uint32_t from, uint32_t to) {
+    refused_from = from;
+    refused_to = to;
+    sound = board_hal(bench_board(bench, node));
+    bench->hal[node].storage_write = write_elsewhere;
+}
+
+/* A record at this offset cannot be read any more. */
+void probe_decay(Bench *bench, int node, uint32_t offset) {
+    memset(bench_board(bench, node)->unreadable + offset / BOARD_WRITE_UNIT, true, RECORD_BYTES / BOARD_WRITE_UNIT);
+}
+
+/* The memory of a node, from its next power-up on. */
+void probe_memory(Bench *bench, int node, uint32_t sectors, uint32_t sector_bytes, uint32_t write_unit) {
+    Hal *hal = &bench->hal[node];
+    hal->sectors = sectors;
+    hal->sector_bytes = sector_bytes;
+    hal->write_unit = write_unit;
+    if (write_unit > 0)
+        bench_board(bench, node)->write_unit = write_unit;
+}
+
+/* What could not be read or written is as good as new. */
+void probe_restore(Bench *bench, int node) {
+    Board *board = bench_board(bench, node);
+    memset(board->unreadable, 0, sizeof board->unreadable);
+    bench->hal[node] = board_hal(board);
+}
+
+static uint32_t erasing_ms;
+
+static bool erase_slowly(void *context, uint32_t sector) {
+    Board *board = context;
+    world_tick(board->world, board->world->now + erasing_ms);
+    return sound.storage_erase(context, sector);
+}
+
+/* From now on an erasure takes so long, by the clock of the world. */
+void probe_erase_slowly(Bench *bench, int node, uint32_t milliseconds) {
+    erasing_ms = milliseconds;
+    sound = board_hal(bench_board(bench, node));
+    bench->hal[node].storage_erase = erase_slowly;
+}
+
 static bool begin_nothing(void *context, const Work *work) {
     (void)context;
     (void)work;
@@ -105,7 +161,7 @@ void probe_light_while_recording(Bench *bench, int node) {
 
 uint32_t probe_count(Bench *bench, int what) {
     const World *world = bench_world(bench);
-    const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate};
+    const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate, world->now};
     return counts[what];
 }
 

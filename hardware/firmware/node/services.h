@@ -5,7 +5,7 @@
  * F195 version: text of the firmware.
  *
  * 0100 state: state, cause, roles, flags (1 a person has to confirm clear, 2 stop request, 4 pattern in memory, 8 dry
- * run, 16 map ready, 32 journal damaged, 64 the watchdog caused the last power-up), job (4), layer (2), passes of the
+ * run, 16 map ready, 32 journal damaged, 64 the watchdog caused the last power-up, 128 journal unread), job (4), layer (2), passes of the
  * layer, masks of passes done, unknown, cured, flags of the layer (journal.h), step under way, boots (2), session (2),
  * CRC of the pattern (4), clock (4), gate pulses since power-up (4).
  *

@@ -76,6 +76,18 @@ static void tamper(Bench *bench) {
         put_u32(record + RECORD_BYTES - 4, crc32_after(0, record, RECORD_BYTES - 4));
 }
 
+/* With all records, with an altered one, or with some that cannot be read then. */
+static void power_up(Bench *bench) {
+    const uint8_t how = input_byte(&bench->input) % 3;
+    if (how == 1) {
+        tamper(bench);
+        return;
+    }
+    bench->board.blind_from = how == 2 ? 1 + 3u * input_byte(&bench->input) : 0;
+    bench_power_up(bench);
+    bench->board.blind_from = 0;
+}
+
 static void operate(Bench *bench) {
     uint8_t request[FUZZ_REQUEST_MAX], late[ANSWER_ROOM];
     Input *input = &bench->input;
@@ -127,10 +139,7 @@ static void operate(Bench *bench) {
         bring_to_work(bench);
         break;
     default:
-        if (input_byte(input) % 2)
-            tamper(bench);
-        else
-            bench_power_up(bench);
+        power_up(bench);
     }
     bench_turn(bench, 0);
 }

@@ -54,11 +54,11 @@ NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x2
 GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS, STORAGE_FULL, LAMP_STAYS_OFF = (
     1 << bit for bit in range(8)
 )
-GATE_OPENINGS, LAMP_PULSES, LAMP_WITH_GATE = range(3)
+GATE_OPENINGS, LAMP_PULSES, LAMP_WITH_GATE, WORLD_CLOCK = range(4)
 MASTER_LOST, STOP_REQUEST, ENABLE_DROPPED, TWO_MASTERS = range(1, 5)
 SUPERVISION, STEP_EXPIRED, GATE_NOT_CONFIRMED, LAMP_TIME = range(5, 9)
 BACK_PRESSURE, STAGE_POSITION, SCAN_FAILED = 11, 12, 14
-JOURNAL_DAMAGED, PASS_UNKNOWN, STORAGE_FAILED = 16, 17, 18
+JOURNAL_DAMAGED, PASS_UNKNOWN, STORAGE_FAILED, JOURNAL_UNREADABLE = range(16, 20)
 RASTER = (0, 1, 2, 3)
 
 
@@ -133,6 +133,7 @@ class State:
     pattern_crc: int
     gate_pulses: int
     by_watchdog: bool
+    journal_unread: bool
 
 
 @dataclass(frozen=True)
@@ -283,7 +284,7 @@ class NodeBench:
         passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
         needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
         first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
-        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64))
+        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64), bool(flags & 128))
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
@@ -361,6 +362,32 @@ class NodeBench:
     def wear(self, node: int = HEAD) -> None:
         """From now on the flash does not hold what is written to it, and does not say so."""
         self.c.probe_wear(self.bench, node)
+
+    def refuse_slots(self, first: int, end: int, node: int = HEAD) -> None:
+        """From now on these slots of the journal refuse to be written, whatever they read."""
+        offsets = (ctypes.c_uint32(slot // 102 * 4096 + slot % 102 * 40) for slot in (first, end))
+        self.c.probe_refuse_slots(self.bench, node, *offsets)
+
+    def decay(self, records: int, node: int = HEAD) -> None:
+        """The newest records of a node cannot be read any more."""
+        self.c.bench_decay(self.bench, node, ctypes.c_uint32(records))
+
+    def decay_slots(self, slots: Sequence[int], node: int = HEAD) -> None:
+        """The same for slots of its journal."""
+        for slot in slots:
+            self.c.probe_decay(self.bench, node, ctypes.c_uint32(slot // 102 * 4096 + slot % 102 * 40))
+
+    def restore(self, node: int = HEAD) -> None:
+        """The storage of a node is as good as new; it holds what it held."""
+        self.c.probe_restore(self.bench, node)
+
+    def memory(self, sectors: int, sector_bytes: int, write_unit: int, node: int = HEAD) -> None:
+        """The storage of a node from its next power-up on."""
+        self.c.probe_memory(self.bench, node, *map(ctypes.c_uint32, (sectors, sector_bytes, write_unit)))
+
+    def erase_slowly(self, milliseconds: int, node: int = HEAD) -> None:
+        """From now on an erasure takes so long, by the clock of the world."""
+        self.c.probe_erase_slowly(self.bench, node, ctypes.c_uint32(milliseconds))
 
     def refuse_work(self, node: int = HEAD) -> None:
         """From now on the devices of a node cannot begin anything."""

@@ -207,9 +207,11 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
     assert MasterJournal(tmp_path).records[-1].event is Event.DONE
 
 
-def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
+def head(
+    layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2, flags: Flags = Flags(0)
+) -> NodeState:
     return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
+        *(State.SAFE, Fault.NONE, Roles.HEAD, flags, job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
         *(1, 1, crc, 0.0, 0),
     )
 
@@ -225,6 +227,7 @@ def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: in
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01)),
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b11)),  # the answer never arrived
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01, unknown=0b10)),
+        (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, flags=Flags.JOURNAL_UNREADABLE)),  # refused before anything is asked
     ],
 )
 def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: Any, theirs: NodeState) -> None:
@@ -240,6 +243,7 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
         (LayerAsked(2), head(1, job=8, done=15), "of job 8"),
         (LayerAsked(2), head(0, job=0), "another head is mounted, its journal was erased"),
+        (LayerAsked(1, 0b01, 0b00, 0xABC2), head(65535), "journals differ"),  # given up, as it could not be read
         (LayerAsked(2, 0b1111, 0b1111, 0xABC2), head(3), "something else was printed since"),
         (
             LayerAsked(2, 0b01, 0b01, 0xABC2),
