@@ -245,7 +245,9 @@ def test_records_that_cannot_be_read_ask_a_person_and_end_the_job() -> None:
         with pytest.raises((NodeLost, NodeRefused, NodeStopped)):
             failures.in_second_pass(run)
         wait_until(lambda: run.rig.keep_alive() is None and run.state().cause is Fault.JOURNAL_UNREADABLE)
-        with pytest.raises(NotReady, match=r"head: its journal could not be read .*; switch it off and on; .*--give-up"):
+        with pytest.raises(
+            NotReady, match=r"head: its journal could not be read .*; switch it off and on; .*--give-up"
+        ):
             make_ready(run.rig, tuple(Node))
         assert run.rig.link(Node.HEAD).ask(Routine.PASS, Key(JOB, 1, 1)) is Outcome.UNKNOWN
         with pytest.raises(NodeRefused, match="journal unreadable"):

@@ -2,8 +2,8 @@
  * storage_erase may take longer.
  *
  * The core never sends a frame and never reads a clock: its caller does, and passes bytes and milliseconds in. It calls
- * these functions from the functions of node.h only, one at a time. Before node_init the supply is good, so that storage,
- * inputs and outputs work: hold the processor in reset below the voltage that they need (brown-out). */
+ * these functions from the functions of node.h only, one at a time. Before node_init the supply is good, so that
+ * storage, inputs and outputs work: hold the processor in reset below the voltage that they need (brown-out). */
 #ifndef INKLOOP_HAL_H
 #define INKLOOP_HAL_H
 

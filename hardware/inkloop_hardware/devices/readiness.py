@@ -87,7 +87,7 @@ def blocked(node: Node, state: NodeState) -> str | None:
     if state.flags & Flags.JOURNAL_UNREADABLE:
         return (
             f"{name}: its journal could not be read at power-up, so what it has done is not known; switch it off and "
-            "on; if that does not help, take the part off, `inkloop bench clear SCENARIO --give-up`, and begin a new one"
+            "on; if it is no better then, take the part off, `inkloop bench clear SCENARIO --give-up`, begin a new one"
         )
     if not state.flags & Flags.NEEDS_OPERATOR:
         return None

@@ -14,7 +14,6 @@ from support.benches.node_bench import (
     DONE,
     DONE_BEFORE,
     GATE_OPENINGS,
-    HEAD,
     JOURNAL_DAMAGED,
     JOURNAL_UNREADABLE,
     NRC_CONDITIONS,

@@ -52,7 +52,8 @@ typedef struct {
     double probability; /* probability for each frame; 0: once, at the nth */
     /* first match that is hit, and number of hits in a row; nth 0: the first, an event at once */
     uint32_t nth, count;
-    uint32_t frames; /* that overtake a delayed one, that fit into a queue, MasterAlive frames of an event; 0: without end */
+    uint32_t
+        frames; /* that overtake a delayed one, that fit into a queue, MasterAlive frames of an event; 0: without end */
     int32_t way, id, node, service, byte, part;
     int32_t layer, pass, step; /* node state that arms the fault; ANY: armed from the start */
     int32_t seed;

@@ -41,8 +41,8 @@ void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now)
 /* Replaces `node_frames_take`: the frame waits for the next tick, in a queue of NODE_FRAMES_QUEUE. */
 void node_faults_take(NodeFaults *faulty, int node, const CanFrame *frame);
 
-/* Replaces `node_frames_tick`, with faulty answers. False: the node sends nothing now, for it is dead, erases its storage
- * or is off the bus. */
+/* Replaces `node_frames_tick`, with faulty answers. False: the node sends nothing now, for it is dead, erases its
+ * storage or is off the bus. */
 bool node_faults_tick(NodeFaults *faulty, int node, uint32_t now);
 
 /* The MasterAlive of a second master that follows `frame`, if any. */

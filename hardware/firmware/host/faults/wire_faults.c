@@ -17,10 +17,10 @@ static bool hold(WireFaults *wire, Way way, const CanFrame *frame, const Fault *
         if (wire->held[k].behind > 0)
             continue;
         wire->held[k] = (HeldFrame){.frame = *frame,
-                                     .way = way,
-                                     .behind = fault->frames + 1,
-                                     .same_id = fault->kind == FAULT_TRANSMIT_ORDER,
-                                     .next = next};
+                                    .way = way,
+                                    .behind = fault->frames + 1,
+                                    .same_id = fault->kind == FAULT_TRANSMIT_ORDER,
+                                    .next = next};
         return true;
     }
     return false;

@@ -42,8 +42,8 @@ def state(**changes: Any) -> NodeState:
         ),
         (
             {"flags": Flags.JOURNAL_UNREADABLE | Flags.NEEDS_OPERATOR, "cause": Fault.JOURNAL_UNREADABLE},
-            "head: its journal could not be read at power-up, so what it has done is not known; switch it off and on; if "
-            "that does not help, take the part off, `inkloop bench clear SCENARIO --give-up`, and begin a new one",
+            "head: its journal could not be read at power-up, so what it has done is not known; switch it off and on; "
+            "if it is no better then, take the part off, `inkloop bench clear SCENARIO --give-up`, begin a new one",
         ),
         (
             {"flags": Flags.NEEDS_OPERATOR, "unknown": 0b1010, "layer_flags": LayerFlags.CURE_UNKNOWN},

@@ -208,10 +208,10 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
 
 
 def head(
-    layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2, flags: Flags = Flags(0)
+    layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2, flags: int = 0
 ) -> NodeState:
     return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, flags, job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
+        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(flags), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
         *(1, 1, crc, 0.0, 0),
     )
 
@@ -227,7 +227,10 @@ def head(
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01)),
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b11)),  # the answer never arrived
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01, unknown=0b10)),
-        (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, flags=Flags.JOURNAL_UNREADABLE)),  # refused before anything is asked
+        (
+            LayerAsked(2, 0b11, 0b01, 0xABC2),
+            head(2, flags=Flags.JOURNAL_UNREADABLE),
+        ),  # refused before anything is asked
     ],
 )
 def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: Any, theirs: NodeState) -> None:

@@ -263,7 +263,11 @@ def test_node_that_is_well_has_no_fault() -> None:
         (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
         (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
         (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
-        (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_UNREADABLE)), "states", "could not be read"),
+        (
+            replace(report(), state=replace(report().state, flags=Flags.JOURNAL_UNREADABLE)),
+            "states",
+            "could not be read",
+        ),
         (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
         (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
         (
