@@ -69,8 +69,9 @@ static void other_master(Bench *bench) {
 static void tamper(Bench *bench) {
     bench->board.tampered = true;
     uint8_t *storage = bench->board.storage;
-    const size_t slot = input_byte(&bench->input) % (FUZZ_STORAGE_BYTES / RECORD_BYTES);
-    uint8_t *record = storage + slot / 6 * FUZZ_SECTOR_BYTES + slot % 6 * RECORD_BYTES;
+    enum { IN_SECTOR = FUZZ_SECTOR_BYTES / RECORD_BYTES };
+    const size_t slot = input_byte(&bench->input) % (FUZZ_SECTORS_MAX * IN_SECTOR);
+    uint8_t *record = storage + slot / IN_SECTOR * FUZZ_SECTOR_BYTES + slot % IN_SECTOR * RECORD_BYTES;
     record[input_byte(&bench->input) % RECORD_BYTES] = input_byte(&bench->input);
     if (input_byte(&bench->input) % 2) /* a checksum that is right proves little */
         put_u32(record + RECORD_BYTES - 4, crc32_after(0, record, RECORD_BYTES - 4));

@@ -9,18 +9,9 @@ import pytest
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.records import NodeFault, NodeStatus, Record, unpack
+from inkloop_hardware.protocol.services import Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
-from support.benches.node_bench import (
-    CURE,
-    DONE,
-    HEAD,
-    NRC_CONDITIONS,
-    PASS,
-    PROFILER,
-    STAGE,
-    NodeBench,
-    pattern_blob,
-)
+from support.benches.node_bench import CURE, DONE, HEAD, PROFILER, STAGE, NodeBench, Nrc, pattern_blob
 
 CODEC = Codec()
 NUMBER = {Node.HEAD: HEAD, Node.STAGE: STAGE, Node.CURE: CURE, Node.PROFILER: PROFILER}
@@ -59,7 +50,7 @@ def status(bench: NodeBench, node: int = HEAD) -> NodeStatus:
 
 
 def begin_pass(bench: NodeBench, number: int, layer: int = 1) -> None:
-    assert bench.raw(bench.routine(PASS, layer, number, option=bytes([number]))) == b"\x7f\x31\x78"
+    assert bench.raw(bench.routine(Routine.PASS, layer, number, option=bytes([number]))) == b"\x7f\x31\x78"
     bench.tick(100)
 
 
@@ -68,7 +59,7 @@ def test_status_says_what_is_printed_unknown_and_open(bench: NodeBench) -> None:
         bench.print_layer(np.eye(9, 8), layer)
     assert bench.download(pattern_blob(np.ones((9, 8))), 4) == 0
     for number in (0, 1):
-        assert bench.run(PASS, layer=4, which=number, option=bytes([number])) == DONE
+        assert bench.jet(4, number) == DONE
     begin_pass(bench, 2, layer=4)
     seen = status(bench)
     assert (seen.node, seen.state, seen.fault) == (Node.HEAD, State.PRINTING, Fault.NONE)
@@ -108,7 +99,7 @@ def test_status_comes_every_100_ms_and_its_counter_goes_round(bench: NodeBench, 
 
 def test_fault_is_sent_at_once_then_every_second_until_it_is_over(bench: NodeBench) -> None:
     assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
-    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+    assert bench.jet(1) == DONE
     begin_pass(bench, 1)
     while bench.sent():
         pass
@@ -191,4 +182,4 @@ def test_refused_request_is_answered_on_the_bus(bench: NodeBench) -> None:
     bench.stop(True)
     bench.give(Frame(REQUEST_ID, b"\x07\x34\x00\x44\0\0\0\1"))
     assert answers(bench)[0][:4] == bytes((3, 0x7F, 0x34, 0x13))
-    assert bench.clear(HEAD, 1) == -NRC_CONDITIONS
+    assert bench.clear(HEAD, 1) == -Nrc.CONDITIONS

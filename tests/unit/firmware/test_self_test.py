@@ -7,29 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from support.benches.node_bench import (
-    CURE,
-    DONE,
-    ENABLE_DROPPED,
-    GATE_NOT_CONFIRMED,
-    GATE_OPENINGS,
-    GATE_STAYS_CLOSED,
-    GATE_STAYS_OPEN,
-    HEAD,
-    LAMP_PULSES,
-    LAMP_STAYS_OFF,
-    LAMP_STAYS_ON,
-    LAMP_TIME,
-    LAMP_WITH_GATE,
-    NRC_CONDITIONS,
-    NRC_FAILED,
-    NRC_RANGE,
-    PASS,
-    SELF_TEST,
-    MasterAlive,
-    NodeBench,
-    pattern_blob,
-)
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Fault
+from support.benches.node_bench import CURE, DONE, HEAD, Broken, MasterAlive, NodeBench, Nrc, pattern_blob
 
 FULL = np.ones((9, 8), np.uint8)
 OF_THE_GATE, OF_THE_LAMP = b"\x00\x00", b"\x00\x64"
@@ -49,11 +29,11 @@ def assert_off(bench: NodeBench, node: int) -> None:
 
 def test_gate_goes_to_both_ends_and_the_lamp_lights_with_it_closed(bench: NodeBench) -> None:
     before = bench.surface.copy()
-    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
-    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
-    assert bench.counted(GATE_OPENINGS) == 1
-    assert bench.counted(LAMP_PULSES) == 1
-    assert bench.counted(LAMP_WITH_GATE) == 0
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
+    assert bench.run(Routine.SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
+    assert bench.gate_openings == 1
+    assert bench.lamp_pulses == 1
+    assert bench.lamp_with_gate == 0
     times = bench.times(CURE)
     assert 100 <= times.lamp_off - times.lamp_on < 110
     np.testing.assert_array_equal(bench.surface, before)
@@ -61,31 +41,31 @@ def test_gate_goes_to_both_ends_and_the_lamp_lights_with_it_closed(bench: NodeBe
 
 def test_layer_under_way_and_journals_do_not_know_of_it(bench: NodeBench) -> None:
     assert bench.download(pattern_blob(FULL), 1) == 0
-    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+    assert bench.jet(1) == DONE
     before = [(bench.journal(node), bench.state(node).done, bench.state(node).state) for node in (HEAD, CURE)]
-    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
-    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
+    assert bench.run(Routine.SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
     assert [(bench.journal(n), bench.state(n).done, bench.state(n).state) for n in (HEAD, CURE)] == before
     assert bench.cure(1) == DONE
-    assert bench.run(PASS, layer=1, which=1, option=b"\1") == DONE
+    assert bench.jet(1, 1) == DONE
 
 
 @pytest.mark.parametrize(
     ("broken", "node", "option", "cause"),
     [
-        (GATE_STAYS_CLOSED, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
-        (GATE_STAYS_OPEN, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
-        (LAMP_STAYS_ON, CURE, OF_THE_LAMP, LAMP_TIME),
-        (LAMP_STAYS_OFF, CURE, OF_THE_LAMP, LAMP_TIME),
+        (Broken.GATE_STAYS_CLOSED, HEAD, OF_THE_GATE, Fault.GATE_NOT_CONFIRMED),
+        (Broken.GATE_STAYS_OPEN, HEAD, OF_THE_GATE, Fault.GATE_NOT_CONFIRMED),
+        (Broken.LAMP_STAYS_ON, CURE, OF_THE_LAMP, Fault.LAMP_TIME),
+        (Broken.LAMP_STAYS_OFF, CURE, OF_THE_LAMP, Fault.LAMP_TIME),
     ],
 )
 def test_what_is_not_confirmed_is_a_fault_with_everything_off(
     broken: int, node: int, option: bytes, cause: int, bench: NodeBench
 ) -> None:
-    assert bench.raw(bench.routine(SELF_TEST, option=option), node)[2] == 0x78
+    assert bench.raw(bench.routine(Routine.SELF_TEST, option=option), node)[2] == 0x78
     bench.broken(broken)
     bench.tick(1500)
-    assert bench.late(node)[:3] == bytes((0x7F, 0x31, NRC_FAILED))
+    assert bench.late(node)[:3] == bytes((0x7F, 0x31, Nrc.FAILED))
     state = bench.state(node)
     assert (state.state, state.cause, state.needs_operator) == ("FAULT", cause, True)
     assert_off(bench, node)
@@ -94,26 +74,26 @@ def test_what_is_not_confirmed_is_a_fault_with_everything_off(
 def test_nothing_moves_that_is_not_enabled(bench: NodeBench) -> None:
     bench.master = MasterAlive(0, 1, 7)
     bench.send_keep_alive()
-    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == -NRC_CONDITIONS
-    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == -NRC_CONDITIONS
-    assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == -Nrc.CONDITIONS
+    assert bench.run(Routine.SELF_TEST, CURE, option=OF_THE_LAMP) == -Nrc.CONDITIONS
+    assert bench.gate_openings == bench.lamp_pulses == 0
 
 
 def test_gate_is_not_tested_under_a_lamp_that_is_on(bench: NodeBench) -> None:
-    bench.broken(LAMP_STAYS_ON)
-    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == -NRC_CONDITIONS
-    assert bench.counted(GATE_OPENINGS) == 0
+    bench.broken(Broken.LAMP_STAYS_ON)
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == -Nrc.CONDITIONS
+    assert bench.gate_openings == 0
 
 
 def test_dropped_enable_ends_it(bench: NodeBench) -> None:
-    assert bench.raw(bench.routine(SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
+    assert bench.raw(bench.routine(Routine.SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
     bench.tick(50)
     bench.master = MasterAlive(0, 1, 7)
     bench.send_keep_alive()
-    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
+    assert bench.state_and_cause(CURE) == ("SAFE", Fault.ENABLE_DROPPED)
     assert_off(bench, CURE)
 
 
 def test_what_a_node_does_not_have_it_does_not_test(bench: NodeBench) -> None:
-    assert bench.run(SELF_TEST, CURE, option=OF_THE_GATE) == -NRC_RANGE
-    assert bench.run(SELF_TEST, HEAD, option=OF_THE_LAMP) == -NRC_RANGE
+    assert bench.run(Routine.SELF_TEST, CURE, option=OF_THE_GATE) == -Nrc.RANGE
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_LAMP) == -Nrc.RANGE

@@ -8,23 +8,9 @@ from struct import unpack_from
 import numpy as np
 import pytest
 
-from support.benches.node_bench import (
-    CURE,
-    CURE_ROUTINE,
-    DONE,
-    DONE_BEFORE,
-    GATE_OPENINGS,
-    JOURNAL_DAMAGED,
-    JOURNAL_UNREADABLE,
-    NRC_CONDITIONS,
-    NRC_SEQUENCE,
-    PASS,
-    UNKNOWN,
-    WORLD_CLOCK,
-    MasterAlive,
-    NodeBench,
-    pattern_blob,
-)
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Fault
+from support.benches.node_bench import CURE, DONE, DONE_BEFORE, UNKNOWN, MasterAlive, NodeBench, Nrc, pattern_blob
 
 PATTERN = pattern_blob(np.ones((9, 8)))
 RECORD, SECTOR, IN_SECTOR, SLOTS = 40, 4096, 102, 408
@@ -41,7 +27,7 @@ def bench() -> Iterator[NodeBench]:
 def jet_pass_0(bench: NodeBench, layer: int = 1) -> None:
     bench.ready()
     assert bench.download(PATTERN, layer) == 0
-    assert bench.run(PASS, layer=layer, which=0, option=b"\0") == DONE
+    assert bench.jet(layer) == DONE
 
 
 def restart(bench: NodeBench) -> None:
@@ -81,7 +67,7 @@ def test_newest_record_stays_where_nothing_can_be_written_any_more(bench: NodeBe
     bench.refuse_slots(0, SLOTS)
     for _ in range(3):
         restart(bench)
-        assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+        assert bench.state_and_cause() == ("FAULT", Fault.JOURNAL_DAMAGED)
         assert bench.state().done == 1
     bench.restore()
     restart(bench)
@@ -96,23 +82,23 @@ def test_records_that_cannot_be_read_are_not_taken_for_none(bench: NodeBench, lo
     stored = bench.storage().copy()
     restart(bench)
     state = bench.state()
-    assert (state.state, state.cause) == ("SAFE", JOURNAL_UNREADABLE)
+    assert (state.state, state.cause) == ("SAFE", Fault.JOURNAL_UNREADABLE)
     assert state.needs_operator
     assert state.journal_unread
     for option in (0, 1, 2):
-        assert bench.clear(option=option) == -NRC_CONDITIONS
-    assert bench.download(PATTERN, 1) == -NRC_CONDITIONS
-    assert bench.raw(bench.routine(PASS, 1, 0, kind=3))[4] == UNKNOWN
+        assert bench.clear(option=option) == -Nrc.CONDITIONS
+    assert bench.download(PATTERN, 1) == -Nrc.CONDITIONS
+    assert bench.raw(bench.routine(Routine.PASS, 1, 0, kind=3))[4] == UNKNOWN
     bench.stop(True)
     bench.stop(False)
-    assert bench.clear(option=1) == -NRC_CONDITIONS, "also after another cause"
+    assert bench.clear(option=1) == -Nrc.CONDITIONS, "also after another cause"
     assert bench.storage().tobytes() == stored.tobytes()
     bench.restore()
     restart(bench)
     assert (bench.state().cause, bench.state().done, bench.state().journal_unread) == (0, 1, False)
     assert bench.clear() == DONE
-    assert bench.run(PASS, layer=1, which=0, option=b"\0") == DONE_BEFORE
-    assert bench.counted(GATE_OPENINGS) == 1
+    assert bench.jet(1) == DONE_BEFORE
+    assert bench.gate_openings == 1
 
 
 @pytest.mark.parametrize("lost", [1, 2])
@@ -125,7 +111,7 @@ def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, 
     assert bench.clear(option=3) == DONE
     for again in range(3):
         for layer in (1, 2, 3, 65535):
-            assert bench.download(PATTERN, layer) == -NRC_SEQUENCE, (again, layer)
+            assert bench.download(PATTERN, layer) == -Nrc.SEQUENCE, (again, layer)
         if comes_back:
             bench.restore()
         restart(bench)
@@ -133,7 +119,7 @@ def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, 
     bench.master = MasterAlive(7, 1, 8)
     bench.tick(100)
     assert bench.download(PATTERN, 1) == 0
-    assert bench.counted(GATE_OPENINGS) == 1
+    assert bench.gate_openings == 1
 
 
 @pytest.mark.parametrize(
@@ -152,14 +138,14 @@ def test_only_what_may_be_newer_asks_a_person(bench: NodeBench, slots: range, as
     fill(bench, SLOTS + 150)
     bench.decay_slots(slots)
     restart(bench)
-    assert (bench.state().cause == JOURNAL_UNREADABLE) == asked
-    assert bench.clear() == (-NRC_CONDITIONS if asked else DONE)
+    assert (bench.state().cause == Fault.JOURNAL_UNREADABLE) == asked
+    assert bench.clear() == (-Nrc.CONDITIONS if asked else DONE)
 
 
 def test_memory_that_cannot_be_read_at_all_is_no_empty_one(bench: NodeBench) -> None:
     bench.decay_slots(range(SLOTS))
     restart(bench)
-    assert (bench.state().state, bench.state().cause) == ("SAFE", JOURNAL_UNREADABLE)
+    assert bench.state_and_cause() == ("SAFE", Fault.JOURNAL_UNREADABLE)
     assert bench.raw(b"\x22\x01\x10")[3:] == b""
     assert bench.clear(option=3) == DONE
 
@@ -173,8 +159,8 @@ def test_memory_that_is_none_for_a_journal_keeps_the_node_in_fault(
 ) -> None:
     bench.memory(sectors, sector_bytes, write_unit)
     restart(bench)
-    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
-    assert bench.clear(option=3) == -NRC_CONDITIONS
+    assert bench.state_and_cause() == ("FAULT", Fault.JOURNAL_DAMAGED)
+    assert bench.clear(option=3) == -Nrc.CONDITIONS
     assert bench.raw(b"\x22\x01\x10")[3:] == b""
 
 
@@ -203,8 +189,8 @@ def test_cure_gets_all_of_its_light_after_an_erasure(milliseconds: int) -> None:
         assert bench.clear(CURE) == DONE
         bench.storage(CURE)[SECTOR] = 0
         bench.erase_slowly(milliseconds, CURE)
-        assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\0\x64"), CURE) == b"\x7f\x31\x78"
-        assert bench.counted(WORLD_CLOCK) == bench.clock + milliseconds
+        assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\0\x64"), CURE) == b"\x7f\x31\x78"
+        assert bench.world_clock == bench.clock + milliseconds
         bench.clock += milliseconds
         bench.send_keep_alive()
         bench.tick(200)

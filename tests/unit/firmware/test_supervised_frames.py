@@ -8,26 +8,9 @@ import pytest
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Source
-from support.benches.node_bench import (
-    CURE,
-    CURE_ROUTINE,
-    DONE,
-    ENABLE_DROPPED,
-    GATE,
-    HEAD,
-    HOME,
-    LAMP,
-    MOTION,
-    NRC_CONDITIONS,
-    NRC_PENDING,
-    SELF_TEST,
-    STAGE,
-    STOP_REQUEST,
-    SUPERVISION,
-    TWO_MASTERS,
-    NodeBench,
-)
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Source
+from support.benches.node_bench import CURE, DONE, GATE, HEAD, LAMP, MOTION, STAGE, NodeBench, Nrc
 
 CODEC = Codec()
 
@@ -47,7 +30,7 @@ def stop_frame(active: bool, counter: int) -> Frame:
 def is_stopped(bench: NodeBench) -> bool:
     """Whether a person can not clear the node yet."""
     state = bench.state(CURE)
-    assert (state.state, state.cause) == ("SAFE", STOP_REQUEST)
+    assert (state.state, state.cause) == ("SAFE", Fault.STOP_REQUEST)
     return state.stopped
 
 
@@ -64,7 +47,7 @@ def test_one_whole_frame_stops_and_two_in_a_row_release(bench: NodeBench) -> Non
     assert is_stopped(bench)
     bench.give(stop_frame(False, 5))
     assert is_stopped(bench)
-    assert bench.clear(CURE, 1) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == -Nrc.CONDITIONS
     bench.give(stop_frame(False, 6))
     assert not is_stopped(bench)
     assert bench.clear(CURE, 1) == DONE
@@ -88,8 +71,8 @@ def test_frame_of_another_length_is_damaged_although_its_check_byte_is_right(ben
     assert whole.data[-1] == 0 or len(other) > len(whole.data), "what is missing counts as 0"
     for _ in range(2):
         bench.give(Frame(whole.arbitration_id, other))
-    expected = ("IDLE", 0) if name == "StopRequest" else ("SAFE", SUPERVISION)
-    assert (bench.state(CURE).state, bench.state(CURE).cause) == expected
+    expected = ("IDLE", 0) if name == "StopRequest" else ("SAFE", Fault.SUPERVISION)
+    assert bench.state_and_cause(CURE) == expected
 
 
 def test_damaged_frame_that_passes_its_check_by_chance_releases_nothing(bench: NodeBench) -> None:
@@ -141,11 +124,11 @@ def test_frame_after_a_lost_one_drops_what_it_does_not_enable(bench: NodeBench) 
     bench.master = None
     for counter in (0, 1):
         bench.give(alive_frame(1, counter))
-    assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x13\x88"), CURE) == b"\x7f\x31\x78"
+    assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\x13\x88"), CURE) == b"\x7f\x31\x78"
     bench.tick(50)
     assert bench.state(CURE).state == "CURING"
     bench.give(pack(CODEC, MasterAlive(False, True, True, 1, 7), 3))
-    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
+    assert bench.state_and_cause(CURE) == ("SAFE", Fault.ENABLE_DROPPED)
 
 
 @pytest.mark.parametrize("only", [LAMP, GATE, MOTION])
@@ -155,11 +138,11 @@ def test_each_enable_of_the_bus_allows_its_own(bench: NodeBench, only: int) -> N
     for counter in (0, 1):
         bench.give(pack(CODEC, record, counter))
     allowed = {
-        LAMP: bench.raw(bench.routine(SELF_TEST, option=b"\0\x64"), CURE),
-        GATE: bench.raw(bench.routine(SELF_TEST, option=b"\0\0"), HEAD),
-        MOTION: bench.raw(bench.routine(HOME, attempt=2), STAGE),
+        LAMP: bench.raw(bench.routine(Routine.SELF_TEST, option=b"\0\x64"), CURE),
+        GATE: bench.raw(bench.routine(Routine.SELF_TEST, option=b"\0\0"), HEAD),
+        MOTION: bench.raw(bench.routine(Routine.HOME, attempt=2), STAGE),
     }
-    assert [enable for enable, answer in allowed.items() if answer[2] == NRC_PENDING] == [only]
+    assert [enable for enable, answer in allowed.items() if answer[2] == Nrc.PENDING] == [only]
 
 
 def silence(bench: NodeBench) -> None:
@@ -173,7 +156,7 @@ def test_supervision_is_restarted_for_a_new_session(bench: NodeBench) -> None:
     for counter in (0, 0, 0):
         bench.give(alive_frame(1, counter))
     silence(bench)
-    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE) == -Nrc.CONDITIONS
     bench.give(alive_frame(2, 9))
     assert bench.clear(CURE) == DONE
     assert bench.state(CURE).session == 2
@@ -185,7 +168,7 @@ def test_new_session_is_supervised_like_the_old_one(bench: NodeBench) -> None:
     assert bench.clear(CURE) == DONE
     for _ in range(2):
         bench.give(alive_frame(2, 9))
-    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE) == -Nrc.CONDITIONS
     assert bench.state(CURE).state == "SAFE"
 
 
@@ -196,6 +179,6 @@ def test_sender_that_changes_its_session_does_not_regain_trust(bench: NodeBench)
         bench.give(alive_frame(session, 0))
         bench.give(alive_frame(session, 0))
         bench.tick(50)
-    assert bench.clear(CURE, 1) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == -Nrc.CONDITIONS
     bench.give(alive_frame(2, 1))
-    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", TWO_MASTERS)
+    assert bench.state_and_cause(CURE) == ("SAFE", Fault.TWO_MASTERS)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from support.benches.node_bench import DONE, HEAD, PASS, PROFILER, NodeBench, heights, pattern_blob, run_length
+from support.benches.node_bench import DONE, HEAD, PROFILER, NodeBench, heights, pattern_blob, run_length
 
 PATTERNS = st.tuples(st.integers(1, 12), st.integers(1, 12)).flatmap(
     lambda shape: arrays.arrays(np.uint8, shape, elements=st.integers(0, 2))
@@ -38,7 +38,7 @@ def jetted(pattern: np.ndarray, blob: bytes, *, coded: int = 0, block: int = 409
     with NodeBench(nx=nx, ny=ny, **inks) as bench:
         bench.ready()
         assert bench.download(blob, 1, coded=coded, block=block) == 0
-        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+        assert bench.jet(1, colour=255) == DONE
         return bench.surface.copy()
 
 
@@ -66,7 +66,7 @@ def test_colours_share_a_layer_out(bench: NodeBench) -> None:
     i, j = np.indices((9, 8))
     for number, colour in enumerate((3, 1, 0, 2)):
         before = bench.surface.copy()
-        assert bench.run(PASS, layer=1, which=number, option=bytes([colour])) == DONE
+        assert bench.jet(1, number, colour) == DONE
         grown = bench.surface - before >= 4.4e-6
         np.testing.assert_array_equal(grown, 2 * (i % 2) + j % 2 == colour)
 
@@ -347,7 +347,7 @@ def test_pattern_whose_successor_is_given_up_is_gone(bench: NodeBench) -> None:
 @pytest.mark.parametrize("shape", [(9, 7), (8, 8), (8, 9)])
 def test_pattern_of_another_grid_is_not_jetted(bench: NodeBench, shape: tuple[int, int]) -> None:
     assert bench.download(pattern_blob(np.ones(shape), passes=1), 1) == 0
-    assert bench.run(PASS, layer=1, option=b"\xff") < 0
+    assert bench.jet(1, colour=255) < 0
     assert not bench.surface.any()
 
 

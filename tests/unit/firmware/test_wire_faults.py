@@ -12,20 +12,7 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import (
-    CORE,
-    FAULTS,
-    FIRMWARE,
-    GATE_STAYS_CLOSED,
-    GATE_STAYS_OPEN,
-    HOST,
-    KERNELS,
-    LAMP_STAYS_ON,
-    NOT_READY,
-    WIRE,
-    codec,
-    firmware_library,
-)
+from support.benches.node_bench import CORE, FAULTS, FIRMWARE, HOST, KERNELS, WIRE, Broken, codec, firmware_library
 from support.places import C_SOURCES
 
 TO_NODES, FROM_NODES = 0, 1
@@ -275,4 +262,7 @@ def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> No
 
 def test_parts_that_break_one_after_the_other_are_all_broken() -> None:
     wire = FaultyWire("broken:part=lamp-stays-on", "broken:part=not-ready", "broken:part=end-switches")
-    assert wire.c.probe_broken() == LAMP_STAYS_ON | NOT_READY | GATE_STAYS_OPEN | GATE_STAYS_CLOSED
+    assert (
+        wire.c.probe_broken()
+        == Broken.LAMP_STAYS_ON | Broken.NOT_READY | Broken.GATE_STAYS_OPEN | Broken.GATE_STAYS_CLOSED
+    )

@@ -220,7 +220,7 @@ def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
     nodes.send_keep_alive()
     assert nodes.download(blob.coded, 1, coded=0x10) == 0
     for number in range(2):
-        assert nodes.run(node_bench.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0
+        assert nodes.run(node_bench.Routine.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0
 
 
 def test_layer_begun_with_another_pattern_is_refused_with_a_message() -> None:
@@ -239,7 +239,7 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         first = started(Printer(FOUR, rig, cure_ms=5))
         saved = first.save()
         print_two_passes(nodes, rig)
-        nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=b"\2", job=rig.job))
+        nodes.raw(nodes.routine(node_bench.Routine.PASS, layer=1, which=2, option=b"\2", job=rig.job))
         nodes.tick(5)
         nodes.power_up(node_bench.HEAD)
         with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"):
@@ -353,7 +353,7 @@ def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         started(Printer(FOUR, rig))
-        assert nodes.run(node_bench.DRY_RUN, node_bench.HEAD, option=b"\1", job=rig.job) == 0
+        assert nodes.run(node_bench.Routine.DRY_RUN, node_bench.HEAD, option=b"\1", job=rig.job) == 0
         print_layer(started(Printer(FOUR, rig, cure_ms=5)), 1, full())
         assert nodes.surface.any()
 

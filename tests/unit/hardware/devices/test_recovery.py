@@ -101,7 +101,7 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
         def dies(routine: Routine, key: Any, option: bytes = b"", **more: Any) -> Any:
             if routine != Routine.PASS or key.pass_ != 2:
                 return ask(routine, key, option, **more)
-            nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=option, job=rig.job))
+            nodes.raw(nodes.routine(node_bench.Routine.PASS, layer=1, which=2, option=option, job=rig.job))
             nodes.tick(10)
             nodes.power_up(node_bench.HEAD)
             raise NodeRefused("head: it began and gave up", 0x26)
@@ -214,7 +214,7 @@ def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(rig)
-        nodes.broken(node_bench.NOT_READY)
+        nodes.broken(node_bench.Broken.NOT_READY)
         with pytest.raises(NodeRefused):
             print_layer(printer, 1)
         asked = [routine for routine, *_ in rig.link(Node.HEAD).asked]

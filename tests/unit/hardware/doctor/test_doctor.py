@@ -37,7 +37,7 @@ from inkloop_hardware.protocol.node_state import (
 from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
-from support.benches.node_bench import GATE_STAYS_CLOSED, LAMP_STAYS_ON, NodeBench
+from support.benches.node_bench import Broken, NodeBench
 from support.benches.node_rig import NodeRig
 from support.places import ROOT
 
@@ -458,7 +458,7 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize(("broken", "tests"), [(GATE_STAYS_CLOSED, 1), (LAMP_STAYS_ON, 1)])
+@pytest.mark.parametrize(("broken", "tests"), [(Broken.GATE_STAYS_CLOSED, 1), (Broken.LAMP_STAYS_ON, 1)])
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
