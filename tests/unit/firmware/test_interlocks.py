@@ -19,6 +19,7 @@ from support.benches.node_bench import (
     HEAD,
     LAMP,
     MOTION,
+    NEVER,
     PROFILER,
     STAGE,
     Broken,
@@ -63,13 +64,6 @@ def off_after(bench: NodeBench, node: int) -> tuple[str, int]:
     bench.tick(500)
     assert bench.late(node)[:3] == bytes((0x7F, 0x31, Nrc.FAILED))
     return bench.state(node).state, bench.state(node).cause
-
-
-@pytest.mark.parametrize("roles", [0, 1])
-def test_every_node_wakes_up_de_energised(roles: int) -> None:
-    with NodeBench(one_node=roles) as bench:
-        assert {bench.state(node).state for node in range(bench.count)} == {"SAFE"}
-        assert bench.gate_openings == bench.lamp_pulses == 0
 
 
 BEGIN = {HEAD: begin_pass, CURE: begin_cure}
@@ -253,15 +247,6 @@ def test_second_master_counts_as_silent_in_the_very_millisecond(bench: NodeBench
     assert bench.clear(CURE, 1) == outcome
 
 
-def test_all_nodes_go_safe_when_the_master_is_lost_and_idle_ones_resume_without_a_person(bench: NodeBench) -> None:
-    kept, bench.master = bench.master, None
-    bench.tick(400)
-    assert {bench.state_and_cause(node) for node in range(4)} == {("SAFE", Fault.MASTER_LOST)}
-    bench.master = kept
-    bench.tick(100)
-    assert [bench.clear(node) for node in range(4)] == [DONE] * 4
-
-
 def test_gate_stays_closed_where_the_lamp_comes_on_between_the_request_and_the_opening(bench: NodeBench) -> None:
     """An intent is recorded in between, which takes as long as the flash does."""
     bench.light_while_recording()
@@ -275,15 +260,6 @@ def test_gate_that_leaves_its_stop_while_the_lamp_is_on_is_counted(bench: NodeBe
     begin_cure(bench)
     bench.c.probe_move_gate(bench.bench, 1)
     assert bench.lamp_with_gate == 1
-
-
-def test_lamp_time_has_a_limit() -> None:
-    with NodeBench(lamp_limit_ms=1000) as bench:
-        bench.ready()
-        assert bench.cure(1, milliseconds=1000) == bench.cure(1, milliseconds=0) == -Nrc.RANGE
-        began = bench.clock
-        assert bench.cure(1, milliseconds=900) == DONE
-        assert 900 <= bench.times(CURE).lamp_off - began <= 910
 
 
 def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
@@ -318,26 +294,6 @@ def test_journal_that_fails_in_a_fault_is_the_fault_that_is_reported(bench: Node
     bench.tear(5)
     bench.broken(Broken.GATE_STAYS_CLOSED)
     assert off_after(bench, HEAD) == ("FAULT", Fault.JOURNAL_DAMAGED)
-
-
-def test_pattern_is_sent_again_after_whatever_ended_a_layer(bench: NodeBench) -> None:
-    begin_pass(bench)
-    bench.stop(True)
-    bench.stop(False)
-    assert bench.clear(option=1) == DONE
-    assert not bench.state().pattern_loaded
-    assert bench.jet(1) == -Nrc.SEQUENCE
-
-
-def test_cure_whose_lamp_stays_dark_is_not_done_and_is_repeated(bench: NodeBench) -> None:
-    bench.broken(Broken.LAMP_STAYS_OFF)
-    assert bench.cure(1) == -Nrc.FAILED
-    state = bench.state(CURE)
-    assert (state.state, state.cause, state.needs_operator, state.cured) == ("FAULT", Fault.LAMP_TIME, True, 0)
-    bench.broken(0)
-    assert bench.clear(CURE, 1) == DONE
-    assert bench.cure(1) == DONE
-    assert bench.state(CURE).cured == 1
 
 
 @pytest.mark.parametrize(("routine", "option"), [(Routine.HOME, b""), (Routine.MOVE, b"\1")])
@@ -385,17 +341,6 @@ def test_first_cause_of_a_safe_node_is_the_one_that_is_reported(bench: NodeBench
     assert bench.state(CURE).cause == Fault.STOP_REQUEST
 
 
-def test_transfer_that_ended_before_a_stop_is_not_confirmed_after_it(bench: NodeBench) -> None:
-    """The pattern is gone; an exit that is repeated must not say that it is there."""
-    blob = pattern_blob(FULL)
-    repeated = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
-    assert bench.raw(repeated)[0] == 0x77
-    bench.stop(True)
-    bench.stop(False)
-    assert bench.clear(HEAD, 1) == DONE
-    assert bench.raw(repeated) == bytes((0x7F, 0x37, Nrc.SEQUENCE))
-
-
 def test_dry_run_that_is_stopped_leaves_no_layer_behind() -> None:
     with NodeBench(pass_ms=LONG) as bench:
         bench.ready()
@@ -419,22 +364,6 @@ def test_one_cure_cures_all_that_lies_there_where_head_and_lamp_are_one_node() -
             assert bench.jet(1, number) == DONE
         assert bench.cure(1, 1) == DONE
         assert bench.state().cured == 0b11
-
-
-def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
-    with NodeBench(pass_ms=119_900, gate_ms=400) as bench:
-        assert bench.ready().download(pattern_blob(FULL), 1) == 0
-        assert bench.raw(bench.routine(Routine.PASS, 1, 0, option=b"\x00"))[2] == Nrc.PENDING
-        bench.tick(121_000, step=25)
-        assert (bench.state().state, bench.state().done) == ("PRINTED", 1)
-
-
-def test_scan_may_take_its_limit_and_no_longer() -> None:
-    for scan_ms, expected in ((59_900, ("MAP_READY", 0)), (60_100, ("FAULT", Fault.STEP_EXPIRED))):
-        with NodeBench(scan_ms=scan_ms) as bench:
-            assert bench.ready().raw(bench.routine(Routine.SCAN), PROFILER)[2] == Nrc.PENDING
-            bench.tick(60_200, step=25)
-            assert bench.state_and_cause(PROFILER) == expected
 
 
 def test_node_says_that_it_is_still_busy_now_and_then() -> None:
@@ -472,15 +401,6 @@ def test_second_master_that_is_adopted_is_the_only_one_unless_there_is_a_third(
     assert bench.clear(CURE, 1) == outcome
 
 
-def test_new_session_is_taken_up_after_the_old_one_is_silent(bench: NodeBench) -> None:
-    bench.master = None
-    bench.tick(400)
-    bench.master = MasterAlive(LAMP | GATE | MOTION, 2, 7)
-    bench.tick(100)
-    assert bench.clear(CURE) == DONE
-    assert bench.state(CURE).session == 2
-
-
 WRAP = 1 << 32
 """Milliseconds after which the clock of a node shows the same number again: 49.7 days."""
 
@@ -490,19 +410,6 @@ def unwatched() -> Iterator[NodeBench]:
     """The clock may jump: no watchdog waits for the ticks in between."""
     with NodeBench(watchdog_ms=0) as made:
         yield made.ready()
-
-
-def test_master_that_fell_silent_is_not_alive_when_the_clock_shows_the_same_number_again(unwatched: NodeBench) -> None:
-    bench = unwatched
-    bench.master = None
-    silent_since = bench.last_alive
-    bench.tick(400)
-    for passed in range(0, 300, 50):
-        bench.clock = silent_since + WRAP + passed
-        bench.tick()
-        assert bench.clear(STAGE) == -Nrc.CONDITIONS
-        assert bench.run(Routine.HOME, STAGE, attempt=2) == -Nrc.CONDITIONS
-    assert bench.state(STAGE).state == "SAFE"
 
 
 def test_other_master_that_fell_silent_is_not_alive_when_the_clock_shows_the_same_number_again(
@@ -519,28 +426,17 @@ def test_other_master_that_fell_silent_is_not_alive_when_the_clock_shows_the_sam
     assert bench.state(CURE).state == "IDLE"
 
 
-def test_pass_needs_motion_where_head_and_stage_are_one_node() -> None:
-    with NodeBench(one_node=1, pass_ms=LONG) as bench:
-        bench.ready()
-        bench.master = MasterAlive(LAMP | GATE, 1, 7)
-        bench.tick(100)
-        assert bench.run(Routine.SCAN, layer=0) == -Nrc.CONDITIONS
-        assert bench.download(pattern_blob(FULL), 1) == 0
-        assert bench.jet(1) == -Nrc.CONDITIONS
-        assert bench.state().unknown == bench.gate_openings == 0
-        bench.master = MasterAlive(GATE | MOTION, 1, 7)
-        bench.tick(100)
-        begin_pass(bench)
-        bench.master = MasterAlive(GATE, 1, 7)
-        assert off_after(bench, HEAD) == ("SAFE", Fault.ENABLE_DROPPED)
-        assert bench.state().unknown == 1
-
-
 @pytest.mark.parametrize(("one_node", "expected"), [(0, ("SCANNING", 0)), (1, ("SAFE", Fault.ENABLE_DROPPED))])
 def test_scan_needs_motion_all_the_time_where_profiler_and_stage_are_one_node(one_node: int, expected: Any) -> None:
     node = HEAD if one_node else PROFILER
     with NodeBench(one_node=one_node, scan_ms=LONG) as bench:
-        assert bench.ready().raw(bench.routine(Routine.SCAN), node)[2] == Nrc.PENDING
+        bench.ready().master = MasterAlive(LAMP | GATE, 1, 7)
+        bench.tick(100)
+        refused = bench.raw(bench.routine(Routine.SCAN), node)[2]
+        assert refused == (Nrc.CONDITIONS if one_node else Nrc.PENDING)
+        bench.master = MasterAlive(MOTION, 1, 7)
+        bench.tick(100)
+        assert bench.raw(bench.routine(Routine.SCAN), node)[2] == Nrc.PENDING
         bench.tick(200)
         bench.master = MasterAlive(LAMP | GATE, 1, 7)
         bench.tick(500)
@@ -617,11 +513,52 @@ def test_time_of_a_fault_is_its_own_also_where_the_node_was_safe(bench: NodeBenc
     assert bench.times().off == bench.clock
 
 
-def test_map_of_a_node_that_went_safe_is_scanned_again(bench: NodeBench) -> None:
+def test_what_was_transferred_or_scanned_is_gone_after_a_stop(bench: NodeBench) -> None:
+    """An exit that is repeated must not say that the pattern is there, nor the profiler that its map is."""
+    repeated = b"\x37" + zlib.crc32(pattern_blob(FULL)).to_bytes(4, "big")
+    assert bench.raw(repeated)[0] == 0x77
     assert bench.scan(0) == DONE
     bench.stop(True)
     bench.stop(False)
-    assert bench.clear(PROFILER, 1) == DONE
+    assert bench.clear(HEAD, 1) == bench.clear(PROFILER, 1) == DONE
+    assert bench.raw(repeated) == bytes((0x7F, 0x37, Nrc.SEQUENCE))
+    assert not bench.state().pattern_loaded
+    assert bench.jet(1) == -Nrc.SEQUENCE
     assert bench.raw(b"\x22\x01\x00", PROFILER)[6] & 16 == 0
-    assert bench.raw(bench.routine(Routine.SCAN, kind=3), PROFILER)[4] == 4, "never"
+    assert bench.raw(bench.routine(Routine.SCAN, kind=3), PROFILER)[4] == NEVER
     assert bench.raw(b"\x22\x01\x03", PROFILER)[3:7] == bytes(4)
+
+
+@pytest.mark.parametrize(
+    ("routine", "option", "node", "times", "end"),
+    [
+        (Routine.PASS, b"\0", HEAD, {"pass_ms": 119_900, "gate_ms": 400}, ("PRINTED", 0)),
+        (Routine.PASS, b"\0", HEAD, {"pass_ms": 121_100}, ("FAULT", Fault.STEP_EXPIRED)),
+        (Routine.SCAN, b"", PROFILER, {"scan_ms": 59_900}, ("MAP_READY", 0)),
+        (Routine.SCAN, b"", PROFILER, {"scan_ms": 60_100}, ("FAULT", Fault.STEP_EXPIRED)),
+        (Routine.CURE, b"\x03\x84", CURE, {"lamp_limit_ms": 901}, ("CURED", 0)),
+    ],
+)
+def test_step_may_take_its_limit_and_no_longer(
+    routine: int, option: bytes, node: int, times: dict[str, float], end: tuple[str, int]
+) -> None:
+    """A pass the ways of the gate in addition."""
+    with NodeBench(**times) as bench:
+        assert bench.ready().download(pattern_blob(FULL), 1) == 0
+        assert bench.cure(1, milliseconds=int(times.get("lamp_limit_ms", 10_000))) == bench.cure(1, milliseconds=0)
+        assert bench.cure(1, milliseconds=0) == -Nrc.RANGE
+        assert bench.raw(bench.routine(routine, 1, 0, option=option), node)[2] == Nrc.PENDING
+        bench.tick(121_100, step=25)
+        assert bench.state_and_cause(node) == end
+        if node == CURE:
+            assert 900 <= bench.times(CURE).lamp_off - bench.times(CURE).lamp_on <= 925
+
+
+def test_idle_nodes_go_safe_without_a_master_and_resume_without_a_person(bench: NodeBench) -> None:
+    bench.master = None
+    bench.tick(400)
+    assert {bench.state_and_cause(node) for node in range(4)} == {("SAFE", Fault.MASTER_LOST)}
+    bench.master = OTHER
+    bench.tick(100)
+    assert [bench.clear(node) for node in range(4)] == [DONE] * 4
+    assert bench.state(CURE).session == 2

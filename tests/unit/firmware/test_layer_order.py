@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from inkloop_hardware.protocol.services import Routine
 from support.benches.node_bench import (
@@ -151,78 +149,59 @@ def test_passes_come_in_their_order(bench: NodeBench, number: int) -> None:
     assert everything(bench) == before
 
 
-def test_pattern_of_a_begun_layer_is_refused(bench: NodeBench) -> None:
+@pytest.mark.parametrize(
+    ("printed", "refused"), [("nothing", (0,)), ("pattern", (0, 2)), ("pass", (0, 1, 2, 3)), ("layer", (0, 1, 3))]
+)
+def test_layers_come_in_their_order_and_none_twice(bench: NodeBench, printed: str, refused: tuple[int, ...]) -> None:
     bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.download(pattern_blob(FULL), 1) == 0, "not begun: a better one is welcome"
-    assert bench.jet(1) == DONE
+    if printed == "layer":
+        bench.print_layer(FULL, 1)
+        assert bench.scan(1) == DONE
+    elif printed != "nothing":
+        assert bench.download(pattern_blob(SPARSE), 1) == bench.download(pattern_blob(FULL), 1) == 0
+        assert bench.clear() == DONE, (
+            "every device of a rig clears the nodes: of one that is not off it changes nothing"
+        )
+        assert bench.state().state == "VERIFIED"
+    if printed == "pass":
+        assert bench.jet(1) == DONE
     before = everything(bench)
-    for layer in (0, 1, 2, 3):
+    for layer in refused:
         assert bench.download(pattern_blob(SPARSE), layer) == -Nrc.SEQUENCE
-    assert everything(bench) == before
-
-
-def test_layers_are_neither_left_out_nor_printed_again(bench: NodeBench) -> None:
-    bench.ready().print_layer(FULL, 1)
-    assert bench.scan(1) == DONE
-    before = everything(bench)
-    for layer in (0, 1, 3):
-        assert bench.download(pattern_blob(FULL), layer) == -Nrc.SEQUENCE
     assert bench.jet(2) == -Nrc.SEQUENCE
+    assert bench.cure(1, 4) == bench.cure(1, 255) == -Nrc.RANGE
     assert everything(bench) == before
 
 
-def test_wet_ink_is_not_scanned_by_a_node_that_knows() -> None:
-    with NodeBench(one_node=1) as bench:
+@pytest.mark.parametrize("ended", ["printed", "abandoned", "cure interrupted", "pass interrupted", "no profiler"])
+def test_wet_ink_is_cured_and_seen_before_anything_else_by_a_node_that_knows(ended: str) -> None:
+    with NodeBench(one_node=1, pass_ms=100) as bench:
         bench.ready()
+        if ended == "no profiler":
+            bench.roles(HEAD_ROLE | STAGE_ROLE | CURE_ROLE)
         assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.scan(1) == -Nrc.SEQUENCE
-        assert bench.jet(1, colour=255) == DONE
-        assert bench.scan(1) == -Nrc.SEQUENCE
-        assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE
-        assert bench.cure(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE, "not seen yet"
-        assert bench.scan(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == 0
-
-
-@pytest.mark.parametrize("cut", [False, True], ids=["never cured", "cure interrupted"])
-def test_uncured_ink_of_an_abandoned_layer_keeps_the_next_one_out(cut: bool) -> None:
-    with NodeBench(one_node=1) as bench:
-        bench.ready().print_layer(FULL, 1)
-        assert bench.scan(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == 0
-        assert bench.jet(2) == DONE
-        if cut:
-            assert bench.raw(bench.routine(Routine.CURE, 2, option=b"\0\xff")) == b"\x7f\x31\x78"
+        assert bench.cure(1) == -Nrc.SEQUENCE, "nothing to cure"
+        if ended == "pass interrupted":
+            bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff"))
+            bench.tick(50)
+        else:
+            assert bench.jet(1, colour=255) == DONE
+        if ended == "cure interrupted":
+            assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\0\xff")) == b"\x7f\x31\x78"
+            bench.tick()
+        if "interrupted" in ended:
             bench.power_up()
             bench.tick(100)
-        assert bench.clear(HEAD, 3) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == bench.scan(2) == -Nrc.SEQUENCE
-        assert bench.cure(2, attempt=2) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == -Nrc.SEQUENCE, "not seen yet"
-        assert bench.scan(2) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == 0
-
-
-def test_uncured_ink_keeps_the_next_layer_out_where_no_scan_comes_between() -> None:
-    """Print head and lamp are one node, the profiler is another."""
-    with NodeBench(one_node=1) as bench:
-        bench.ready()
-        bench.roles(HEAD_ROLE | STAGE_ROLE | CURE_ROLE)
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.jet(1, colour=255) == DONE
+        if ended not in ("printed", "no profiler"):
+            assert bench.clear(HEAD, 3 if ended == "abandoned" else 1) == DONE
         assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE
-        assert bench.cure(1) == DONE
+        if ended != "no profiler":
+            assert bench.scan(1) == -Nrc.SEQUENCE
+        assert bench.cure(1, attempt=2) == DONE
+        if ended != "no profiler":
+            assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE, "not seen yet"
+            assert bench.scan(1) == DONE
         assert bench.download(pattern_blob(FULL), 2) == 0
-
-
-def test_cure_needs_something_to_cure() -> None:
-    with NodeBench(one_node=1) as bench:
-        bench.ready()
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.cure(1) == -Nrc.SEQUENCE
-        assert bench.lamp_pulses == 0
 
 
 def test_rescan_is_allowed_and_a_stale_map_is_not_given(bench: NodeBench) -> None:
@@ -306,56 +285,6 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert (bench.state().job, bench.state().done) == (8, 0)
 
 
-@settings(max_examples=60)
-@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3), st.integers(0, 4)), max_size=40), st.booleans())
-def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_node: bool) -> None:
-    """Also: the clock may wrap, and the lamp is never on without the gate closed."""
-    jetted: set[tuple[int, int]] = set()
-    with NodeBench(one_node=one_node, clock=2**32 - 500) as bench:
-        bench.ready()
-        for action, layer, number in asked:
-            if action == 0:
-                bench.download(pattern_blob(FULL), layer)
-            elif action == 1:
-                bench.cure(layer, number)
-            elif action == 2:
-                bench.scan(layer)
-            elif action == 3:
-                bench.power_up(HEAD)
-                bench.tick(100)
-                bench.clear(HEAD, 1)
-            elif bench.run(Routine.PASS, layer=layer, which=number, option=bytes([number % 4])) == DONE:
-                assert (layer, number) not in jetted
-                jetted.add((layer, number))
-        assert bench.gate_openings == len(jetted)
-        assert bench.lamp_with_gate == 0
-
-
-@settings(max_examples=200)
-@given(st.lists(st.binary(max_size=24), max_size=20))
-def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
-    with NodeBench() as bench:
-        bench.tick(100)
-        for request in requests:
-            answer = bench.raw(request, len(request) % 4)
-            assert not answer or answer[0] in (request[0] + 0x40, 0x7F)
-        assert bench.state().state in ("SAFE", "IDLE")
-        assert bench.gate_openings == bench.lamp_pulses == 0
-
-
-def test_layer_that_is_not_begun_is_not_left_out_either(bench: NodeBench) -> None:
-    bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.download(pattern_blob(SPARSE), 2) == -Nrc.SEQUENCE
-    assert bench.state().layer == 1
-
-
-def test_cure_and_scan_of_a_pass_that_there_is_not_are_refused(bench: NodeBench) -> None:
-    bench.ready().print_layer(FULL, 1)
-    assert bench.cure(1, 4) == bench.cure(1, 255) == -Nrc.RANGE
-    assert bench.cure(1, 3) == DONE_BEFORE
-
-
 def test_nodes_without_a_pattern_begin_another_job_at_its_first_layer() -> None:
     with NodeBench() as bench:
         bench.ready()
@@ -367,28 +296,27 @@ def test_nodes_without_a_pattern_begin_another_job_at_its_first_layer() -> None:
         assert (bench.state(CURE).job, bench.state(CURE).layer) == (8, 1)
 
 
-def test_dry_run_begins_where_nothing_is_under_way(bench: NodeBench) -> None:
-    bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
+def test_dry_run_begins_where_nothing_is_under_way_and_leaves_nothing(bench: NodeBench) -> None:
+    blob = pattern_blob(FULL)
+    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
+    assert bench.ready().download(blob, 1) == 0
     assert bench.run(Routine.DRY_RUN, option=b"\1") == -Nrc.SEQUENCE
     assert bench.run(Routine.DRY_RUN, attempt=2, option=b"\0") == DONE, "there is none"
     assert bench.state().pattern_loaded
     assert bench.run(Routine.DRY_RUN, attempt=3, option=b"\2") == -Nrc.RANGE
-
-
-def test_dry_run_ends_its_transfer_and_tests_nothing(bench: NodeBench) -> None:
-    bench.ready()
+    bench.stop(True), bench.stop(False)
+    assert bench.clear(option=1) == DONE
     assert bench.run(Routine.DRY_RUN, option=b"\1") == DONE
     assert bench.run(Routine.SELF_TEST, option=b"\0\0") == -Nrc.CONDITIONS
-    assert bench.raw(bytes.fromhex("3400440000000100000010"))[0] == 0x74
+    assert bench.download(blob, 1) == 0
+    assert bench.raw(exit_)[0] == 0x77
     assert bench.run(Routine.DRY_RUN, attempt=2, option=b"\0") == DONE
+    assert (bench.state().state, bench.state().pattern_loaded) == ("IDLE", False)
+    assert bench.raw(exit_) == bytes((0x7F, 0x37, Nrc.SEQUENCE))
+    assert bench.run(Routine.DRY_RUN, attempt=3, option=b"\1") == DONE
+    assert bench.raw(bytes.fromhex("3400440000000100000010"))[0] == 0x74
+    assert bench.run(Routine.DRY_RUN, attempt=4, option=b"\0") == DONE
     assert bench.raw(b"\x36\x01\x01") == bytes((0x7F, 0x36, Nrc.SEQUENCE))
-    assert bench.state().state == "IDLE"
-
-
-def test_layer_0_is_the_start_surface_and_not_printed(bench: NodeBench) -> None:
-    assert bench.ready().download(pattern_blob(FULL), 0) == -Nrc.SEQUENCE
-    assert bench.download(pattern_blob(FULL), 1) == 0
 
 
 def test_stage_knows_its_stations_and_moves_to_none_before_it_is_homed(bench: NodeBench) -> None:
@@ -396,6 +324,13 @@ def test_stage_knows_its_stations_and_moves_to_none_before_it_is_homed(bench: No
     bench.tick(100)
     assert [bench.clear(node) for node in range(bench.count)] == [DONE] * bench.count
     assert bench.run(Routine.MOVE, stage, option=b"\1") == -Nrc.CONDITIONS
+    assert bench.scan(0) == (-Nrc.CONDITIONS if stage == HEAD else DONE), (
+        "a profiler that is no stage need not be homed"
+    )
+    bench.broken(Broken.NOT_READY)
+    assert bench.run(Routine.PURGE) == -Nrc.CONDITIONS
+    bench.broken(0)
+    assert bench.run(Routine.PURGE, attempt=2) == DONE
     assert bench.download(pattern_blob(FULL), 1) == 0
     if stage == HEAD:
         assert bench.jet(1) == -Nrc.CONDITIONS
@@ -415,43 +350,3 @@ def test_nothing_is_transferred_during_a_step(bench: NodeBench) -> None:
     bench.tick(100)
     assert bench.late()[4] == DONE
     assert bench.raw(exit_)[0] == 0x77
-
-
-def test_clear_of_a_node_that_is_not_off_changes_nothing(bench: NodeBench) -> None:
-    """Every device of a rig clears the nodes when it begins."""
-    assert bench.ready().download(pattern_blob(FULL), 1) == 0
-    assert bench.clear() == DONE
-    assert bench.state().state == "VERIFIED"
-    assert bench.jet(1) == DONE
-
-
-def test_pattern_of_a_dry_run_is_not_confirmed_after_it(bench: NodeBench) -> None:
-    blob = pattern_blob(FULL)
-    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
-    bench.ready()
-    assert bench.run(Routine.DRY_RUN, option=b"\1") == DONE
-    assert bench.download(blob, 1) == 0
-    assert bench.raw(exit_)[0] == 0x77
-    assert bench.state().pattern_loaded
-    assert bench.run(Routine.DRY_RUN, option=b"\0") == DONE
-    assert not bench.state().pattern_loaded, "no pass jets it"
-    assert bench.raw(exit_) == bytes((0x7F, 0x37, Nrc.SEQUENCE))
-
-
-def test_profiler_that_is_no_stage_need_not_be_homed() -> None:
-    with NodeBench() as bench:
-        bench.tick(100)
-        assert bench.clear(PROFILER) == DONE
-        assert bench.scan(0) == DONE
-    with NodeBench(one_node=1) as bench:
-        bench.tick(100)
-        assert bench.clear() == DONE
-        assert bench.scan(0) == -Nrc.CONDITIONS
-
-
-def test_head_that_is_not_ready_is_not_purged() -> None:
-    with NodeBench() as bench:
-        bench.ready().broken(Broken.NOT_READY)
-        assert bench.run(Routine.PURGE) == -Nrc.CONDITIONS
-        bench.broken(0)
-        assert bench.run(Routine.PURGE, attempt=2) == DONE

@@ -9,7 +9,7 @@ import pytest
 
 from inkloop_hardware.protocol.services import Routine
 from inkloop_hardware.protocol.vocabulary import Fault
-from support.benches.node_bench import CURE, DONE, HEAD, Broken, MasterAlive, NodeBench, Nrc, pattern_blob
+from support.benches.node_bench import CURE, DONE, HEAD, Broken, NodeBench, Nrc, pattern_blob
 
 FULL = np.ones((9, 8), np.uint8)
 OF_THE_GATE, OF_THE_LAMP = b"\x00\x00", b"\x00\x64"
@@ -69,29 +69,6 @@ def test_what_is_not_confirmed_is_a_fault_with_everything_off(
     state = bench.state(node)
     assert (state.state, state.cause, state.needs_operator) == ("FAULT", cause, True)
     assert_off(bench, node)
-
-
-def test_nothing_moves_that_is_not_enabled(bench: NodeBench) -> None:
-    bench.master = MasterAlive(0, 1, 7)
-    bench.send_keep_alive()
-    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == -Nrc.CONDITIONS
-    assert bench.run(Routine.SELF_TEST, CURE, option=OF_THE_LAMP) == -Nrc.CONDITIONS
-    assert bench.gate_openings == bench.lamp_pulses == 0
-
-
-def test_gate_is_not_tested_under_a_lamp_that_is_on(bench: NodeBench) -> None:
-    bench.broken(Broken.LAMP_STAYS_ON)
-    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == -Nrc.CONDITIONS
-    assert bench.gate_openings == 0
-
-
-def test_dropped_enable_ends_it(bench: NodeBench) -> None:
-    assert bench.raw(bench.routine(Routine.SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
-    bench.tick(50)
-    bench.master = MasterAlive(0, 1, 7)
-    bench.send_keep_alive()
-    assert bench.state_and_cause(CURE) == ("SAFE", Fault.ENABLE_DROPPED)
-    assert_off(bench, CURE)
 
 
 def test_what_a_node_does_not_have_it_does_not_test(bench: NodeBench) -> None:

@@ -149,6 +149,7 @@ def test_limits_and_times_of_a_session_are_those_of_the_page(bench: NodeBench) -
     assert found == (18, 300, 10_000, 500, 120_000, 30_000, 60_000, 4095)
     assert bench.raw(b"\x22\x01\x02", CURE)[3:7] == bytes(4), "it takes no pattern"
     assert unpack(">HH", bench.raw(b"\x10\x03")[2:]) == (1000, 500), "P2 [ms], P2* [10 ms]"
+    assert bench.raw(b"\x3e\x00") == b"\x7e\x00"
     with NodeBench(nx=5, ny=3) as odd:
         assert unpack(">I", odd.raw(b"\x22\x01\x02")[3:7]) == (4,)
 
