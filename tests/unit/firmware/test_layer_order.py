@@ -20,6 +20,7 @@ from support.benches.node_bench import (
     PROFILER,
     STAGE,
     STAGE_ROLE,
+    STATES,
     UNDER_WAY,
     Broken,
     NodeBench,
@@ -57,40 +58,25 @@ def test_three_layers_go_round(bench: NodeBench) -> None:
 def test_states_are_passed_in_order() -> None:
     with NodeBench(one_node=1) as bench:
         seen = [bench.state().state]
-
-        def note() -> None:
-            if bench.state().state != seen[-1]:
-                seen.append(bench.state().state)
-
-        def begin(request: bytes) -> None:
-            bench.raw(request)
-            for _ in range(100):
-                note()
+        for request in (
+            bench.routine(Routine.CLEAR, option=b"\0"),
+            bench.routine(Routine.HOME),
+            bytes.fromhex("34 00 44 00000001 00000010"),
+            None,
+            bench.routine(Routine.PASS, 1, option=b"\xff"),
+            bench.routine(Routine.CURE, 1, option=b"\x00\x14"),
+            bench.routine(Routine.SCAN, 1),
+        ):
+            bench.tick(100)
+            if request is None:
+                assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+            else:
+                bench.raw(request)
+            for _ in range(30):
+                if bench.state().state != seen[-1]:
+                    seen.append(bench.state().state)
                 bench.tick()
-
-        bench.tick(100)
-        assert bench.clear() == DONE
-        note()
-        bench.run(Routine.HOME)
-        bench.raw(bytes.fromhex("3400440000000100000010"))
-        note()
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        note()
-        begin(bench.routine(Routine.PASS, 1, option=b"\xff"))
-        begin(bench.routine(Routine.CURE, 1, option=b"\x00\x14"))
-        begin(bench.routine(Routine.SCAN, 1))
-        assert seen == [
-            "SAFE",
-            "IDLE",
-            "RECEIVING",
-            "VERIFIED",
-            "PRINTING",
-            "PRINTED",
-            "CURING",
-            "CURED",
-            "SCANNING",
-            "MAP_READY",
-        ]
+        assert tuple(seen) == STATES[:-1]
 
 
 def test_nothing_is_done_before_the_node_is_cleared(bench: NodeBench) -> None:

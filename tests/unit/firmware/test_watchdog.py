@@ -76,16 +76,6 @@ def test_lamp_without_power_is_dark(one_node: int) -> None:
         assert irradiance() == 0
 
 
-def test_node_that_hangs_with_the_lamp_on_asks_for_a_person(bench: NodeBench) -> None:
-    assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\x1f\x40"), CURE) == b"\x7f\x31\x78"
-    bench.tick(50)
-    bench.clock += PERIOD_MS
-    bench.tick()
-    assert bench.state_and_cause(CURE) == ("SAFE", Fault.PASS_UNKNOWN)
-    assert bench.state(CURE).by_watchdog
-    assert bench.lamp_with_gate == 0
-
-
 def test_node_that_finds_itself_unwell_does_not_kick(bench: NodeBench) -> None:
     """It ticks on, but drives something without a step."""
     bench.c.probe_drive_gate(bench.bench, HEAD)
