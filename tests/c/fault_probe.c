@@ -78,7 +78,7 @@ uint32_t probe_broken(void) {
     NodeFaults faulty;
     node_faults_init(&faulty, &faults, bench, NULL, NULL);
     node_faults_happen(&faulty, NULL, 0);
-    const uint32_t broken = bench_world(bench)->broken;
+    const uint32_t broken = bench->world.broken;
     bench_delete(bench);
     return broken;
 }

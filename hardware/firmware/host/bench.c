@@ -200,15 +200,3 @@ bool bench_is_well(const Bench *bench) {
             return false;
     return true;
 }
-
-Node *bench_node(Bench *bench, int node) {
-    return &bench->node[node];
-}
-
-World *bench_world(Bench *bench) {
-    return &bench->world;
-}
-
-Board *bench_board(Bench *bench, int node) {
-    return &bench->board[node];
-}

@@ -56,9 +56,6 @@ bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
  * it. */
 bool bench_is_well(const Bench *bench);
 
-Node *bench_node(Bench *bench, int node);
 int bench_node_count(const Bench *bench);
-World *bench_world(Bench *bench);
-Board *bench_board(Bench *bench, int node);
 
 #endif

@@ -149,7 +149,7 @@ static void run_node(Nodes *nodes, int node) {
 }
 
 static void run_nodes(Nodes *nodes) {
-    world_tick(bench_world(nodes->bench), nodes->now);
+    world_tick(&nodes->bench->world, nodes->now);
     faults_arm(&nodes->faults, nodes->bench);
     node_faults_happen(&nodes->faulty, NULL, nodes->now);
     for (int node = 0; node < bench_node_count(nodes->bench); node++) {

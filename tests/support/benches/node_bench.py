@@ -118,7 +118,7 @@ def library() -> ctypes.CDLL:
     probe = C_SOURCES / "bench_probe.c"
     wire = (*WIRE, codec() / "inkloop.c")
     loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, *wire, probe))
-    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
+    for name in ("bench_create", "probe_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
         getattr(loaded, name).restype = ctypes.c_size_t
@@ -197,7 +197,7 @@ class NodeBench:
         self.c.bench_power_up(self.bench, node, ctypes.c_uint32(self.clock))
 
     def node(self, node: int) -> ctypes.c_void_p:
-        return ctypes.c_void_p(self.c.bench_node(self.bench, node))
+        return ctypes.c_void_p(self.c.probe_node(self.bench, node))
 
     def tick(self, milliseconds: int = 5, step: int = 5) -> None:
         """Lets time pass; the master sends MasterAlive every 100 ms."""

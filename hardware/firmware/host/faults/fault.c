@@ -24,7 +24,7 @@ static bool is_reached(const Fault *fault, const Node *node) {
 void faults_arm(Faults *faults, Bench *bench) {
     for (uint32_t k = 0; k < faults->count; k++)
         for (int node = 0; node < bench_node_count(bench) && !faults->fault[k].armed; node++)
-            faults->fault[k].armed = is_reached(&faults->fault[k], bench_node(bench, node));
+            faults->fault[k].armed = is_reached(&faults->fault[k], &bench->node[node]);
 }
 
 /* Counts an event that matches; returns whether it is hit, or one of the `in_a_row` before it was. */

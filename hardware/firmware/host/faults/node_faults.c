@@ -20,7 +20,7 @@ void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub
 void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now) {
     faulty->node[node] = (FaultyNode){.dead = false};
     bench_power_up(faulty->bench, node, now);
-    node_frames_init(&faulty->frames[node], bench_node(faulty->bench, node), (uint8_t)node);
+    node_frames_init(&faulty->frames[node], &faulty->bench->node[node], (uint8_t)node);
 }
 
 static void die(NodeFaults *faulty, int node, uint32_t frames) {
@@ -47,7 +47,7 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
         bench_decay(faulty->bench, fault->node, fault->count);
         break;
     case FAULT_BROKEN:
-        bench_world(faulty->bench)->broken |= fault->part == END_SWITCHES ? GATE_BOTH : 1u << fault->part;
+        faulty->bench->world.broken |= fault->part == END_SWITCHES ? GATE_BOTH : 1u << fault->part;
         break;
     case FAULT_SECOND_MASTER:
         faulty->intrusions = fault->count;
@@ -148,7 +148,7 @@ void node_faults_take(NodeFaults *faulty, int node, const CanFrame *frame) {
 /* A turn of the node's loop. */
 static void turn(NodeFaults *faulty, int node, uint32_t now) {
     FaultyNode *one = &faulty->node[node];
-    const Board *board = bench_board(faulty->bench, node);
+    const Board *board = &faulty->bench->board[node];
     const uint32_t written = board->writes;
     for (uint32_t k = 0; k < one->waits; k++)
         node_frames_take(&faulty->frames[node], &one->waiting[k], now);
