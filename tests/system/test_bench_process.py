@@ -22,7 +22,7 @@ from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.records import StopRequest
 from inkloop_hardware.protocol.records import pack as pack_frame
 from inkloop_hardware.protocol.services import ClearOption
-from inkloop_hardware.protocol.vocabulary import Node, Source
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source
 from support.benches import node_bench
 from support.benches.bench_run import BLOCK, COMMAND, FAST, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
@@ -134,7 +134,7 @@ def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(p
         while not is_head_booted(seen.get_message(timeout=60), times=2):
             pass  # a request that comes before the reset gets no answer
         state = head.read_data_by_identifier(0x0100).service_data.values[0x0100]
-        assert (state[0], state[1], state[12]) == (0, node_bench.Fault.PASS_UNKNOWN, 1), "SAFE, pass 0 unknown"
+        assert (state[0], state[1], state[12]) == (0, Fault.PASS_UNKNOWN, 1), "SAFE, pass 0 unknown"
         assert state[3] & 64, "by the watchdog"
         assert (state[16] << 8 | state[17], state[-1]) == (2, 0), "booted twice; the gate did not open again"
 

@@ -165,6 +165,10 @@ class Times:
     gate_closed: int
 
 
+def _count(which: int) -> property:
+    return property(lambda bench: int(bench.c.probe_count(bench.bench, which)))
+
+
 class NodeBench:
     """Four nodes, or one with all roles; a master that lives as long as `master` is set."""
 
@@ -423,12 +427,7 @@ class NodeBench:
         """From now on the lamp comes on by itself while a node writes a record, and stays on."""
         self.c.probe_light_while_recording(self.bench, node)
 
-    def _counted(self, which: int) -> int:
-        return int(self.c.probe_count(self.bench, which))
-
-    gate_openings, lamp_pulses, lamp_with_gate, world_clock = (
-        property(lambda bench, which=which: bench._counted(which)) for which in range(4)
-    )
+    gate_openings, lamp_pulses, lamp_with_gate, world_clock = map(_count, range(4))
     """Counts of the world; ticks with the lamp on and the gate not closed; its clock [ms]."""
 
 

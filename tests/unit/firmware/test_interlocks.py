@@ -207,7 +207,7 @@ DEVICES = {
 
 @pytest.mark.parametrize("routine", DEVICES)
 @pytest.mark.parametrize("how", ["refuses", "fails", "hangs", "cannot be kept"])
-def test_device_that_fails_is_a_fault_that_names_it(bench: NodeBench, routine: int, how: str) -> None:
+def test_device_that_fails_is_a_fault_that_names_it(bench: NodeBench, routine: Routine, how: str) -> None:
     option, node, cause = DEVICES[routine]
     if how == "refuses":
         bench.refuse_work(node)
@@ -540,7 +540,7 @@ def test_what_was_transferred_or_scanned_is_gone_after_a_stop(bench: NodeBench) 
     ],
 )
 def test_step_may_take_its_limit_and_no_longer(
-    routine: int, option: bytes, node: int, times: dict[str, float], end: tuple[str, int]
+    routine: int, option: bytes, node: int, times: dict[str, Any], end: tuple[str, int]
 ) -> None:
     """A pass the ways of the gate in addition."""
     with NodeBench(**times) as bench:

@@ -84,8 +84,8 @@ def test_layer_of_four_passes_is_stage_head_stage_lamp_for_each_colour_in_the_or
         assert [option for routine, _, option in cure if routine == Routine.CURE] == [b"\x00\x14"] * 4
         assert rig.enables == [MOTION, GATE | MOTION, MOTION, LAMP] * 4
         assert rig.bench.master.enables == 0
-        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 4
-        assert nodes.counted(node_bench.LAMP_WITH_GATE) == 0
+        assert nodes.gate_openings == nodes.lamp_pulses == 4
+        assert nodes.lamp_with_gate == 0
 
 
 def test_layer_of_one_pass_jets_all_colours_at_once() -> None:
@@ -170,7 +170,7 @@ def test_interrupted_layer_is_resumed_and_no_pass_is_jetted_twice() -> None:
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
         assert again.downloads == []
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
         np.testing.assert_array_equal(nodes.surface, same.surface)
 
 
@@ -183,7 +183,7 @@ def test_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
 
 
 def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
@@ -196,7 +196,7 @@ def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 2, full()) == 2
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 8
+        assert nodes.gate_openings == 8
 
 
 def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> None:
@@ -210,7 +210,7 @@ def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> 
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
         assert rig.downloads == [(1, True)]
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
 
 
 def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
@@ -245,12 +245,12 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"):
             started(Printer(FOUR, rig))
         rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\1", limit_s=1)
-        openings, pulses = nodes.counted(node_bench.GATE_OPENINGS), nodes.counted(node_bench.LAMP_PULSES)
+        openings, pulses = nodes.gate_openings, nodes.lamp_pulses
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
-        assert nodes.counted(node_bench.GATE_OPENINGS) == openings
-        assert nodes.counted(node_bench.LAMP_PULSES) == pulses + 3
+        assert nodes.gate_openings == openings
+        assert nodes.lamp_pulses == pulses + 3
         assert print_layer(second, 2, full()) == 2
 
 
@@ -337,7 +337,7 @@ def test_dry_run_enables_nothing_but_motion() -> None:
         rig.attach()
         assert list(dry_run(rig, FOUR, cure_ms=5))
         assert set(rig.enables) == {0, MOTION}
-        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 0
+        assert nodes.gate_openings == nodes.lamp_pulses == 0
         assert not nodes.surface.any()
 
 
