@@ -13,10 +13,12 @@ import pytest
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job
+from inkloop_hardware.devices.commands import clear_all
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -338,3 +340,25 @@ def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> 
         with pytest.raises(JournalsDiffer, match="its journal was erased"):
             printer_of(tmp_path, rig)
         assert not [asked for node in Node for asked in rig.link(node).asked], "nothing was asked of the nodes"
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("lost", [2, 5, 9])
+def test_head_that_cannot_read_its_journal_jets_nothing_twice(tmp_path: Path, lost: int) -> None:
+    """Read again, the print goes on; given up, a new part is begun."""
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        surface = nodes.surface.copy()
+        nodes.decay(lost)
+        nodes.power_up()
+        with pytest.raises(NotReady, match="head: its journal could not be read at power-up"):
+            printer_of(tmp_path, NodeRig(nodes))
+        nodes.restore()
+        nodes.power_up()
+        assert print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)["layers_printed"] == 1
+        nodes.decay(lost)
+        nodes.power_up()
+        assert "head: cleared, its open layer is given up" in list(clear_all(NodeRig(nodes), give_up=True))
+        with pytest.raises(JournalsDiffer, match="inkloop run"):
+            printer_of(tmp_path, NodeRig(nodes))
+        np.testing.assert_array_equal(nodes.surface, surface)
