@@ -240,6 +240,14 @@ def test_node_that_restarts_is_reported_and_continues_by_its_journal(caplog: pyt
         np.testing.assert_allclose(run.scan(), printed(ALL), atol=1e-12)
 
 
+def test_node_that_is_off_the_bus_goes_safe_by_itself_and_is_heard_again() -> None:
+    with faulty("bus-off:node=cure,step=download,frames=15") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).state is State.SAFE)
+        assert (run.state(Node.CURE).cause, run.state(Node.CURE).boots) == (Fault.MASTER_LOST, 1)
+        assert run.state(Node.HEAD).state is State.VERIFIED
+
+
 def test_records_that_cannot_be_read_ask_a_person_and_end_the_job() -> None:
     with faulty(failures.UNREADABLE, f"reboot:{failures.SECOND}", pass_ms=500) as run:
         with pytest.raises((NodeLost, NodeRefused, NodeStopped)):
