@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inkloop.metrology.evaluation.definitions import Treatment
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, evaluated
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 
 A, STEP, PERIOD = 2e-6, 1e-5, 40

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.geometry import Columns
-from inkloop.geometry.narrow import Narrow, narrow_across, narrow_upright
+from inkloop.report.part_flaws import Narrow, narrow_across, narrow_upright
 
 NX, NY, PITCH = 12, 10, 1e-4
 

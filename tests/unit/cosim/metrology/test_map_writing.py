@@ -13,10 +13,9 @@ import sdfio
 import tifffile
 
 from inkloop.metrology.height_map import HeightMap
-from inkloop.metrology.instrument_file import read_instrument
 from inkloop.metrology.map_file import read
-from inkloop.metrology.map_writing import write
-from inkloop.metrology.x3p_writing import NAMESPACE
+from inkloop.metrology.map_readers import read_instrument
+from inkloop.metrology.map_writing import NAMESPACE, write
 
 DX, DY = 263.256e-6, 42.333e-6
 

@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from inkloop.geometry.body import Body
-from inkloop.report import part_picture, pdf, plot
-from inkloop.report.mesh_holes import Hole
+from inkloop.report import part_picture, pictures, plot
 from inkloop.report.model_difference import LayerDifference, ModelDifference
+from inkloop.report.part_flaws import Hole
 from inkloop.report.part_report import MeshReport, PartReport
-from inkloop.report.solid_picture import SOLID_UPRIGHT
-from inkloop.report.solid_view import view
+from inkloop.report.solid_picture import SOLID_UPRIGHT, view
 from inkloop.results.result import Result
 from support.parts import TWO_INKS, with_part
 from support.toys import toy_result
@@ -113,8 +112,8 @@ def test_mesh_is_described_with_its_holes() -> None:
 def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 60)
-    monkeypatch.setattr("inkloop.report.solid_view.STEPS", 60)
+    monkeypatch.setattr("inkloop.report.solid_picture.PIXELS", 60)
+    monkeypatch.setattr("inkloop.report.solid_picture.STEPS", 60)
     figures: list[Figure] = []
     monkeypatch.setattr(plot, "save", lambda figure, path, formats: figures.append(figure) or [path])
     report = PartReport.of(with_part(WALL, tmp_path), None)
@@ -172,8 +171,8 @@ def test_solid_fills_its_picture_and_is_as_high_as_wide_at_most(
         shown.append((filled.shape, upright))
         return view(filled, upright)
 
-    monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 20)
-    monkeypatch.setattr("inkloop.report.solid_view.STEPS", 20)
+    monkeypatch.setattr("inkloop.report.solid_picture.PIXELS", 20)
+    monkeypatch.setattr("inkloop.report.solid_picture.STEPS", 20)
     monkeypatch.setattr(part_picture, "view", kept)
     block = f'shape = "cuboid"\nsize_x_um = 300.0\ncenter_x_um = 600.0\nsize_y_um = 200.0\nheight_um = {height_um}'
     axes = Figure().subplots()
@@ -226,11 +225,11 @@ def test_pdf_has_summary_pictures_and_scenario_on_its_pages(tmp_path: Path, monk
             pages.append(figure)
 
     picture = Figure((1.0, 1.0))
-    monkeypatch.setattr(pdf, "PdfPages", Pages)
-    monkeypatch.setattr(pdf, "pictures", lambda runs: {"surface": picture})
+    monkeypatch.setattr(pictures, "PdfPages", Pages)
+    monkeypatch.setattr(pictures, "pictures", lambda runs: {"surface": picture})
     run, other = toy_result(), Result(toy_result().dataset.assign_attrs(scenario="another"), {})
     summary = "\n".join(["a" * 130, *[f"line {n}" for n in range(90)]])
-    pdf.write(tmp_path / "report.pdf", {"main": run, "other": other}, summary)
+    pictures.write_pdf(tmp_path / "report.pdf", {"main": run, "other": other}, summary)
     texts = [figure.texts[0].get_text() if figure.texts else "" for figure in pages]
     assert len(pages) == 4
     assert pages[2] is picture

@@ -12,7 +12,7 @@ from tools import parts
 
 from inkloop.cli import main
 from inkloop.geometry.body import Body
-from inkloop.report.mesh_holes import holes
+from inkloop.report.part_flaws import holes
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.scenario.file import Scenario
 from support.parts import TWO_INKS, with_part

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from inkloop.report import pictures as run_pictures
 from inkloop.report import plot
-from inkloop.report.difference_picture import hardware_against_model
-from inkloop.report.error_maps import comparison, error_map
+from inkloop.report.error_maps import comparison, error_map, hardware_against_model
 from inkloop.report.layer_curves import cross_section, divergence, layers
 from inkloop.report.model_difference import LayerDifference, ModelDifference
 from inkloop.report.solid_picture import materials

@@ -15,13 +15,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.report import plot, solid_picture, surface_picture
-from inkloop.report.difference_picture import hardware_against_model
-from inkloop.report.error_maps import comparison, error_map
+from inkloop.report.error_maps import comparison, error_map, hardware_against_model
 from inkloop.report.layer_curves import cross_section, layers
 from inkloop.report.model_difference import LayerDifference, ModelDifference
 from inkloop.report.pictures import pictures
-from inkloop.report.solid_picture import SOLID_UPRIGHT, solids
-from inkloop.report.solid_view import view
+from inkloop.report.solid_picture import SOLID_UPRIGHT, solids, view
 from inkloop.report.surface_picture import surfaces
 from inkloop.results.metrics import masked_error
 from inkloop.results.result import Result
@@ -231,8 +229,8 @@ def difference() -> ModelDifference:
 @pytest.fixture
 def coarse_view(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solids are seen in fewer pixels than in print."""
-    monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 60)
-    monkeypatch.setattr("inkloop.report.solid_view.STEPS", 60)
+    monkeypatch.setattr("inkloop.report.solid_picture.PIXELS", 60)
+    monkeypatch.setattr("inkloop.report.solid_picture.STEPS", 60)
 
 
 @pytest.mark.usefixtures("coarse_view")

@@ -13,8 +13,7 @@ import xarray as xr
 
 from inkloop.cli import main
 from inkloop.printing.run import print_part
-from inkloop.report.remarks import remarks
-from inkloop.report.trust import stop_remarks, untrusted_remarks
+from inkloop.report.remarks import remarks, stop_remarks, untrusted_remarks
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS

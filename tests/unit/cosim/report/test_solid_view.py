@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from inkloop.report import solid_view
-from inkloop.report.solid_view import FRAME, LIGHT, SMOOTHING_VOXELS, view
+from inkloop.report import solid_picture as solid_view
+from inkloop.report.solid_picture import FRAME, LIGHT, SMOOTHING_VOXELS, view
 
 PIXELS, STEPS = 40, 60
 RANDOM = gaussian_filter(np.random.default_rng(0).random((9, 7, 24)), (1.0, 1.0, 3.0)) > 0.5

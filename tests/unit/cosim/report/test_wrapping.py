@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from inkloop.cli import main
-from inkloop.report.wrapping import wrapped
+from inkloop.report import wrapped
 
 ERROR = "cube.toml: 1 error\n  - part reaches beyond the grid; continue with `inkloop resume runs/my run` after it"
 

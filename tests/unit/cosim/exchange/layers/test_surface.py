@@ -13,7 +13,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
-from inkloop.exchange.layers import mesh
+from inkloop.exchange.layers import surface as mesh
 from inkloop.geometry import Placement, cell_centers, load
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
@@ -109,7 +109,7 @@ def test_a_body_is_closed_and_has_the_volume_of_the_map(
     form: str, scale: float, shape: tuple[int, int], tmp_path: Path
 ) -> None:
     map_ = rough(shape)
-    mesh.write(tmp_path / "body", map_, form)
+    mesh.write_body(tmp_path / "body", map_, form)
     corners = (stl_corners if form == "stl" else glb_corners)(tmp_path / "body") / scale
     check_closed(corners)
     assert enclosed(corners) == pytest.approx(under(map_, mesh.floor_of(map_)), rel=1e-5, abs=0.0)
@@ -118,8 +118,8 @@ def test_a_body_is_closed_and_has_the_volume_of_the_map(
 def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
     """In STL in mm with z up; in GLB in m with y up, so that the grid's y is -z."""
     map_ = rough()
-    mesh.write(tmp_path / "body.stl", map_, "stl")
-    mesh.write(tmp_path / "body.glb", map_, "glb")
+    mesh.write_body(tmp_path / "body.stl", map_, "stl")
+    mesh.write_body(tmp_path / "body.glb", map_, "glb")
     i, j = np.indices(map_.shape)
     upright = np.column_stack([i.ravel() * DX, j.ravel() * DY, map_.z.ravel()])
     turned = np.column_stack([upright[:, 0], upright[:, 2], -upright[:, 1]])
@@ -134,7 +134,7 @@ def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
 def test_a_body_read_as_a_part_has_the_surface_as_its_top(tmp_path: Path) -> None:
     """In every column but those on its walls, which belong to one side of it only."""
     map_ = HeightMap(rough((9, 7)).z, DX, DX)
-    mesh.write(tmp_path / "body.stl", map_, "stl")
+    mesh.write_body(tmp_path / "body.stl", map_, "stl")
     part = load(tmp_path / "body.stl", 9, 7, DX, unit="mm", placement=Placement("as-is"))
     tops = part.top(*cell_centers(9, 7, DX))
     assert tops[1:-1, 1:-1] == pytest.approx(map_.z[1:-1, 1:-1], rel=1e-6, abs=1e-11)
@@ -150,9 +150,9 @@ def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None
     z = rough().z.copy()
     z[2, 2] = np.nan
     with pytest.raises(ResultError, match="1 of 24 cells have no height"):
-        mesh.write(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
+        mesh.write_body(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
     with pytest.raises(ResultError, match="needs 2 x 2"):
-        mesh.write(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
+        mesh.write_body(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
     assert not list(tmp_path.iterdir())
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from inkloop.errors import HeightMapError
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, symbols
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, Treatment, symbols
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
 from support.evaluated import PERIOD, STEP, A, areal, check_same, map_of, number, reason, rough, surface_of, wave
 
 OPERATIONS = ("none", "plane", "form")

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from inkloop.metrology.evaluation.definitions import symbols
+from inkloop.metrology.evaluation.definitions import Treatment, symbols
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
 from support.evaluated import STEP, Map, check_same, map_of, number, reason, rough
 
 H = 50e-6

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from inkloop.metrology.evaluation.minimax import minimax
+from inkloop.metrology.evaluation.form import minimax
 
 
 def of_all_points(terms: np.ndarray, values: np.ndarray) -> float:

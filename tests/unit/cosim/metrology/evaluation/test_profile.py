@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.metrology.evaluation.definitions import Axis
+from inkloop.metrology.evaluation.definitions import Axis, Treatment
 from inkloop.metrology.evaluation.profile import Profiles
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found_on_profiles
-from inkloop.metrology.evaluation.treatment import Treatment
 from support.evaluated import PERIOD, STEP, A, Map, check_same, map_of, number, reason, rough, wave
 
 

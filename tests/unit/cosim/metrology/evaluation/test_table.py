@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, symbols
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, Evaluation, Treatment, symbols
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.table import Parameter, evaluate, found_on_profiles, parameters, rows
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
 from support.evaluated import STEP, map_of, rough
 
 NAMES = {

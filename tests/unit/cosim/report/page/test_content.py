@@ -12,8 +12,8 @@ import xarray as xr
 
 from inkloop.cli import main
 from inkloop.metrology.evaluation.table import parameters
-from inkloop.report.page.content import ENDS, LOG_LINES, state
 from inkloop.report.page.maps import Blocks, LayerMaps, block_for, final_errors, packed, step_um
+from inkloop.report.page.page import ENDS, LOG_LINES, state
 from inkloop.results.result import Result
 from support.pages import HEIGHT, MASK, TARGET, content_of, plate, shown, unpacked
 

@@ -19,7 +19,7 @@ from inkloop.printing.run import print_part
 from inkloop.printing.so_far import RunFolder
 from inkloop.report import run_report
 from inkloop.report.page import page
-from inkloop.report.page.feed import Feed
+from inkloop.report.page.live import Feed
 from inkloop.results.checkpoint import LAYERS_FOLDER
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario

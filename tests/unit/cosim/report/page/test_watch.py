@@ -20,8 +20,9 @@ from inkloop.errors import ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
 from inkloop.printing.so_far import RunFolder, feed_of, state_of
-from inkloop.report.page import page, server
-from inkloop.report.page.feed import Feed
+from inkloop.report.page import live as server
+from inkloop.report.page import page
+from inkloop.report.page.live import Feed
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import RUN_FILE, SCHEMA_VERSION, Result
 from inkloop.scenario.file import Scenario
@@ -161,7 +162,7 @@ def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_an
         asked.append((list(runs), layers))
         return next(blocks)
 
-    monkeypatch.setattr("inkloop.report.page.feed.first_block", first_block)
+    monkeypatch.setattr("inkloop.report.page.page.first_block", first_block)
     source = Still(printed())
     source.runs = lambda: {  # a new result each time
         name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
