@@ -132,6 +132,8 @@ def _numbers(path: Path, rows: Sequence[str], separator: str, first_line: int) -
     if separator != " " and all(row.rstrip(" ").endswith(separator) for row in filter(str.strip, rows)):
         rows = [row.rstrip(" ").removesuffix(separator) for row in rows]
     text = "\n".join(rows)
+    if separator != " ":
+        text = text.replace(f" {separator}", separator)
     has_commas = separator != "," and "," in text
     if has_commas and "." in text:
         raise HeightMapError(f"{path}: has numbers with , and numbers with . in one table; expected one of them")

@@ -11,8 +11,23 @@ import pytest
 from inkloop.errors import HeightMapError
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, Treatment, symbols
 from inkloop.metrology.evaluation.subject import Subject
+from inkloop.metrology.evaluation.surface import Refusal, s_filtered
 from inkloop.metrology.evaluation.table import found
-from support.evaluated import PERIOD, STEP, A, areal, check_same, map_of, number, reason, rough, surface_of, wave
+from inkloop.metrology.height_map import HeightMap
+from support.evaluated import (
+    PERIOD,
+    STEP,
+    A,
+    areal,
+    check_same,
+    map_of,
+    number,
+    reason,
+    rough,
+    surface_of,
+    texture,
+    wave,
+)
 
 OPERATIONS = ("none", "plane", "form")
 
@@ -77,12 +92,10 @@ def test_two_levels_have_their_closed_forms(share: float) -> None:
     z = np.zeros((10, 10))
     z.flat[: round(share * 100)] = A
     found, spread = areal(map_of(z), f_operation="none"), share * (1.0 - share)
-    assert number(found, "Sa") == pytest.approx(2.0 * A * spread, rel=1e-12, abs=0.0)
-    assert number(found, "Sq") == pytest.approx(A * sqrt(spread), rel=1e-12, abs=0.0)
-    assert number(found, "Sp") == pytest.approx(A * (1.0 - share), rel=1e-12, abs=0.0)
-    assert number(found, "Sv") == pytest.approx(A * share, rel=1e-12, abs=0.0)
-    assert number(found, "Ssk") == pytest.approx((1.0 - 2.0 * share) / sqrt(spread), rel=1e-9, abs=1e-12)
-    assert number(found, "Sku") == pytest.approx((1.0 - 3.0 * spread) / spread, rel=1e-9, abs=0.0)
+    expected = {"Sa": 2.0 * A * spread, "Sq": A * sqrt(spread), "Sp": A * (1.0 - share), "Sv": A * share}
+    expected |= {"Ssk": (1.0 - 2.0 * share) / sqrt(spread), "Sku": (1.0 - 3.0 * spread) / spread}
+    for symbol, value in expected.items():
+        assert number(found, symbol) == pytest.approx(value, rel=1e-9, abs=1e-12), symbol
 
 
 def test_a_single_tip_has_the_area_of_its_pyramid() -> None:
@@ -142,11 +155,61 @@ def test_cells_without_a_height_are_left_out() -> None:
 
 
 def test_too_little_to_evaluate_is_refused() -> None:
-    z = rough()
-    assert "49 cells have a height; needs 50" in reason(areal(map_of(z[:7, :7])), "Sa")
-    holes = np.where(np.arange(17) % 4 == 0, np.nan, z)
-    assert "of 408 cells have no height; at most 20% may lack one" in reason(areal(map_of(holes)), "Vmp")
+    z, mask = rough((7, 10)), np.zeros((7, 10), bool)
+    mask[:5] = True
+    assert number(areal(map_of(z), mask), "Sa") > 0.0
+    mask[0, 0] = False
+    assert reason(areal(map_of(z), mask), "Sa") == "49 cells have a height; needs 50: take a larger mask or map"
+    z[0] = z[1, :4] = np.nan  # 14 of 70 are a fifth
+    assert number(areal(map_of(z)), "Sa") > 0.0
+    z[1, 4] = np.nan
+    assert reason(areal(map_of(z)), "Vmp").startswith("15 of 70 cells have no height; at most 20% may lack one")
     with pytest.raises(HeightMapError, match="mask"):
         areal(map_of(z), np.ones((3, 3), bool))
     assert "one line" in reason(areal(map_of(wave(60, 1))), "Sa")
     assert "no four neighbouring cells" in reason(areal(map_of(wave(60, 1)), f_operation="none"), "Sdq")
+
+
+def test_treatment_is_told_for_each_group() -> None:
+    plain, both = Treatment(), Treatment("form", 2.5e-6, 8e-5, 0)
+    assert str(plain) == "taken off: least-squares plane; no filter"
+    assert "S-filter 2.5 µm, L-filter 80 µm (Gaussian, regression order 0)" in str(both)
+    assert both.of("areal") == str(both) != str(plain)
+    assert both.of("form") == "nothing taken off; S-filter 2.5 µm (Gaussian, regression order 0)"
+    assert both.of("volume") == "nothing taken off; no filter"
+    assert plain.of("form") == "nothing taken off; no filter"
+
+
+def test_s_filter_keeps_gaps_and_makes_no_edge_of_them() -> None:
+    z = np.full((12, 12), 5e-6)
+    z[4, 4] = np.nan
+    found = s_filtered(map_of(z), Treatment(s_filter=5e-5))
+    assert isinstance(found, HeightMap)
+    assert np.argwhere(np.isnan(found.z)).tolist() == [[4, 4]]
+    np.testing.assert_allclose(found.z[np.isfinite(found.z)], 5e-6, rtol=1e-9)
+    assert found.source == "test"
+    assert isinstance(s_filtered(map_of(z), Treatment(s_filter=1.0)), Refusal)
+    same = map_of(z)
+    assert s_filtered(same, Treatment()) is same
+
+
+def test_surface_topography_agrees_on_rectangles() -> None:
+    topography = pytest.importorskip("SurfaceTopography", reason="needs inkloop[metrology]").Topography
+    # its gradients are those of one triangle a square, which does not matter where the map repeats itself
+    z = np.pad(rough((40, 30)), ((0, 1), (0, 1)), mode="wrap")
+    for f_operation, detrending in {"none": "center", "plane": "height", "form": "curvature"}.items():
+        other = topography(z, physical_sizes=(41 * STEP, 31 * STEP), unit="m").detrend(detrending)
+        found = areal(map_of(z), f_operation=f_operation)
+        assert number(found, "Sq") == pytest.approx(other.rms_height_from_area(), rel=1e-6, abs=0.0)
+        if f_operation != "form":
+            assert number(found, "Sdq") == pytest.approx(other.rms_gradient(), rel=1e-9, abs=0.0)
+
+    # its bearing area is that of planes between the cells, which does not matter where the surface is smooth
+    smooth = texture((4.0, 4.0), (120, 100))
+    smooth = smooth - smooth.mean()
+    other = topography(smooth, physical_sizes=(120 * STEP, 100 * STEP), unit="m")
+    heights = np.linspace(np.quantile(smooth, 0.9, method="hazen"), smooth.max(), 101)
+    ratios = np.array([other.bearing_area(height) for height in heights])
+    assert ratios[0] == pytest.approx(0.1, rel=0.02, abs=0.0)
+    found = areal(map_of(smooth), f_operation="none")
+    assert number(found, "Vmp") == pytest.approx(np.trapezoid(ratios, heights), rel=0.03, abs=0.0)

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import linprog
 
 from inkloop.metrology.evaluation.definitions import Treatment, symbols
+from inkloop.metrology.evaluation.form import minimax
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
@@ -32,9 +33,7 @@ def frustum(angle_deg: float = 60.0, shape: tuple[int, int] = (70, 64)) -> tuple
 
 
 def test_flatness_by_both_methods() -> None:
-    """The plane of a dome k (x^2 + y^2) over a square is level by symmetry, and the zone is its whole height; the zone
-    of rough cells is that of the linear program over all of them.
-    """
+    """The plane of a dome k (x^2 + y^2) over a square is level by symmetry, and the zone is its whole height."""
     places = np.indices((31, 31)) - 15
     dome, i = 1e-9 * (places**2).sum(axis=0), places[0]
     level = form(Subject(map_of(dome + 1e-3 * i * STEP)))
@@ -43,15 +42,11 @@ def test_flatness_by_both_methods() -> None:
     assert number(level, "flatness_mz") == pytest.approx(450e-9 * cosine, rel=1e-6, abs=0.0)
 
     z = rough()
-    terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1), np.full(z.size, -1.0)])
-    others = terms * (-1.0, -1.0, -1.0, 1.0)
-    values = z.ravel() * 1e6
-    solved = linprog(
-        [0, 0, 0, 1], A_ub=np.vstack([terms, others]), b_ub=np.concatenate([values, -values]), bounds=[(None, None)] * 4
-    )
-    tilt = 1.0 / sqrt(1.0 + (solved.x[1] ** 2 + solved.x[2] ** 2) * (1e-6 / STEP) ** 2)
+    terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1)])
+    factors, half = minimax(terms, z.ravel())
     uneven = form(Subject(map_of(z)))
-    assert number(uneven, "flatness_mz") == pytest.approx(2e-6 * solved.x[3] * tilt, rel=1e-6, abs=0.0)
+    expected = 2.0 * half / sqrt(1.0 + (factors[1] ** 2 + factors[2] ** 2) / STEP**2)
+    assert number(uneven, "flatness_mz") == pytest.approx(expected, rel=1e-6, abs=0.0)
     assert number(uneven, "flatness_mz") < number(uneven, "flatness_ls")
 
 
@@ -188,3 +183,46 @@ def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
     holed[34, 31] = np.nan
     assert "1 cells have no height" in reason(found(Subject(map_of(holed), mask, target), "volume"), "volume_error")
     assert "no droplet landed" in reason(found(Subject(map_of(z), mask, droplets=0), "volume"), "droplet_volume")
+
+
+def of_all_points(terms: np.ndarray, values: np.ndarray) -> float:
+    """Half width of the zone by one linear program over every point."""
+    ones = np.ones((len(values), 1))
+    solved = linprog(
+        np.append(np.zeros(terms.shape[1]), 1.0),
+        A_ub=np.block([[terms, -ones], [-terms, -ones]]),
+        b_ub=np.concatenate([values, -values]),
+        bounds=[(None, None)] * (terms.shape[1] + 1),
+    )
+    return float(solved.x[-1])
+
+
+@pytest.mark.parametrize("kind", ["rough", "dome", "saddle", "waves", "few"])
+def test_the_zone_is_that_of_the_linear_program(kind: str) -> None:
+    rng = np.random.default_rng(7)
+    x, y = rng.uniform(-1.0, 1.0, (2, 5 if kind == "few" else 1000))
+    z = {
+        "rough": rng.normal(size=x.size),
+        "few": rng.normal(size=x.size),
+        "dome": -x * x - y * y,
+        "saddle": x * y,
+        "waves": np.sin(9 * x) * np.cos(7 * y) + 0.4 * x**3,
+    }[kind]
+    terms = np.column_stack([np.ones_like(x), x, y])
+    factors, half = minimax(terms, z + 3.0 * x - 50.0)
+    assert half == pytest.approx(of_all_points(terms, z), rel=1e-6, abs=0.0)
+    assert np.abs(z + 3.0 * x - 50.0 - terms @ factors).max() == pytest.approx(half, rel=1e-9, abs=0.0)
+
+
+def test_a_parabola_has_its_chebyshev_line() -> None:
+    """x^2 on [-1, 1]: the best constant and line is 1/2, the zone 1/2, in any unit and far from the origin."""
+    x = np.linspace(-1.0, 1.0, 2001)
+    terms = np.column_stack([np.ones_like(x), x * 1e-3])
+    factors, half = minimax(terms, 1e-6 * x**2 + 1e-3)
+    assert half == pytest.approx(0.5e-6, rel=1e-6, abs=0.0)
+    assert factors == pytest.approx([1e-3 + 0.5e-6, 0.0], rel=1e-6, abs=1e-9)
+
+
+def test_points_on_a_plane_have_no_zone() -> None:
+    x, y = np.indices((5, 4)).reshape(2, -1) * 1e-5
+    assert minimax(np.column_stack([np.ones_like(x), x, y]), 2.0 + 0.1 * x - 0.2 * y)[1] < 1e-14

@@ -98,3 +98,11 @@ def test_profiles_that_are_too_short_are_refused() -> None:
         Subject(map_of(np.where((i + j) % 12 == 0, np.nan, rough((60, 40))))), "y", Treatment(l_filter=30 * STEP)
     )
     assert "too few for an evaluation length" in reason(values, "Rz")
+
+
+def test_profiles_say_how_many_rows_and_sections_they_are() -> None:
+    subject = Subject(map_of(rough((60, 17))))
+    _, whole = found_on_profiles(subject, "y")
+    assert str(whole) == "60 of 60 rows along y, evaluation length 170 µm, primary profiles"
+    _, sections = found_on_profiles(subject, "x", Treatment(l_filter=2e-4))
+    assert str(sections) == "17 of 17 rows along x, evaluation length 600 µm, 3 section lengths"

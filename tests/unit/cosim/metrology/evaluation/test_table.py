@@ -9,7 +9,7 @@ import pytest
 
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Evaluation, Treatment, symbols
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.table import Parameter, evaluate, found_on_profiles, parameters, rows
+from inkloop.metrology.evaluation.table import Parameter, evaluate, parameters, rows
 from support.evaluated import STEP, map_of, rough
 
 NAMES = {
@@ -83,11 +83,3 @@ def test_parameters_of_an_array_are_those_of_its_groups() -> None:
     refused = {row.symbol: row for row in parameters(z[:5, :5], None, STEP)}
     assert math.isnan(refused["Sq"].value)
     assert refused["Sq"].reason.startswith("25 cells have a height")
-
-
-def test_profiles_say_how_many_rows_and_sections_they_are() -> None:
-    subject = Subject(map_of(rough((60, 17))))
-    _, whole = found_on_profiles(subject, "y")
-    assert str(whole) == "60 of 60 rows along y, evaluation length 170 µm, primary profiles"
-    _, sections = found_on_profiles(subject, "x", Treatment(l_filter=2e-4))
-    assert str(sections) == "17 of 17 rows along x, evaluation length 600 µm, 3 section lengths"
