@@ -134,7 +134,7 @@ def test_error_map_has_places_in_millimetres_and_counts_every_cell() -> None:
     assert (plane.get_xlabel(), plane.get_ylabel()) == ("x [mm]", "y [mm]")
     image, shown = image_of(plane)
     extent = pytest.approx((-0.05, 0.65, -0.05, 0.45), rel=1e-9, abs=0.0)
-    assert image.get_extent() == (*plane.get_xlim(), *plane.get_ylim()) == extent
+    assert image.get_extent() == [*plane.get_xlim(), *plane.get_ylim()] == extent
     assert (shown.shape, image.origin) == ((NY, NX), "lower")  # rows along y, from below
     assert shown[3, 2] == pytest.approx(-3.0, rel=1e-9, abs=0.0)
     assert np.isfinite(shown).sum() == 12
