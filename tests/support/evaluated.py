@@ -60,6 +60,11 @@ def number(values: Found, symbol: str) -> float:
     return value
 
 
+def check(values: Found, expected: Mapping[str, float], rel: float = 1e-12, abs: float = 0.0) -> None:
+    """The values of these parameters."""
+    assert {symbol: number(values, symbol) for symbol in expected} == pytest.approx(dict(expected), rel=rel, abs=abs)
+
+
 def reason(values: Found, symbol: str) -> str:
     """The reason why a parameter has no value."""
     value = values[symbol]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
@@ -510,29 +510,14 @@ def test_saved_picture_has_room_for_its_labels_and_is_drawn_once_a_format(
 
 
 def test_pdf_has_summary_pictures_and_scenario_on_its_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pages: list[Figure] = []
-
-    class Pages:
-        """Stands for a PDF; keeps its pages."""
-
-        def __init__(self, path: Path, metadata: object) -> None:
-            self._path = path
-
-        def __enter__(self) -> Pages:
-            self._path.write_bytes(b"%PDF")
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def savefig(self, figure: Figure) -> None:
-            pages.append(figure)
-
-    picture = Figure((1.0, 1.0))
-    monkeypatch.setattr(pictures, "PdfPages", Pages)
+    picture, pdf = Figure((1.0, 1.0)), MagicMock()
+    pdf.side_effect = lambda path, **_: path.write_bytes(b"%PDF") and pdf.return_value
+    monkeypatch.setattr(pictures, "PdfPages", pdf)
     monkeypatch.setattr(pictures, "pictures", lambda runs: {"surface": picture})
     run, other = toy_result(), Result(toy_result().dataset.assign_attrs(scenario="another"), {})
     summary = "\n".join(["a" * 130, *[f"line {n}" for n in range(90)]])
     pictures.write_pdf(tmp_path / "report.pdf", {"main": run, "other": other}, summary)
+    pages = [call.args[0] for call in pdf.return_value.__enter__.return_value.savefig.call_args_list]
     texts = [figure.texts[0].get_text() if figure.texts else "" for figure in pages]
     assert len(pages) == 4
     assert pages[2] is picture

@@ -15,7 +15,7 @@ from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_z
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found
-from support.evaluated import STEP, Map, check_same, map_of, number, reason, rough
+from support.evaluated import STEP, Map, check, check_same, map_of, number, reason, rough
 
 H = 50e-6
 RADIUS = 20.3 * STEP
@@ -38,8 +38,7 @@ def test_flatness_by_both_methods() -> None:
     dome, i = 1e-9 * (places**2).sum(axis=0), places[0]
     level = form(Subject(map_of(dome + 1e-3 * i * STEP)))
     cosine = 1.0 / sqrt(1.0 + 1e-6)
-    assert number(level, "flatness_ls") == pytest.approx(450e-9 * cosine, rel=1e-9, abs=0.0)
-    assert number(level, "flatness_mz") == pytest.approx(450e-9 * cosine, rel=1e-6, abs=0.0)
+    check(level, {"flatness_ls": 450e-9 * cosine, "flatness_mz": 450e-9 * cosine}, rel=1e-6)
 
     z = rough()
     terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1)])
@@ -60,8 +59,7 @@ def test_a_tilted_top_is_flat_and_not_parallel() -> None:
     values = form(Subject(map_of(z), mask))
     cosine = 1.0 / sqrt(1.0 + 0.02**2)
     assert number(values, "flatness_ls") == pytest.approx(0.0, abs=1e-12)
-    for method in ("ls", "mz"):
-        assert number(values, f"parallelism_{method}") == pytest.approx(29 * STEP * slope * cosine, rel=1e-6, abs=0.0)
+    check(values, dict.fromkeys(("parallelism_ls", "parallelism_mz"), 29 * STEP * slope * cosine), rel=1e-6)
 
 
 def test_a_step_on_tilted_ground_has_its_height() -> None:
@@ -69,10 +67,9 @@ def test_a_step_on_tilted_ground_has_its_height() -> None:
     start = np.tensordot([0.003 * STEP, -0.002 * STEP], np.indices(z.shape), axes=1)
     tilted = z + start
     values = form(Subject(map_of(tilted), mask))
-    for method in ("ls", "mz"):
-        assert number(values, f"step_height_{method}") == pytest.approx(H, rel=1e-4, abs=0.0)
+    check(values, {"step_height_ls": H, "step_height_mz": H}, rel=1e-4)
     of_run = form(Subject(map_of(tilted), mask, target=np.where(mask, H, 0.0), start=start))
-    assert number(of_run, "step_height_ls") == pytest.approx(H, rel=1e-4, abs=0.0)
+    check(of_run, {"step_height_ls": H}, rel=1e-4)
 
 
 @pytest.mark.parametrize("angle_deg", [35.0, 60.0])
@@ -100,9 +97,8 @@ def test_an_oval_outline_has_its_roundness_and_a_square_is_no_circle() -> None:
     distance = np.hypot(x / 1.05, y)
     z = np.clip((30 * STEP - distance) + H / 2, 0.0, H)
     oval = form(Subject(map_of(z), z > H / 2))
-    for method in ("ls", "mz"):
-        assert number(oval, f"roundness_{method}") == pytest.approx(1.5 * STEP, rel=0.03, abs=0.0)
-        assert number(oval, f"radius_{method}") == pytest.approx(30.75 * STEP, rel=5e-3, abs=0.0)
+    check(oval, dict.fromkeys(("roundness_ls", "roundness_mz"), 1.5 * STEP), rel=0.03)
+    check(oval, dict.fromkeys(("radius_ls", "radius_mz"), 30.75 * STEP), rel=5e-3)
     oblong = form(Subject(map_of(z[::4], 4 * STEP), z[::4] > H / 2))
     angle = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
     lengths = np.hypot(31.5 * np.sin(angle), 30.0 * np.cos(angle))
@@ -145,26 +141,22 @@ def test_the_least_squares_circle_is_exact_on_an_arc() -> None:
 
 def test_form_that_is_not_there_is_refused() -> None:
     z, mask = frustum()
-    flat = form(Subject(map_of(np.zeros_like(z)), mask))
-    assert "no step stands out" in reason(flat, "step_height_ls")
-    assert "no outline without a step" in reason(flat, "wall_angle_mz")
-    alone = form(Subject(map_of(z)))
-    assert "0 cells with heights lie more than 2 cells outside the mask" in reason(alone, "parallelism_ls")
+    around, bare = np.where(mask | (z > 0), 0.0, H), np.zeros_like(z)
     sloping = np.where(mask, H + np.indices(z.shape)[0] * 1e-6, 0.0)
-    domed = form(Subject(map_of(z), mask, target=sloping))
-    assert "the target is not flat" in reason(domed, "step_height_mz")
-    cut = form(Subject(map_of(z[15:]), mask[15:]))
-    assert "is not closed" in reason(cut, "radius_ls")
-    two = np.concatenate([z, z])
-    pair = form(Subject(map_of(two), np.concatenate([mask, mask])))
-    assert "has 2 pieces" in reason(pair, "wall_angle_ls")
-    block = form(Subject(map_of(z + np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
-    assert "no wall is free" in reason(block, "roundness_mz")
-    pit = form(Subject(map_of(z - np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
-    assert "stand -50 µm above the substrate: no wall is free" in reason(pit, "radius_ls")
+    flat = form(Subject(map_of(bare), mask))
+    assert "no outline without a step" in reason(flat, "wall_angle_mz")
     assert set(flat) == set(symbols("form"))
-    few = form(Subject(map_of(z[:5, :5])))
-    assert "25 cells have a height" in reason(few, "flatness_ls")
+    for subject, symbol, words in (
+        (Subject(map_of(bare), mask), "step_height_ls", "no step stands out"),
+        (Subject(map_of(z)), "parallelism_ls", "0 cells with heights lie more than 2 cells outside the mask"),
+        (Subject(map_of(z), mask, target=sloping), "step_height_mz", "the target is not flat"),
+        (Subject(map_of(z[15:]), mask[15:]), "radius_ls", "is not closed"),
+        (Subject(map_of(np.concatenate([z, z])), np.concatenate([mask, mask])), "wall_angle_ls", "has 2 pieces"),
+        (Subject(map_of(z + around), mask, start=bare), "roundness_mz", "no wall is free"),
+        (Subject(map_of(z - around), mask, start=bare), "radius_ls", "stand -50 µm above the substrate: no wall"),
+        (Subject(map_of(z[:5, :5])), "flatness_ls", "25 cells have a height"),
+    ):
+        assert words in reason(form(subject), symbol)
 
 
 def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
@@ -175,8 +167,7 @@ def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
     printed = z[mask].sum() * STEP**2
     wanted = (H - 1e-6) * mask.sum() * STEP**2
     expected = {"volume_printed": printed, "volume_target": wanted, "volume_error": wanted - printed, "droplets": 40.0}
-    for symbol, value in (expected | {"droplet_volume": z.sum() * STEP**2 / 40}).items():
-        assert number(values, symbol) == pytest.approx(value, rel=1e-9, abs=0.0), symbol
+    check(values, expected | {"droplet_volume": z.sum() * STEP**2 / 40}, rel=1e-9)
     cone = pi * H * (RADIUS**2 + (H / 2 / tan(radians(60))) ** 2 / 3)  # frustum with that radius at half height
     assert z.sum() * STEP**2 == pytest.approx(cone, rel=2e-3, abs=0.0)
     holed = z.copy()

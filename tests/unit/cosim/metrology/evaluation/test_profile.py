@@ -13,7 +13,7 @@ from inkloop.metrology.evaluation.profile import Profiles
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found_on_profiles
-from support.evaluated import PERIOD, STEP, A, Map, check_same, map_of, number, reason, rough, wave
+from support.evaluated import PERIOD, STEP, A, Map, check, check_same, map_of, number, reason, rough, wave
 
 
 def profiles(z: Map, axis: Axis = "x", mask: Map | None = None, **treatment: Any) -> tuple[Found, Profiles]:
@@ -26,8 +26,7 @@ def test_a_sinusoid_has_its_closed_forms() -> None:
     """Along the other axis the rows are level."""
     values, evaluated = profiles(wave(), f_operation="none")
     expected = {"Pa": 2 * A / (PERIOD * tan(pi / PERIOD)), "Pq": A / sqrt(2), "Pp": A, "Pv": A, "Pt": 2 * A}
-    for symbol, value in expected.items():
-        assert number(values, symbol) == pytest.approx(value, rel=1e-12, abs=0.0), symbol
+    check(values, expected)
     assert (evaluated.count, evaluated.rows, evaluated.sections) == (11, 11, 0)
     assert evaluated.length == pytest.approx(2 * PERIOD * STEP, rel=1e-12, abs=0.0)
     level, _ = profiles(wave(), "y", f_operation="none")
@@ -44,8 +43,8 @@ def test_roughness_is_what_the_filter_leaves_over_five_sections() -> None:
         kept = 1.0 - np.exp(-log(2) * (2 * PERIOD / length) ** 2)
         assert (evaluated.sections, evaluated.length) == (5, pytest.approx(5 * cutoff, rel=1e-12, abs=0.0))
         if length == PERIOD:
-            for symbol, value in {"Rq": A / sqrt(2), "Rp": A, "Rv": A, "Rz": 2 * A, "Rt": 2 * A}.items():
-                assert number(values, symbol) == pytest.approx(kept * value, rel=2e-3, abs=0.0), symbol
+            expected = {"Rq": A / sqrt(2), "Rp": A, "Rv": A, "Rz": 2 * A, "Rt": 2 * A}
+            check(values, {symbol: kept * value for symbol, value in expected.items()}, rel=2e-3)
         else:
             assert number(values, "Rt") == pytest.approx(2 * A * kept, rel=0.05, abs=0.0)
 
@@ -55,8 +54,7 @@ def test_sections_have_their_own_peaks() -> None:
     z = np.zeros((1000, 60))
     z[500] = A
     values, _ = profiles(z, f_operation="none", l_filter=200 * STEP, filter_order=0)
-    assert number(values, "Rt") == pytest.approx(A, rel=0.02, abs=0.0)
-    assert number(values, "Rp") == pytest.approx(A / 5, rel=0.02, abs=0.0)
+    check(values, {"Rt": A, "Rp": A / 5}, rel=0.02)
 
 
 def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
