@@ -19,6 +19,7 @@ from support.evaluated import (
     STEP,
     A,
     areal,
+    check,
     check_same,
     map_of,
     number,
