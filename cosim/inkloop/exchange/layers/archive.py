@@ -83,7 +83,7 @@ def write(
     files: list[dict[str, Any]] = []
     with new_folder(out) as folder:
         for layer in layers:
-            for one in _separated(patterns, layer, passes, split):
+            for one in _separations(patterns, layer, passes, split):
                 name = one.name(layer) + SUFFIXES[form]
                 content = bitmap.encode(one.sites, patterns.pitch, form, f"layer {layer}, {one.title}")
                 (folder / name).write_bytes(content)
@@ -119,27 +119,16 @@ class Separation:
         return "_".join(filter(None, (f"L{layer:04d}", f"P{self.number}", self.ink, self.drop)))
 
 
-def separations(
-    pattern: NDArray[np.integer],
-    drop_level: NDArray[np.integer] | None,
-    *,
-    inks: int,
-    levels: int,
-    split: str | None,
-    colours: tuple[int, ...],
-) -> Iterator[Separation]:
-    """Bitmaps of a layer, empty ones included: every layer has the same set.
-
-    pattern: (nx, ny), 0 none, 1 A, 2 B; drop_level: (nx, ny) drops of each droplet, None for one; levels: their
-    maximum; split: one of DROP_SPLITS, None for single drops; colours: in the order of jetting, none for one pass.
-    """
+def _separations(patterns: Patterns, layer: int, passes: bool, split: str | None) -> Iterator[Separation]:
+    """Bitmaps of a layer, empty ones included: every layer has the same set."""
+    pattern = patterns.pattern[layer - 1]
+    drops = np.ones_like(pattern) if patterns.drop_level is None else patterns.drop_level[layer - 1]
     i, j = np.indices(pattern.shape)
-    drops = np.ones_like(pattern) if drop_level is None else drop_level
-    for number, colour in enumerate(colours or (None,), start=1):
+    for number, colour in enumerate((passes and patterns.colours(layer)) or (None,), start=1):
         of_pass = np.ones(pattern.shape, np.bool_) if colour is None else pass_colour(i, j) == colour
-        for ink in range(1, inks + 1):
+        for ink in range(1, len(patterns.inks) + 1):
             sites = (pattern == ink) & of_pass
-            for name, worth, chosen in _by_drop(drops, levels, split):
+            for name, worth, chosen in _by_drop(drops, patterns.levels, split):
                 yield Separation(number, colour, INKS[ink - 1], name, worth, sites & chosen)
 
 
@@ -154,20 +143,6 @@ def _by_drop(
             yield f"d{level}", level, drops == level
     else:
         yield "", 1, np.ones(drops.shape, np.bool_)
-
-
-def _separated(patterns: Patterns, layer: int, passes: bool, split: str | None) -> list[Separation]:
-    level = None if patterns.drop_level is None else patterns.drop_level[layer - 1]
-    return list(
-        separations(
-            patterns.pattern[layer - 1],
-            level,
-            inks=len(patterns.inks),
-            levels=patterns.levels,
-            split=split,
-            colours=patterns.colours(layer) if passes else (),
-        )
-    )
 
 
 def _entry(name: str, layer: int, one: Separation, content: bytes) -> dict[str, Any]:
