@@ -93,14 +93,6 @@ def test_a_point_belongs_to_the_nearest_cell_and_an_interval_holds_its_bottom_al
     np.testing.assert_array_equal(columns.top(np.zeros_like(y), y), np.where(inside, 2e-6, 0.0))
 
 
-def test_touching_and_overlapping_intervals_become_one() -> None:
-    cell, bottom, top = np.array([1, 1, 1, 0, 1]), np.array([2.0, 0, 5, 3, 1]), np.array([3.0, 1, 5, 2, 2.5])
-    columns = Columns.of_intervals(2, 1, 1.0, cell, bottom, top)
-    assert (columns.offsets.tolist(), columns.bottoms.tolist(), columns.tops.tolist()) == ([0, 0, 1], [0.0], [3.0])
-    assert columns.volume == pytest.approx(3.0, rel=1e-15, abs=0.0)
-    assert columns.mask.tolist() == [[False], [True]]
-
-
 def test_union_of_many_intervals_in_any_order_is_that_of_their_points() -> None:
     """On whole numbers, so that many touch, lie in each other, are the same or empty; some cells have more than 16."""
     rng, nx, ny = np.random.default_rng(5), 3, 4
@@ -129,21 +121,6 @@ def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
     bottoms = [of(shape).bottoms for shape in SHAPES for _ in range(50)]
     assert len(bottoms) == 200
     assert float(tops.sum()) * PITCH**2 == pytest.approx(volume, rel=1e-6, abs=0.0)
-
-
-def test_columns_of_a_shape_give_back_its_intervals() -> None:
-    """To the last bit: the controller in C is given these, the one in Python asks `contains`."""
-    x, y = cell_centers(NX, NY, PITCH)
-    (low, high), (expected_low, expected_high) = ((sorted_ends(part, x, y)) for part in (of(SHAPES[3]), SHAPES[3]))
-    np.testing.assert_array_equal(low, expected_low)
-    np.testing.assert_array_equal(high, expected_high)
-
-
-def sorted_ends(part, x: FloatMap, y: FloatMap) -> tuple[np.ndarray, np.ndarray]:
-    """Bottoms and tops of the intervals that are not empty, in the order of the cells."""
-    ends = np.array([np.broadcast_arrays(*interval) for interval in part.intervals(x, y)])
-    bottom, top = ends[:, 0].reshape(len(ends), -1).T, ends[:, 1].reshape(len(ends), -1).T
-    return bottom[bottom <= top], top[bottom <= top]
 
 
 @pytest.mark.parametrize(

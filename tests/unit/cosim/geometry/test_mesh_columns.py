@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inkloop.geometry import Columns, Cuboid, cell_centers
+from inkloop.geometry import cell_centers
 from inkloop.geometry.body import Body
 from inkloop.geometry.mesh import MeshColumns, mesh_columns
 from support import meshes
@@ -102,15 +102,6 @@ def test_mesh_of_a_ball_contains_what_the_ball_contains() -> None:
         is_far = (depth < 0.0) | (depth > chord_error)
         assert is_far.mean() > 0.9
         np.testing.assert_array_equal(found.inside(z)[is_far], (depth > 0.0)[is_far])
-
-
-def test_box_between_rows_is_the_cuboid() -> None:
-    shape = Cuboid(4.5e-3, 4.5e-3, 4e-3, 6e-3, 1e-3)
-    found = mesh_columns([Body(meshes.box((2.5e-3, 1.5e-3, 0.0), (6.5e-3, 7.5e-3, 1e-3)))], 10, 10, 1e-3).columns
-    of_shape = Columns.of_shape(shape, 10, 10, 1e-3)
-    np.testing.assert_array_equal(found.offsets, of_shape.offsets)
-    np.testing.assert_array_equal(found.tops, 1e-3)
-    np.testing.assert_array_equal(found.bottoms, 0.0)
 
 
 def test_of_two_walls_on_rows_of_centres_one_belongs_to_the_box_and_stacked_boxes_are_one_interval() -> None:

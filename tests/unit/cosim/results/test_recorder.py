@@ -15,7 +15,7 @@ from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.metrics import masked_error
 from inkloop.results.recorder import COUNTER_END, LayerRow, Recorder
-from support.toys import DROPLET, FunctionComponent, ToyPrinter, toy_job, toy_loop
+from support.toys import DROPLET, FunctionComponent, toy_job, toy_loop
 
 SECOND = 1_000_000_000
 
@@ -139,20 +139,6 @@ def test_layer_that_was_not_scanned_has_the_surface_of_the_scan_before_it(
     np.testing.assert_array_equal(run.height, np.broadcast_to(np.reshape(found, (-1, 1, 1)), (len(scans), *shape)))
     expected = [float((job.target_height - one)[job.mask].mean()) for one in found]
     np.testing.assert_allclose(run.mean_error, expected, rtol=1e-12)
-
-
-def test_printer_alone_is_recorded() -> None:
-    job = toy_job()
-    printer: Any = ToyPrinter(job)
-    printer.inputs = ()
-    recorder = Recorder(job, {"printer": printer})
-    values = {"pattern": job.mask.astype(np.int32), "layer_command": np.asarray(1)}
-    recorder.initialized(0, {"printer": printer.initialize(0, {})})
-    recorder.stepped(SECOND, {"printer": printer.do_step(0, SECOND, values)})
-    run = recorder.dataset()
-    assert run.height.shape == (2, job.nx, job.ny)
-    assert "measured_height" not in run
-    assert run.time.values.tolist() == [0.0, 1.0]
 
 
 def test_same_name_from_two_components_is_kept_apart() -> None:

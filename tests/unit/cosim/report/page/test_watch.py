@@ -19,7 +19,7 @@ from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
-from inkloop.printing.so_far import RunFolder, feed_of, state_of
+from inkloop.printing.so_far import RunFolder, state_of
 from inkloop.report.page import live as server
 from inkloop.report.page import page
 from inkloop.report.page.live import Feed
@@ -235,31 +235,6 @@ def test_server_answers_this_machine_only_and_only_with_the_page() -> None:
     assert asked == [("", "4", [3, 12345678]), ("", "4", [3]), ("7", "4", []), ("", "", [])]
     assert [(status, body) for status, body, _ in answers] == [(200, b'{"runs":[]}')] * 2 + [(204, b""), answers[0][:2]]
     assert answers[0][2].get_content_type() == "application/json"
-
-
-def test_layer_that_is_printed_comes_with_the_next_question(tmp_path: Path) -> None:
-    unfinished(quick_cuboid(), tmp_path / "run", 1)
-    with served(feed_of(tmp_path / "run")) as port:
-        first = json.loads(asked_page(port, "/content")[1])
-        query = f"version={first['version']}&epoch={first['epoch']}&known=2"
-        assert asked_page(port, f"/content?{query}")[:2] == (204, b"")
-        resume_one_layer(tmp_path / "run")
-        (later,) = json.loads(asked_page(port, f"/content?{query}")[1])["runs"]
-        assert later["layers"]["first"] == 1
-        assert later["layers"]["heights"]["shape"][0] == 2
-
-
-def resume_one_layer(folder: Path) -> None:
-    """Print one more layer of a run, and end as a crash does."""
-    scenario = Scenario.load(folder / "scenario.toml")
-    count = len({path.stem[:4] for path in (folder / "layers").glob("[0-9]*.npz")})
-
-    def stop(row: LayerRow) -> None:
-        if row.layer > count:
-            raise KeyError("stop")
-
-    with pytest.raises(KeyError):
-        Print(scenario, folder, on_layer=stop).run()
 
 
 def test_print_that_is_watched_is_the_print_that_is_not(tmp_path: Path) -> None:
