@@ -14,7 +14,6 @@ import pytest
 from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.exchange.layers.surface import floor_of, write_body
-from inkloop.geometry import Placement, cell_centers, load
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
@@ -130,16 +129,6 @@ def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
     ):
         found = {tuple(corner) for corner in corners.reshape(-1, 3).astype(np.float32) + np.float32(0.0)}
         assert {tuple(corner) for corner in expected.astype(np.float32) + np.float32(0.0)} <= found
-
-
-def test_a_body_read_as_a_part_has_the_surface_as_its_top(tmp_path: Path) -> None:
-    """In every column but those on its walls, which belong to one side of it only."""
-    map_ = HeightMap(rough((9, 7)).z, DX, DX)
-    write_body(tmp_path / "body.stl", map_, "stl")
-    part = load(tmp_path / "body.stl", 9, 7, DX, unit="mm", placement=Placement("as-is"))
-    tops = part.top(*cell_centers(9, 7, DX))
-    assert tops[1:-1, 1:-1] == pytest.approx(map_.z[1:-1, 1:-1], rel=1e-6, abs=1e-11)
-    assert part.counts[1:-1, 1:-1].max() == part.counts[1:-1, 1:-1].min() == 1
 
 
 def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None:

@@ -42,18 +42,6 @@ def test_a_sinusoid_has_its_closed_forms() -> None:
     check(whole, {"Sdq": A / STEP * 2.0 * sin(pi / PERIOD) / sqrt(2.0)})
 
 
-def test_gradients_converge_to_those_of_the_smooth_sinusoid() -> None:
-    """Sdq = 2 pi A / (sqrt(2) length); Sdr is the mean of sqrt(1 + z'^2) - 1, integrated here."""
-    amplitude, length, cells = 5e-5, 4e-4, 400
-    x = np.arange(cells + 1) * length / cells
-    z = np.repeat(amplitude * np.sin(2 * pi * x / length)[:, None], 3, axis=1)
-    found = areal(map_of(z, length / cells, 1e-3), f_operation="none")
-    slope = 2 * pi * amplitude / length
-    fine = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
-    ratio = float(np.mean(np.sqrt(1 + (slope * np.cos(fine)) ** 2) - 1))
-    check(found, {"Sdq": slope / sqrt(2.0), "Sdr": ratio}, rel=1e-4)
-
-
 def test_a_tilted_plane_vanishes_by_the_plane_and_a_paraboloid_by_the_second_order() -> None:
     i, j = np.indices((12, 9))
     z = 0.3 * STEP * i - 0.4 * 2 * STEP * j
@@ -130,14 +118,6 @@ def test_a_mask_is_the_same_cells_cut_out(f_operation: FOperation, filters: dict
     check_same(areal(map_of(z), mask, f_operation=f_operation, **filters), cut, rel=1e-7)
     apart = areal(map_of(np.where(mask, z, np.nan)), mask, f_operation=f_operation, **filters)
     check_same(apart, cut, rel=1e-7)
-
-
-def test_cells_without_a_height_are_left_out() -> None:
-    z = rough()
-    holes = np.random.default_rng(4).random(z.shape) < 0.1
-    heights = z[~holes] - z[~holes].mean()
-    found = areal(map_of(np.where(holes, np.nan, z)), f_operation="none")
-    check(found, {"Sq": heights.std(), "Sp": heights.max(), "Sv": -heights.min()})
 
 
 def test_too_little_to_evaluate_is_refused() -> None:

@@ -76,15 +76,6 @@ def test_last_message_of_each_node_is_shown_with_its_level(tmp_path: Path) -> No
     assert found["texts"]["log"] == "\n".join(lines[-LOG_LINES:])
 
 
-def test_page_gets_only_the_layers_that_it_lacks() -> None:
-    later = shown(plate(), plate("open"), known=[2])["runs"]
-    assert [run["layers"]["first"] for run in later] == [1, 0]
-    steps = unpacked(later[0]["layers"]["heights"]).astype(np.int64)
-    np.testing.assert_allclose(steps[1] * later[0]["step"], HEIGHT * 0.5e6, atol=0.0101)
-    assert shown(plate(), known=[99])["runs"][0]["layers"]["first"] == 2
-    assert shown(plate(), known=[0])["runs"][0]["layers"]["first"] == 0
-
-
 def test_edges_and_final_errors_are_those_of_the_run() -> None:
     (run,) = shown(plate())["runs"]
     edges = [(np.arange(cells + 1) - 0.5) * 0.1 for cells in MASK.shape]
