@@ -246,8 +246,12 @@ def test_layers_are_numbered_and_their_figures_are_those_of_the_table() -> None:
     assert mean.get_ylabel() == f"mean error [µm]\n({SIGN})"
     assert [axes.get_ylabel() for axes in (spread, droplets)] == ["std over the part [µm]", "droplets"]
     assert droplets.get_xlabel() == "layer"
-    np.testing.assert_allclose(values(labelled(mean)["closed"]), [np.arange(5), runs["closed"].mean_error * 1e6])
-    np.testing.assert_allclose(values(spread.lines[0]), [np.arange(1, 5), runs["closed"]["std"][1:] * 1e6], rtol=1e-9)
+    np.testing.assert_allclose(
+        values(labelled(mean)["closed"]), np.stack([np.arange(5), runs["closed"].mean_error * 1e6])
+    )
+    np.testing.assert_allclose(
+        values(spread.lines[0]), np.stack([np.arange(1, 5), runs["closed"]["std"][1:] * 1e6]), rtol=1e-9
+    )
     np.testing.assert_array_equal(values(droplets.lines[0]), [[1, 2, 3, 4], [1, 2, 3, 4]])
     assert droplets.get_ylim()[0] == 0.0
     assert (mean.get_yscale(), spread.get_yscale()) == ("symlog", "log")
