@@ -13,7 +13,7 @@ import xarray as xr
 from inkloop.component import Ink, Job
 from inkloop.printing import print as print_module
 from inkloop.printing.print import Print
-from inkloop.results import layer_maps, result, solid
+from inkloop.results import layer_maps, netcdf, result, solid
 from inkloop.results.array_file import StoredArray
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.result import Result
@@ -40,6 +40,7 @@ def test_file_takes_the_memory_of_few_maps(tmp_path: Path) -> None:
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 6 * 8 * SIDE * SIDE
+    assert np.isnan(netcdf.read(tmp_path / "first.nc").height[2:]).all()
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as stored:
         for _, layer, expected in random_maps(LAYERS):
             np.testing.assert_array_equal(stored.height[layer], expected)
