@@ -12,6 +12,7 @@ import pytest
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns, Placement, load
 from inkloop.geometry.body import Body, walls_on_centers
+from inkloop.geometry.mesh import _filled_by_neighbours
 from inkloop.geometry.mesh_file import read_bodies
 from support import meshes
 
@@ -175,3 +176,9 @@ def test_neighbours_fill_a_small_hole_and_refuse_a_large_one(tmp_path: Path) -> 
     assert changed.size == 0
     with pytest.raises(GeometryError, match=r"takes at most 0\.1%"):
         load(written(tmp_path, "c.stl", holed(TORUS, 200)), 300, 300, 2e-5, unit="mm", open_columns="neighbours")
+
+
+def test_open_column_is_that_of_the_median_neighbour() -> None:
+    heights = np.array([9.0, 1.0, 9.0, 2.0, 0.0, 3.0, 9.0, 4.0, 9.0])
+    columns = Columns.of_intervals(3, 3, 1.0, np.arange(9), np.zeros(9), heights)
+    assert _filled_by_neighbours(columns, np.array([4])).tops[4] == 2.0
