@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,7 +24,6 @@ from inkloop.results.result import Result
 from inkloop.results.surface import surface
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS
-from support.places import SCENARIOS
 from support.prints import quick_cuboid
 
 CUBOID = quick_cuboid()
@@ -50,30 +48,6 @@ def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: p
         assert main(["compare", *runs, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (sorted(found["runs"]), found["pictures"]) == (runs, ["both.png"])
-
-
-@pytest.mark.system
-@pytest.mark.usefixtures("without_pictures")
-def test_scans_that_were_corrected_are_reported_with_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenario = SCENARIOS / "misaligned-scan.toml"
-    for name, expected in (("true", True), ("false", False)):
-        settings = [
-            f"components.controller.register_scans={name}",
-            "components.profiler.shift_std_um=0",
-            "components.profiler.spot_radius_um=131.6",
-            "run.layers_max=6",
-        ]
-        arguments = [word for setting in settings for word in ("--set", setting)]
-        assert main(["run", str(scenario), "--out", str(tmp_path / name), "--no-compare", *arguments]) == 0
-        shown = " ".join(capsys.readouterr().out.split())
-        assert ("register the profiler with the printer" in shown) is expected
-        found = re.search(r"shifted by ([\d.]+) µm along x .* the spot is (\d+) µm wide", shown)
-        assert bool(found) is expected
-        if found:
-            assert float(found[1]) == pytest.approx(87.8, abs=4.0)
-            assert float(found[2]) == pytest.approx(131.6, abs=15.0)
 
 
 @pytest.mark.system
