@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.protocol.node_state import Happening, JournalRecord, LayerFlags, Step
-from inkloop_hardware.protocol.services import Key
 from support.benches import kill_points, passes_left
 from support.benches.kill_points import begin, powered, session_killed_at
 from support.benches.killed_prints import Person, assert_all_is_reported, part
@@ -49,9 +48,8 @@ def test_passes_begun_twice_and_left_out_are_counted(tmp_path: Path, monkeypatch
     ends = {1: (0b1111, 0), 2: (0b0001, 0b0010), 3: (0b0111, 0)}
 
     def record(kind: Happening, layer: int, number: int, done: int, unknown: int) -> JournalRecord:
-        return JournalRecord(
-            1, kind, Step.PASS, Key(7, layer, number), 1, 0, PASSES, done, unknown, 0, LayerFlags(0), 0.0
-        )
+        progress = (PASSES, done, unknown, 0, LayerFlags(0), 0.0, 0, 0)
+        return JournalRecord(1, kind, Step.PASS, number, 1, 7, layer, 1, 0, *progress)
 
     journal = [record(Happening.INTENT, layer, number, *ends[layer]) for layer, number in begun]
     monkeypatch.setattr(passes_left, "head_journal", lambda nodes: journal)

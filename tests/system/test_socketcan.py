@@ -10,7 +10,7 @@ import pytest
 
 from support.benches import socketcan_checks, uml_guest
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.compiled, pytest.mark.long]
 LIMIT_S = 900.0
 NAMES = [name for name in vars(socketcan_checks) if name.startswith("test_")]
 ROOT = Path(__file__).parents[2]

@@ -19,6 +19,7 @@ from inkloop_hardware.protocol.node_state import (
     NodeState,
     Roles,
     Step,
+    TransferFlags,
     TransferState,
 )
 from inkloop_hardware.protocol.records import NodeFault
@@ -73,7 +74,7 @@ def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     assert bench.scan(0) == 0
     link.upload(0)
     transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
-    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 165, 165)
+    assert (transfer.flags, transfer.done, transfer.size) == (TransferFlags.UPLOAD, 165, 165)
     assert link.version()
 
 
