@@ -40,7 +40,9 @@ def size(record: type[Any]) -> int:
 def pack(record: Any) -> bytes:
     """The bytes of a record."""
     values = ((part.type, getattr(record, part.name)) for part in parts(type(record)))
-    return _struct(type(record)).pack(*(round(value * MS_PER_S) if type_ is float else value for type_, value in values))
+    return _struct(type(record)).pack(
+        *(round(value * MS_PER_S) if type_ is float else value for type_, value in values)
+    )
 
 
 def unpack(record: type[Record], data: bytes) -> Record:

@@ -14,6 +14,7 @@ from inkloop_hardware.protocol import layout
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, State
 
+
 class Identifier(IntEnum):
     """Identifiers of service 0x22."""
 

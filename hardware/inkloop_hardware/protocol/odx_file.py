@@ -150,9 +150,7 @@ def _subset() -> ComparamSubset:
     number = DataObjectProperty(
         odx_id=OdxLinkId("number", (SUBSET,)),
         short_name="number",
-        compu_method=IdenticalCompuMethod(
-            category=CompuCategory.IDENTICAL, physical_type=WHOLE, internal_type=WHOLE
-        ),
+        compu_method=IdenticalCompuMethod(category=CompuCategory.IDENTICAL, physical_type=WHOLE, internal_type=WHOLE),
         diag_coded_type=StandardLengthType(base_data_type=WHOLE, bit_length=32),
         physical_type=PhysicalType(base_data_type=WHOLE),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import IntEnum, IntFlag
+from html import escape
 
 from odxtools.compumethods.compucategory import CompuCategory
 from odxtools.compumethods.compuconst import CompuConst
@@ -116,7 +117,9 @@ class Dictionary:
             parameters=NamedItemList(self.values(layout.parts(record), 0)),
         )
         many = EndOfPduField(
-            odx_id=made_id(NODE, f"{title}s"), short_name=f"{title}s", structure_ref=OdxLinkRef.from_id(structure.odx_id)
+            odx_id=made_id(NODE, f"{title}s"),
+            short_name=f"{title}s",
+            structure_ref=OdxLinkRef.from_id(structure.odx_id),
         )
         self._structures.append(structure)
         self._fields.append(many)
@@ -194,7 +197,7 @@ def _table(words: Iterable[tuple[int, str, str]]) -> CompuMethod:
 def _scale(number: int, word: str, why: str) -> CompuScale:
     limit = Limit(value_raw=str(number), value_type=WHOLE)
     return CompuScale(
-        description=Description(text=f"<p>{why}</p>") if why else None,
+        description=Description(text=f"<p>{escape(why)}</p>") if why else None,
         lower_limit=limit,
         upper_limit=limit,
         compu_const=CompuConst(vt=word, data_type=TEXT),

@@ -38,12 +38,14 @@ def bench() -> Iterator[NodeBench]:
 
 @pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
+    bench.power_up(HEAD)
+    bench.ready()
     bench.print_layer(np.ones((9, 8)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
         *(7, 1, 4, 0b1111, 0, 0),
-        *(LayerFlags(0), Step.NONE, 1, 1),
+        *(LayerFlags(0), Step.NONE, 2, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
