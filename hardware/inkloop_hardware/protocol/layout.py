@@ -5,6 +5,7 @@ T is an int, or an IntEnum or IntFlag, which is its value; a float is a time in 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from struct import Struct
 from typing import Any, NamedTuple, TypeVar, get_type_hints
@@ -20,19 +21,19 @@ class Part(NamedTuple):
     """A number in a message: its name, its type as above, its bytes."""
 
     name: str
-    type: type
+    type: Any
     size: int
 
 
 @lru_cache
-def parts(record: type[Any]) -> tuple[Part, ...]:
-    """The fields of a record in the order of their bytes."""
+def parts(record: Any) -> tuple[Part, ...]:
+    """The fields of a class of records in the order of their bytes."""
     hints = get_type_hints(record, include_extras=True)
     return tuple(Part(name, hint.__origin__, *hint.__metadata__) for name, hint in hints.items())
 
 
 @lru_cache
-def size(record: type[Any]) -> int:
+def size(record: Any) -> int:
     """Bytes of a record."""
     return _struct(record).size
 
@@ -45,12 +46,12 @@ def pack(record: Any) -> bytes:
     )
 
 
-def unpack(record: type[Record], data: bytes) -> Record:
+def unpack(record: Callable[..., Record], data: bytes) -> Record:
     """The record in these bytes; struct.error for another number of them, ValueError for an unknown value."""
     pairs = zip(parts(record), _struct(record).unpack(data), strict=True)
     return record(*(number / MS_PER_S if part.type is float else part.type(number) for part, number in pairs))
 
 
 @lru_cache
-def _struct(record: type[Any]) -> Struct:
+def _struct(record: Any) -> Struct:
     return Struct(">" + "".join(CODES[part.size] for part in parts(record)))

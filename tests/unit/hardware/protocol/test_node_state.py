@@ -26,7 +26,7 @@ from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import FaultyWire
-from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
+from support.benches.node_bench import DONE, HEAD, PASS, PROFILER, NodeBench, pattern_blob
 from support.benches.node_status import IDLE_HEAD
 
 
@@ -39,7 +39,8 @@ def bench() -> Iterator[NodeBench]:
 @pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     bench.power_up(HEAD)
-    bench.ready()
+    bench.tick(100)
+    assert bench.clear() == DONE
     bench.print_layer(np.ones((9, 8)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(

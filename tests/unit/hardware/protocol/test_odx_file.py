@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields
 from enum import IntEnum, IntFlag
 from pathlib import Path
@@ -60,13 +61,10 @@ def asked(bench: NodeBench, node: Node, act: Callable[[Link], Any]) -> tuple[lis
         found.append((request, real(request, *place)))
         return found[-1][1]
 
-    bench.raw = raw
-    try:
+    with pytest.MonkeyPatch.context() as patch, suppress(HardwareError):
+        patch.setattr(bench, "raw", raw)
         return found, act(wire.link())
-    except HardwareError:
-        return found, None
-    finally:
-        bench.raw = real
+    return found, None
 
 
 def encoded(node: EcuVariant, service: str, values: dict[str, Any]) -> bytes:
