@@ -32,7 +32,6 @@ def parts(record: Any) -> tuple[Part, ...]:
     return tuple(Part(name, hint.__origin__, *hint.__metadata__) for name, hint in hints.items())
 
 
-@lru_cache
 def size(record: Any) -> int:
     """Bytes of a record."""
     return _struct(record).size
@@ -40,10 +39,9 @@ def size(record: Any) -> int:
 
 def pack(record: Any) -> bytes:
     """The bytes of a record."""
-    values = ((part.type, getattr(record, part.name)) for part in parts(type(record)))
-    return _struct(type(record)).pack(
-        *(round(value * MS_PER_S) if type_ is float else value for type_, value in values)
-    )
+    kind: Any = type(record)
+    pairs = ((part.type, getattr(record, part.name)) for part in parts(kind))
+    return _struct(kind).pack(*(round(value * MS_PER_S) if type_ is float else value for type_, value in pairs))
 
 
 def unpack(record: Callable[..., Record], data: bytes) -> Record:
