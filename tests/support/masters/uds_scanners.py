@@ -20,6 +20,7 @@ from typing import Any
 import can
 import isotp
 
+from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.vocabulary import Node
 
 EVERYWHERE, TRANSFER = {0x10, 0x22, 0x31, 0x3E}, {0x36, 0x37}
@@ -149,6 +150,26 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
         )
         made.scan()
     return scan
+
+
+def answers_by_scapy(channel: str, node: Node, requests: Sequence[bytes]) -> list[bytes | None]:
+    """Answers by scapy's own ISO-TP over python-can; None for one that did not come."""
+    from scapy.config import conf
+
+    conf.contribs["ISOTP"] = {"use-can-isotp-kernel-module": False}
+    conf.contribs["CANSocket"] = {"use-python-can": True}
+    from scapy.contrib.cansocket_python_can import PythonCANSocket
+    from scapy.contrib.isotp import ISOTPSoftSocket
+    from scapy.packet import Raw
+
+    request_id = Codec().request_id(node)
+    bus = PythonCANSocket(interface="slcan", channel=channel, bitrate=500_000)
+    found = []
+    with bus, ISOTPSoftSocket(bus, tx_id=request_id, rx_id=request_id + 1, basecls=Raw, padding=True) as socket:
+        for request in requests:
+            answer = socket.sr1(Raw(request), timeout=ANSWER_LIMIT_S, verbose=False)
+            found.append(None if answer is None else bytes(answer))
+    return found
 
 
 def servers_by_caringcaribou(channel: str, arbitration_ids: range) -> list[tuple[int, int]]:
