@@ -6,6 +6,7 @@ The emulator speaks slcan on a terminal; the kernel makes the interface slcan0 o
 from __future__ import annotations
 
 import logging
+import shutil
 import subprocess
 import threading
 import time
@@ -13,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from struct import pack
+from typing import Any
 
 import can
 import numpy as np
@@ -37,6 +39,7 @@ from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 SLCAN, VCAN, LEFT, RIGHT = "slcan0", "vcan0", "vxcan0", "vxcan1"
 LIMIT_S = 60.0
+SOCKETCAND_PORT = 29536
 SCAN_MS = 1500
 """Of prints that are disturbed in a scan: long against the time in which a program starts."""
 
@@ -161,6 +164,16 @@ def test_print_over_a_virtual_interface_behind_a_gateway(path: Path) -> None:
         ip("set", VCAN, "mtu", "72", "up")
         with joined(SLCAN, VCAN):
             found = printed(path, VCAN)
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_print_through_the_server_of_socketcand(path: Path) -> None:
+    if shutil.which("socketcand") is None:
+        pytest.skip("socketcand is not on the PATH; Debian 12 does not have it: build it from its public source")
+    bus: dict[str, Any] = {"bench.interface": "socketcand", "bench.channel": SLCAN}
+    bus["bench.options"] = {"host": "127.0.0.1", "port": SOCKETCAND_PORT}
+    with bench(path), process("socketcand", "-i", SLCAN, "-l", "lo", "-p", f"{SOCKETCAND_PORT}", "-n"):
+        found = print_part(Scenario.load(path, {**bus, **EXACT}), folder=path.parent / "run")
     assert_same_print(found, printed_with_fmus(path, EXACT))
 
 
