@@ -7,15 +7,17 @@ each third one falls on a write of a journal, each third one into a pass or a cu
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from inkloop_hardware.protocol.node_state import Happening, JournalRecord, LayerFlags, Step
 from support.benches import kill_points, passes_left
-from support.benches.kill_points import begin, powered, session_killed_at
+from support.benches.kill_points import begin, powered, session_killed_at, session_killed_when
 from support.benches.killed_prints import Person, assert_all_is_reported, part
 from support.benches.passes_left import PASSES, assert_printed_once
 from support.long_proofs import rest_is_long
@@ -28,6 +30,7 @@ GOLDEN = 0.618034
 LOOKS_OF_NODES = {"": 450, "j": 60, "s": 8}
 LOOKS_OF_MASTER = {"": 350, "j": 60, "s": 8}
 """In a layer, about: all, at the journal, in steps."""
+RANDOM_KILLS, RANDOM_PASS_S = 60, 0.15
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +94,46 @@ def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_no
 @pytest.mark.parametrize("count", [6, 30])
 def test_killed_master_prints_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     killed_masters(part(tmp_path, count), tmp_path, looks, count, with_nodes=False)
+
+
+class Moment:
+    """A moment of a print: the head has written `writes` more times to its memory, then `delay` s have passed."""
+
+    def __init__(self, memory: Path, writes: int, delay: float) -> None:
+        self._memory, self._left, self._delay = memory, writes, delay
+        self._seen = memory.read_bytes()
+
+    def __call__(self) -> bool:
+        now = self._memory.read_bytes()
+        self._left, self._seen = self._left - (now != self._seen), now
+        if self._left <= 0:
+            time.sleep(self._delay)
+        return self._left <= 0
+
+
+@pytest.mark.long
+def test_master_killed_at_sixty_random_moments_prints_every_pass_once(looks: Path, tmp_path: Path) -> None:
+    """From outside, at the same moments in every run: up to a layer after the last, anywhere in a pass or a cure."""
+    path, run, draw, kills = part(tmp_path, RANDOM_KILLS // 2), tmp_path / "run", np.random.default_rng(48), 0
+    with powered(path, tmp_path / "nodes", looks, pass_ms=1e3 * RANDOM_PASS_S) as nodes:
+        begin(path, run, nodes.channel)
+        person = Person(run)
+        while kills < RANDOM_KILLS:
+            moment = Moment(nodes.folder / "journal-head.bin", draw.integers(1, 10), draw.uniform(0, RANDOM_PASS_S))
+            words = session_killed_when(run, moment)
+            if words is None:
+                kills += 1
+            else:
+                assert not words.startswith("done"), f"the part was finished after {kills} kills"
+                person.look(words)
+        result = person.finish()
+        assert_printed_once(result, run, nodes.folder)
+        assert_all_is_reported(result, nodes, person)
+        layers, left = result.dataset.sizes["layer"] - 1, passes_left.passes_left(result, nodes.folder)
+        print(
+            f"{kills} kills, {layers} layers, {len(passes_left.begun_passes(nodes.folder))} passes begun: {left}, "
+            f"{len(person.unknown)} unknown and named"
+        )
 
 
 @pytest.mark.parametrize("count", rest_is_long([3, 10], 1))

@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
@@ -35,6 +36,7 @@ from support.places import C_SOURCES
 
 BUSY = b"\x03\x7f\x31\x78"
 WORDS_FILE, DONE = "words.txt", "done"
+POLL_S = 0.002
 
 
 def looks() -> Path:
@@ -212,6 +214,21 @@ def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) ->
     process.start()
     process.join(120)
     return _last_words(process, folder)
+
+
+def session_killed_when(folder: Path, due: Callable[[], bool]) -> str | None:
+    """A session in a separate process, killed from outside when it is `due`: None if it was, else its last message."""
+    process = FORKING.Process(target=_unwatched_master, args=(folder,))
+    process.start()
+    while process.is_alive() and not due():
+        time.sleep(POLL_S)
+    process.kill()
+    process.join()
+    return _last_words(process, folder)
+
+
+def _unwatched_master(folder: Path) -> None:
+    _keep_words(folder, session(folder))
 
 
 def _last_words(process: BaseProcess, folder: Path) -> str | None:

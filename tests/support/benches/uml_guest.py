@@ -20,9 +20,9 @@ from support.places import C_SOURCES
 KERNEL = "linux.uml"
 PROGRAMS = (KERNEL, "insmod", "ip", "slcand", "cangw", "cangen")
 """Debian's user-mode-linux, kmod, iproute2 and can-utils."""
-SYSTEM_PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
+SYSTEM_PATH = "/usr/local/bin:/usr/sbin:/sbin:/usr/bin:/bin"
 MODULES = (
-    *("net/can/can", "net/can/can-raw", "net/can/can-gw", "drivers/net/can/dev/can-dev"),
+    *("net/can/can", "net/can/can-raw", "net/can/can-bcm", "net/can/can-gw", "drivers/net/can/dev/can-dev"),
     *("drivers/net/can/vcan", "drivers/net/can/vxcan", "drivers/net/can/slcan/slcan"),
 )
 INIT = """#!/bin/sh
