@@ -6,13 +6,14 @@ import socketserver
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import can
 
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 
 GROUP = "239.74.163.2"
-STAYS_HERE = {"hop_limit": 0}
+STAYS_HERE: dict[str, Any] = {"hop_limit": 0}
 """Frames do not leave this machine."""
 POLL_S = 0.1
 

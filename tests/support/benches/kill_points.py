@@ -31,7 +31,7 @@ from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.link.node_wire import NodeWire
 from inkloop_hardware.protocol.vocabulary import Node
 from support import compiled
-from support.benches.bench_run import FAST
+from support.benches.bench_run import FAST, PATIENCE_S
 from support.places import C_SOURCES
 
 BUSY = b"\x03\x7f\x31\x78"
@@ -220,7 +220,9 @@ def session_killed_when(folder: Path, due: Callable[[], bool]) -> str | None:
     """A session in a separate process, killed from outside when it is `due`: None if it was, else its last message."""
     process = FORKING.Process(target=_unwatched_master, args=(folder,))
     process.start()
+    until = time.monotonic() + PATIENCE_S
     while process.is_alive() and not due():
+        assert time.monotonic() < until, "the session does not go on"
         time.sleep(POLL_S)
     process.kill()
     process.join()

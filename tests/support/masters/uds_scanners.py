@@ -152,8 +152,8 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
     return scan
 
 
-def answers_by_scapy(channel: str, node: Node, requests: Sequence[bytes]) -> list[bytes | None]:
-    """Answers by scapy's own ISO-TP over python-can; None for one that did not come."""
+def answers_by_scapy(channel: str, node: Node, requests: Sequence[bytes]) -> list[bytes]:
+    """Answers by scapy's own ISO-TP over python-can; empty for one that did not come."""
     from scapy.config import conf
 
     conf.contribs["ISOTP"] = {"use-can-isotp-kernel-module": False}
@@ -163,12 +163,13 @@ def answers_by_scapy(channel: str, node: Node, requests: Sequence[bytes]) -> lis
     from scapy.packet import Raw
 
     request_id = Codec().request_id(node)
-    bus = PythonCANSocket(interface="slcan", channel=channel, bitrate=500_000)
+    options: dict[str, Any] = {"interface": "slcan", "channel": channel, "bitrate": 500_000}
+    bus = PythonCANSocket(**options)
     found = []
     with bus, ISOTPSoftSocket(bus, tx_id=request_id, rx_id=request_id + 1, basecls=Raw, padding=True) as socket:
         for request in requests:
             answer = socket.sr1(Raw(request), timeout=ANSWER_LIMIT_S, verbose=False)
-            found.append(None if answer is None else bytes(answer))
+            found.append(b"" if answer is None else bytes(answer))
     return found
 
 
