@@ -6,6 +6,7 @@ The emulator speaks slcan on a terminal; the kernel makes the interface slcan0 o
 from __future__ import annotations
 
 import logging
+import re
 import shutil
 import subprocess
 import threading
@@ -39,6 +40,7 @@ from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 SLCAN, VCAN, LEFT, RIGHT = "slcan0", "vcan0", "vxcan0", "vxcan1"
 LIMIT_S = 60.0
+RECEIVERS = Path("/proc/net/can/rcvlist_all")
 SOCKETCAND_PORT = 29536
 SCAN_MS = 1500
 """Of prints that are disturbed in a scan: long against the time in which a program starts."""
@@ -55,6 +57,11 @@ def prepared_ip() -> Iterator[Callable[[str], None]]:
         assert running.stdin is not None
         yield lambda words: print("link set", words, file=running.stdin)
     assert running.returncode == 0
+
+
+def is_open(interface: str) -> bool:
+    """Whether a socket receives all frames of an interface."""
+    return re.search(rf"^ +{interface} ", RECEIVERS.read_text(encoding="ascii"), re.MULTILINE) is not None
 
 
 @contextmanager
@@ -226,7 +233,9 @@ def test_controller_that_has_left_the_bus_without_a_frame(path: Path, log: pytes
 
         def act() -> None:
             set_link(f"{RIGHT} down")
-            time.sleep(0.3)
+            until = time.monotonic() + LIMIT_S
+            while is_open(LEFT) and time.monotonic() < until:
+                time.sleep(0.01)
             set_link(f"{RIGHT} up")
 
         with in_scan(2, LEFT, act) as acted:
