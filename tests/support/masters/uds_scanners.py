@@ -1,6 +1,6 @@
 """Scanners of others that ask the nodes of the emulator for everything which ISO 14229-1 knows, and judge the answers.
 
-scapy's enumerators make the requests; they travel by can-isotp and python-can's slcan. Each answer is compared with
+scapy's enumerators make the requests; they travel by can-isotp and slcan. Each answer is compared with
 what the standard demands of a server with the services of a node: that comparison is ours. caringcaribou is a program
 with an ISO-TP of its own; it is taken at its word.
 """
@@ -20,6 +20,7 @@ from typing import Any
 import can
 import isotp
 
+from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.vocabulary import Node
 
@@ -200,7 +201,7 @@ def _caringcaribou(channel: str, *words: str) -> str:
 def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None]]:
     """A function that sends a request and returns the final answer, None if there is none."""
     number = list(Node).index(node)
-    with can.Bus(interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0) as bus:
+    with BulkSlcanBus(channel, bitrate=500_000) as bus:  # python-can's own loses frames on a busy machine
         notifier = can.Notifier(bus, [])
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640 + 2 * number, rxid=0x641 + 2 * number)
         stack = isotp.NotifierBasedCanStack(bus, notifier, address=ids, params={"tx_padding": 0xCC})
@@ -219,6 +220,8 @@ def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None
             if answer is None:  # what comes late comes before the answer to the next request
                 stack.send(TESTER_PRESENT)
                 while (late := receive(ANSWER_LIMIT_S)) != bytes([0x7E, 0]):
+                    if late is None:
+                        raise RuntimeError(f"{node} does not answer {TESTER_PRESENT.hex(' ')}")
                     answer = late
             return answer
 
