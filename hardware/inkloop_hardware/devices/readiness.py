@@ -86,14 +86,17 @@ def blocked(node: Node, state: NodeState) -> str | None:
         return f"{name}: its journal cannot be written; replace its storage, nothing is energised until then"
     if not state.flags & Flags.NEEDS_OPERATOR:
         return None
+    look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
     if state.unknown:
         passes = ", ".join(str(number + 1) for number in range(4) if state.unknown >> number & 1)
         why = f"pass {passes} of layer {state.layer}, which was begun and whose progress is unknown"
+    elif state.layer_flags & LayerFlags.CURE_UNKNOWN and state.cause is Fault.LAMP_TIME:
+        why = f"a cure of layer {state.layer}, in which the lamp took no current until its end; it will be repeated"
+        look = "check lamp, driver and supply"
     elif state.layer_flags & LayerFlags.CURE_UNKNOWN:
         why = f"a cure of layer {state.layer}, which was begun and whose duration is unknown; it will be repeated"
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
-    look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
     return f"{name}: needs a person because of {why}; {look}, then `inkloop bench clear SCENARIO`"
 
 

@@ -54,7 +54,10 @@ class Peer:
         try:
             answer = self._asked(what, lambda: self._client.start_routine(routine, option))
         except LinkTimeout as error:
-            raise LinkTimeout(f"{error}. Whether it was done is unknown: check the rig before you continue") from error
+            is_busy = self._wire.now() > self._connection.deadline
+            why = f"{self.name} was still busy with {what} after {limit_s:g} s, the limit_s of its step"
+            unknown = "Whether it was done is unknown: check the rig before you continue"
+            raise LinkTimeout(f"{why if is_busy else error}. {unknown}") from error
         finally:
             self._connection.deadline = None
         record: bytes = answer.service_data.routine_status_record

@@ -51,6 +51,11 @@ def state(**changes: Any) -> NodeState:
             "be repeated; check the bench, then `inkloop bench clear SCENARIO`",
         ),
         (
+            {"flags": Flags.NEEDS_OPERATOR, "layer_flags": LayerFlags.CURE_UNKNOWN, "cause": Fault.LAMP_TIME},
+            "head: needs a person because of a cure of layer 3, in which the lamp took no current until its end; it "
+            "will be repeated; check lamp, driver and supply, then `inkloop bench clear SCENARIO`",
+        ),
+        (
             {"flags": Flags.NEEDS_OPERATOR, "cause": Fault.STORAGE_FAILED},
             "head: needs a person because of STORAGE_FAILED; make room in its storage, then `inkloop bench clear "
             "SCENARIO`",

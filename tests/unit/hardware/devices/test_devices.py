@@ -16,6 +16,7 @@ from inkloop.component import Component, Ink, Job, is_device
 from inkloop.errors import ComponentError
 from inkloop.testing import CONTRACT_CHECKS, ContractCheck, job
 from inkloop_hardware.devices.commands import dry_run
+from inkloop_hardware.devices.journal_comparison import JournalsDiffer
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
@@ -262,7 +263,7 @@ def test_head_that_printed_something_else_since_is_refused_with_a_message() -> N
         other = started(Printer(FOUR, NodeRig(nodes, job=8), cure_ms=5))
         print_layer(other, 1, full())
         again = started(Printer(FOUR, NodeRig(nodes, job=9), cure_ms=5))
-        with pytest.raises(ComponentError, match=r"layer 1 of job 8.* layer 1 of job 7.*inkloop run"):
+        with pytest.raises(JournalsDiffer, match=r"layer 1 of job 8.* layer 1 of job 7.*inkloop run"):
             again.restore(saved)
 
 

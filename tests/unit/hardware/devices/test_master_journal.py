@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.errors import ComponentError
 from inkloop.testing import job
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
@@ -297,7 +296,7 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_with_a_message(tmp
         for layer in (1, 2):
             print_layer(first, layer)
         surface = nodes.surface.copy()
-        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*restored from a copy"):
+        with pytest.raises(JournalsDiffer, match=r"has begun layer 2 already.*restored from a copy"):
             print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
         np.testing.assert_array_equal(nodes.surface, surface)
 
@@ -309,7 +308,7 @@ def test_run_without_its_checkpoints_is_advised_to_begin_a_new_part(tmp_path: Pa
         print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
         profiler = Profiler(FOUR, NodeRig(nodes), journal=MasterJournal(tmp_path))
         profiler.initialize(0, {"layers_printed": np.int32(0)})
-        with pytest.raises(ComponentError, match=r"layer 0 is due.*begun layer 1.*folder layers removed.*take it off"):
+        with pytest.raises(JournalsDiffer, match=r"layer 0 is due.*begun layer 1.*folder layers removed.*take it off"):
             profiler.do_step(0, 1, {"layers_printed": np.int32(0)})
 
 

@@ -354,10 +354,73 @@ def test_node_that_may_begin_late_is_still_busy_as_long(bench: NodeBench) -> Non
 def test_routine_may_last_as_long_as_its_limit() -> None:
     with NodeBench(clock=100_000, scan_ms=3_000) as bench:
         link = FaultyWire(bench.ready(), PROFILER).link()
-        with pytest.raises(LinkTimeout, match=r"has not ended in time: scan of .*; ask for its outcome"):
+        with pytest.raises(
+            LinkTimeout, match=r"in time: scan of .*; asked for .* it answered: still under way\. `inkl"
+        ):
             link.routine(Routine.SCAN, Key(JOB, 0), limit_s=1.5)
         bench.tick(3_000)
         assert link.ask(Routine.SCAN, Key(JOB, 0)) is Outcome.DONE_BEFORE
+
+
+def test_routine_whose_answer_is_lost_until_its_time_is_over_is_done_by_its_outcome() -> None:
+    def lose_the_answer(frame: Frame) -> Frame | None:
+        return None if frame.data[0] == 0x10 and frame.data[2:4] == b"\x71\x01" else frame
+
+    with NodeBench(clock=100_000, scan_ms=500) as bench:
+        link = FaultyWire(bench.ready(), PROFILER, alter=lose_the_answer).link()
+        assert link.routine(Routine.SCAN, Key(JOB, 0), limit_s=0.9) is Outcome.DONE_BEFORE
+
+
+class BusyWire:
+    """A node that says once a second that it is still busy, whatever it is asked."""
+
+    def __init__(self) -> None:
+        self.seconds, self.coming, self.service = 0.0, deque[bytes](), 0
+
+    def begin(self) -> None:
+        """Nothing to begin."""
+
+    def check(self) -> None:
+        """Nothing to watch."""
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            if kind(frame) in (0, 1):
+                self.service = frame.data[1 + kind(frame)]
+                self.coming.extend([b"\x30\0\0"] * kind(frame))
+
+    def now(self) -> float:
+        return self.seconds
+
+    def receive(self, wait_s: float) -> bytes | None:
+        if self.coming or wait_s == 0.0:
+            return self.coming.popleft() if self.coming else None
+        self.seconds += 1.0
+        return bytes([3, 0x7F, self.service, 0x78])
+
+
+def test_node_that_is_busy_for_ever_is_asked_for_the_outcome_and_left() -> None:
+    wire = BusyWire()
+    with pytest.raises(
+        LinkTimeout, match=r"in time: scan of .*its outcome it gave none\. `inkloop bench status SCENARIO`"
+    ):
+        Link(Node.PROFILER, CODEC, wire, "a wire").routine(Routine.SCAN, Key(JOB, 0), limit_s=60.0)
+    assert 60.0 < wire.seconds < 75.0
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [(1, "no whole answer .* 6 tries: identifier 0103, map"), (2, "sent nothing whole in 6 tries: bl")],
+)
+def test_frames_that_come_damaged_are_not_called_nothing(number: int, message: str, bench: NodeBench) -> None:
+    def spoil(frame: Frame) -> Frame:
+        """The number of a consecutive frame."""
+        is_it = frame.arbitration_id == 0x647 and frame.data[0] == 0x20 + number
+        return frame._replace(data=bytes([frame.data[0] ^ 8]) + frame.data[1:]) if is_it else frame
+
+    assert bench.scan(0) == 0
+    with pytest.raises(LinkTimeout, match=message + r".*; \d+ of its frames came damaged, out of order or late: check"):
+        FaultyWire(bench, PROFILER, alter=spoil).link().upload(0)
 
 
 def test_node_that_restarts_in_the_middle_takes_the_pattern_after_a_clear(bench: NodeBench) -> None:
@@ -430,7 +493,7 @@ def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_
 class OddProfiler:
     """Answers an upload with what no profiler of ours would: another size, blocks of its own."""
 
-    name = "profiler"
+    name, spoilt = "profiler", 0
     client = SimpleNamespace(request_upload="upload", transfer_data="block", request_transfer_exit="exit")
 
     def __init__(self, size: tuple[int, int, int], most: int, blocks: list[bytes]) -> None:

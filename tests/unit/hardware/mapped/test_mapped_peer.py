@@ -91,6 +91,11 @@ def test_request_without_an_answer_is_repeated_twice_and_a_routine_never() -> No
         silent.routine(0x310, b"\1", 5.0)
     assert silent._client.start_routine.mock_calls == [call(0x310, b"\1")]
     assert silent._connection.deadline is None
+    silent._wire.now.side_effect = [50.0, 55.1]
+    with pytest.raises(
+        LinkTimeout, match=r"was still busy with routine 0x0310 \(0x31\) after 5 s, .*\. Whether it was"
+    ):
+        silent.routine(0x310, b"\1", 5.0)
 
 
 def test_routine_may_take_as_long_as_its_step() -> None:
