@@ -1,4 +1,5 @@
-"""Lock on a channel for the programs of this machine: a mapped rig has no heartbeat that another master would hear.
+"""Lock on a channel for the programs of this machine: a mapped rig has no heartbeat that another master would hear,
+and a serial port has one reader.
 
 The system takes the lock back when the process that holds it ends, however it ends; the file stays.
 """
@@ -16,6 +17,7 @@ from inkloop.files import sign_lock, signature, take_lock
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import AnotherMaster, BusError
 
+UNSIGNED = "a process of this machine"
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 """The folder is everybody's: a link that lies there is not followed."""
 
@@ -26,14 +28,11 @@ def lock_channel(settings: BusSettings) -> Callable[[], None]:
     AnotherMaster if another process of this machine holds it; BusError if its file cannot be written.
     """
     path = _path(settings)
-    try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
-    except OSError as error:
-        raise _error(path, error) from error
+    file = _opened(path)
     try:
         if not take_lock(file):
             raise AnotherMaster(
-                f"{settings}: another inkloop prints there ({signature(file) or 'a process of this machine'}); nothing "
+                f"{settings}: another inkloop prints there ({signature(file) or UNSIGNED}); nothing "
                 "was sent. Wait until it ends, or stop it"
             )
         with suppress(OSError):  # the file of another user
@@ -46,6 +45,30 @@ def lock_channel(settings: BusSettings) -> Callable[[], None]:
         os.close(file)
         raise
     return lambda: os.close(file)
+
+
+def holder(settings: BusSettings) -> str | None:
+    """The process that has locked the channel of these settings, None if it is free; not for a process that has it.
+
+    BusError if its file cannot be read.
+    """
+    path = _path(settings)
+    if not path.exists():
+        return None
+    file = _opened(path)
+    try:
+        return None if take_lock(file) else signature(file) or UNSIGNED
+    except OSError as error:
+        raise _error(path, error) from error
+    finally:
+        os.close(file)
+
+
+def _opened(path: Path) -> int:
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+    except OSError as error:
+        raise _error(path, error) from error
 
 
 def _error(path: Path, error: OSError) -> BusError:

@@ -10,6 +10,9 @@ from typing import Any
 
 from inkloop.units import KILO
 
+ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
+"""Interfaces of python-can whose channel is a serial port."""
+
 
 @dataclass(frozen=True)
 class BusSettings:
@@ -45,6 +48,11 @@ class BusSettings:
         if self.channel is not None:
             name += f" on {self.channel}"
         return name + (f" at {self.bitrate / KILO:g} kbit/s" if self.bitrate else "")
+
+    @property
+    def has_one_reader(self) -> bool:
+        """Whether a second program that opens the adapter takes frames from the first, and opens it anew."""
+        return self.interface in ON_SERIAL_PORTS and "://" not in str(self.channel)
 
     def arguments(self) -> dict[str, Any]:
         """Those of `can.Bus`."""

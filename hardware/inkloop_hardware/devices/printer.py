@@ -130,8 +130,8 @@ class Printer:
         if not follows and printed > 0:
             raise JournalsDiffer(
                 f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
-                f"{job}: something else was printed since, or another head is mounted; put the head of this job back and "
-                "continue with `inkloop resume RUN`, or begin a new part with `inkloop run SCENARIO`"
+                f"{job}: something else was printed since, or another head is mounted; put the head of this job back "
+                "and continue with `inkloop resume RUN`, or begin a new part with `inkloop run SCENARIO`"
             )
         self._printed, self._droplets, self._is_unknown = printed, droplets, is_unknown
 

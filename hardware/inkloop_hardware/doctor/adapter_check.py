@@ -22,12 +22,11 @@ from can.util import load_config
 
 from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
 from inkloop_hardware.bus.priority import NONE
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import ON_SERIAL_PORTS, BusSettings
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
 
 DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
-ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
 
 
 def configured(settings: BusSettings) -> BusSettings:

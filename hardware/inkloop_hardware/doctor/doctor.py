@@ -13,10 +13,13 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, heartbeat_priority, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import Expected, ask, links
-from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
+from inkloop_hardware.doctor.listening import Heard, judge, listen
+from inkloop_hardware.doctor.mapped_rig import bus_of, judge_rig
 from inkloop_hardware.doctor.self_test import WHAT, try_gate_and_lamp
-from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.doctor.status import check_second_reader
+from inkloop_hardware.errors import AnotherMaster, HardwareError
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.mapped.mapping_file import RigMapping
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.vocabulary import Node
 
@@ -26,18 +29,23 @@ LISTEN_AGAIN_S = 0.5
 
 
 def examine(
-    settings: BusSettings, expected: Expected | None = None, *, self_test: bool = False, mapped: bool = False
+    settings: BusSettings,
+    expected: Expected | None = None,
+    *,
+    self_test: bool = False,
+    mapping: RigMapping | None = None,
 ) -> Iterator[Finding]:
     """All findings, in the order of the checks; a check that cannot be made is reported as skipped.
 
     settings: of the bus, without a traffic log; expected: of the scenario, None without one; self_test: gate and lamp
-    are tried; mapped: the rig has a DBC of its own, so only adapter and bus are checked.
+    are tried; mapping: of a rig with frames of its own, of which those that it waits for are looked for.
     """
-    bus = configured(settings)
+    bus = configured(settings) if mapping is None else bus_of(configured(settings), mapping)
     errors = list[Finding]()
-    if not mapped:
+    if mapping is None:
         yield heartbeat_priority()
     yield from _noted(before_opening(bus), errors)
+    yield from _noted(_second_reader(settings), errors)
     if errors:
         yield Finding.skipped("bus, nodes", NO_ADAPTER)
         return
@@ -48,12 +56,12 @@ def examine(
         return
     try:
         with closing(adapter):
+            if mapping is not None:
+                yield from judge_rig(adapter, mapping)
+                yield Finding.skipped("services", "nothing is sent to a rig with frames of its own: no peer was asked")
+                return
             codec = Codec()
             heard = listen(adapter, codec)
-            if mapped:
-                yield from judge_bus(heard, foreign=True)
-                yield Finding.skipped("nodes", "this rig has a DBC of its own", "see its mapping file")
-                return
             yield from _noted(judge(heard, codec), errors)
             if heard.sessions:
                 yield Finding.skipped("services", "another master is active: a node with two masters answers neither")
@@ -71,6 +79,14 @@ def examine(
             yield from try_gate_and_lamp(rig)
     except HardwareError as error:
         yield Finding.error("bus", str(error), "check the adapter and its cables, then try again")
+
+
+def _second_reader(settings: BusSettings) -> Iterator[Finding]:
+    """An error if a print has an adapter that has one reader."""
+    try:
+        check_second_reader(settings)
+    except AnotherMaster as error:
+        yield Finding.error("adapter", str(error), "wait until the print ends, then run the doctor again")
 
 
 def _noted(findings: Iterable[Finding], errors: list[Finding]) -> Iterator[Finding]:

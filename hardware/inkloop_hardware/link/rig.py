@@ -6,12 +6,13 @@ import logging
 import secrets
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from inkloop_hardware.bus.channel_lock import lock_channel
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
@@ -52,6 +53,7 @@ class Rig:
         self._session = 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 + secrets.randbelow(JOB_MAX)
         self._users = 0
+        self._on_close = ExitStack()
         self.supervision = Supervision(self.codec, self._session, str(settings), settings.silence_s)
         self._links: dict[Node, Link] = {}
 
@@ -86,10 +88,15 @@ class Rig:
         """Add a user; the first one opens the bus, and listens a little longer than `settings.silence_s` before its
         heartbeat begins.
 
-        BusError if it cannot be opened, AnotherMaster if one is active; the user is not added then.
+        BusError if it cannot be opened, AnotherMaster if one is active, on the bus or, by the lock of the channel, on
+        this machine; the user is not added then.
         """
         if self._users == 0:
-            self._open()
+            try:
+                self._open()
+            except BaseException:
+                self._on_close.close()
+                raise
         self._users += 1
 
     def detach(self) -> None:
@@ -97,7 +104,8 @@ class Rig:
         Does nothing without an `attach`, so every clean-up may call it.
         """
         if self._users == 1 and self.is_open:
-            self.supervision.close()
+            with self._on_close:
+                self.supervision.close()
             self._log_counts()
         self._users = max(0, self._users - 1)
 
@@ -176,6 +184,7 @@ class Rig:
             self._job = bus.job
         else:
             answers = [self.codec.answer_id(node) for node in Node]
+            self._on_close.callback(lock_channel(self.settings))
             bus = BusConnection(settings, self._session, self._job, answers, self.supervision.supervised_ids)
             LOG.info("the heartbeat has %s", bus.priority)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)

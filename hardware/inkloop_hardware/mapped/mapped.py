@@ -79,7 +79,7 @@ class Mapped:
         """Open the bus and make the steps of the start; commands count from the present one."""
         self._journal.begin(self._rig)
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
-        self._made = MappedSteps(self._bus, self._mapping, self._job, self._rig.job)
+        self._made = MappedSteps(self._bus, self._mapping, self._rig.job)
         self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
         self._is_unknown = False
         self._do("start", self._mapping.tables.start, self._printed)

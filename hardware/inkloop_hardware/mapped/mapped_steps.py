@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from udsoncan import MemoryLocation
 
-from inkloop.component import BoolMap, FloatMap, Job
+from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import ComponentError
 from inkloop_hardware.errors import LinkTimeout, TransferError
 from inkloop_hardware.mapped.mapped_bus import MappedBus
@@ -30,8 +30,8 @@ Record = Callable[[int, int], AbstractContextManager[None]]
 class MappedSteps:
     """Makes steps. pattern: (nx, ny), of downloads; scan: heights (nx, ny) [m] and valid cells of the last upload."""
 
-    def __init__(self, bus: MappedBus, mapping: RigMapping, job: Job, job_number: int) -> None:
-        self._bus, self._tables = bus, mapping.tables
+    def __init__(self, bus: MappedBus, mapping: RigMapping, job_number: int) -> None:
+        self._bus, self._tables, job = bus, mapping.tables, mapping.job
         self._fields = {"job": job_number, "nx": job.nx, "ny": job.ny}
         self.pattern: NDArray[np.int32] = np.zeros((job.nx, job.ny), np.int32)
         self.scan: tuple[FloatMap, BoolMap] = np.zeros((job.nx, job.ny)), np.zeros((job.nx, job.ny), np.bool_)

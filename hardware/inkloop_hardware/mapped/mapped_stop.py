@@ -6,28 +6,26 @@ import secrets
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
-from inkloop.component import Job
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_steps import MappedSteps
-from inkloop_hardware.mapped.mapping_file import load
+from inkloop_hardware.mapped.mapping_file import RigMapping
 
 
-def stop_rig(settings: BusSettings, mapping: Path, job: Job) -> Iterator[str]:
+def stop_rig(settings: BusSettings, mapping: RigMapping) -> Iterator[str]:
     """Make the `[[stop]]` steps of a mapping beside a print that may be running, and yield what was done.
 
     HardwareError if there are none, or if one fails; BusError if the adapter cannot be used.
     """
-    found, session = load(mapping, job), 1 + secrets.randbelow(0xFFFF)
-    steps = found.tables.stop
+    steps = mapping.tables.stop
     if not steps:
         raise HardwareError(
-            f"{mapping}: has no [[stop]] steps, so nothing was sent: use the hard-wired stop of the rig. Steps that "
-            "stop it, such as a frame, can be added to the mapping"
+            f"{mapping.path}: has no [[stop]] steps, so nothing was sent: use the hard-wired stop of the rig. Steps "
+            "that stop it, such as a frame, can be added to the mapping"
         )
-    with closing(MappedBus(replace(settings, traffic_log=None), None, found, session, 1, is_alone=False)) as bus:
-        MappedSteps(bus, found, job, 1).do("stop", steps, 0)
-    yield f"all {len(steps)} [[stop]] steps of {mapping.name} were made; look at the rig before you go on"
+    session = 1 + secrets.randbelow(0xFFFF)
+    with closing(MappedBus(replace(settings, traffic_log=None), None, mapping, session, 1, is_alone=False)) as bus:
+        MappedSteps(bus, mapping, 1).do("stop", steps, 0)
+    yield f"all {len(steps)} [[stop]] steps of {mapping.path.name} were made; look at the rig before you go on"

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.devices import commands, readiness
-from inkloop_hardware.devices.commands import NodeReport
 from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
+from inkloop_hardware.doctor.status import NodeReport, status
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
@@ -94,12 +94,12 @@ def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any
 )
 def test_report_of_a_node_is_one_line(changes: dict[str, Any], line: str) -> None:
     rig: Any = Rig(Node.HEAD, **changes)
-    (found,) = (each for each in commands.status(rig) if each.node == "head")
+    (found,) = (each for each in status(rig) if each.node == "head")
     assert str(found) == line
     assert isinstance(found, NodeReport)
     layer = (4, 3) if changes.get("passes") else (0, 0)
     assert (found.job, found.layer) == layer
-    assert rig.log[0] == ("wait", tuple(Node))
+    assert (rig.log[0], rig.log[-1]) == ("attached", "detached")
 
 
 class Rig(SimpleNamespace):
@@ -110,6 +110,12 @@ class Rig(SimpleNamespace):
         self.states = {each: state(**(changes if each == node else {})) for each in Node}
         self.version = Codec().protocol_version if version is None else version
         self.changed = node
+
+    def attach(self) -> None:
+        self.log.append("attached")
+
+    def detach(self) -> None:
+        self.log.append("detached")
 
     def wait_for(self, nodes: Any) -> None:
         self.log.append(("wait", tuple(nodes)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections import deque
 from pathlib import Path
@@ -15,8 +16,11 @@ from e2e import p01
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job as small_job
+from inkloop_hardware.bus.frames import message_of
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.findings import Grade
+from inkloop_hardware.doctor.mapped_rig import judge_rig
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped import mapped_bus, mapped_steps
 from inkloop_hardware.mapped.mapped import Mapped
@@ -250,6 +254,30 @@ def test_peer_hears_its_own_answers(tmp_path: Path, clock: Clock) -> None:
     assert bus.peer("head").name.startswith("head (0x7A0, 0x7A8")
     bus.close()
     wire.close.assert_called_once_with()
+
+
+def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:
+    """Findings about the frames that the mapping waits for, when these come on its bus."""
+    of_rig = iter([[message_of(frame) for frame in frames]])
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "rig"), receive=lambda wait_s: next(of_rig, []), complaints=dict[str, int]
+    )
+    found: dict[Grade, list[str]] = {}
+    seconds = itertools.count(0.0, 0.25)
+    for finding in judge_rig(adapter, load(written(folder), JOB), lambda: next(seconds)):
+        if finding.check == "frames":
+            found.setdefault(finding.grade, []).append(f"{finding.found}; {finding.advice}")
+    return found
+
+
+def test_doctor_looks_for_every_frame_that_the_mapping_waits_for(tmp_path: Path) -> None:
+    (missing,) = examined(tmp_path, Frame(545, bytes(8)))[Grade.ERROR]
+    assert missing.startswith("PlcState (0x220): none came in 1.")
+    assert "printer step 3 and printer step 4 and outputs.bed_position waits for it: is the rig powered" in missing
+    (short,) = examined(tmp_path, Frame(544, b"\2\3"))[Grade.ERROR]
+    assert "1 in 1.5 s, but its frames were dropped: frame 0x220 [2] 02 03 of PlcState has 2 bytes" in short
+    (there,) = examined(tmp_path, state(BUSY), state(READY, 4, 12.5))[Grade.OK]
+    assert there.endswith("2 in 1.5 s; State: it is READY, LayersDone: it is 4, BedPosition: it is 12.5; ")
 
 
 class Peer:
