@@ -20,7 +20,7 @@ import pytest
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.devices.stop import release_stop, request_stop
+from inkloop_hardware.devices.commands import release_stop, request_stop
 from inkloop_hardware.errors import AnotherMaster, BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig

@@ -91,8 +91,8 @@ def mapping_of(scenario: Scenario, name: str) -> Any:
 def _of_mapped(scenario: Scenario, action: str, names: Iterable[str], bench: Bench) -> Iterator[Any]:
     """Lines of an action on mapped rigs. Raises InkloopError for one that they do not have."""
     actions = {
-        "status": ("inkloop_hardware.doctor.mapped_rig", "status"),
-        "stop": ("inkloop_hardware.mapped.mapped_stop", "stop_rig"),
+        "status": ("inkloop_hardware.doctor.status", "rig_status"),
+        "stop": ("inkloop_hardware.mapped.mapped_steps", "stop_rig"),
     }
     if action not in actions:
         raise InkloopError(
@@ -107,7 +107,7 @@ def _of_mapped(scenario: Scenario, action: str, names: Iterable[str], bench: Ben
 def _of_nodes(scenario: Scenario, action: str, bench: Bench, give_up: bool) -> Iterator[Any]:
     """Lines of an action on the nodes."""
     if action in ("stop", "release"):
-        stop = importlib.import_module("inkloop_hardware.devices.stop")
+        stop = importlib.import_module("inkloop_hardware.devices.commands")
         send = stop.request_stop if action == "stop" else stop.release_stop
         yield from send(bench.rig.settings)
         return

@@ -25,8 +25,7 @@ from inkloop.errors import ComponentError
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, check_resumed_at, compare
 from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
 from inkloop_hardware.devices.master_journal import MasterJournal
-from inkloop_hardware.devices.readiness import make_ready
-from inkloop_hardware.devices.recovery import retry_after_recovery
+from inkloop_hardware.devices.readiness import make_ready, retry_after_recovery
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import NodeLimits
 from inkloop_hardware.protocol.vocabulary import Node

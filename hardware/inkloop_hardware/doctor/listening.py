@@ -10,8 +10,7 @@ from itertools import pairwise
 from statistics import median
 
 from inkloop.units import MS_PER_S
-from inkloop_hardware.bus.adapter import Adapter
-from inkloop_hardware.bus.frames import data_frame
+from inkloop_hardware.bus.adapter import Adapter, data_frame
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.link.node_watch import LOST_AFTER

@@ -26,8 +26,8 @@ from inkloop.contract import (
     contract_ports,
 )
 from inkloop.errors import ComponentError
-from inkloop_hardware.devices.first_scan import check_first_scan
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
+from inkloop_hardware.devices.profiler import check_first_scan
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_steps import MappedSteps

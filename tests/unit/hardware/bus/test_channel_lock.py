@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from inkloop_hardware.bus.channel_lock import NO_LINK, holder, lock_channel
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import NO_LINK, BusSettings, holder, lock_channel
 from inkloop_hardware.doctor.doctor import examine
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.doctor.status import check_second_reader
@@ -18,7 +17,7 @@ from support.other_process import other_process
 HOLDING = """
 import sys, tempfile
 tempfile.tempdir = sys.argv[1]
-from inkloop_hardware.bus.channel_lock import lock_channel
+from inkloop_hardware.bus.settings import lock_channel
 from inkloop_hardware.bus.settings import BusSettings
 release = lock_channel(BusSettings(interface="socketcan", channel="can0", bitrate=500000))
 print("held", flush=True)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.bus.connection import BusConnection
-from inkloop_hardware.bus.priority import NICE, NONE, raise_priority
+from inkloop_hardware.bus.heartbeat import NICE, NONE, raise_priority
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import heartbeat_priority
 from inkloop_hardware.doctor.findings import Grade

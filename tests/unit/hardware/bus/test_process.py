@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inkloop_hardware.bus.frames import data_frame, message_of
+from inkloop_hardware.bus.adapter import data_frame, message_of
 from inkloop_hardware.bus.messages import (
     FRAMES_AT_ONCE,
     HEAD,

@@ -8,12 +8,11 @@ from pathlib import Path
 import can
 import pytest
 
-from inkloop_hardware.bus.adapter import has_carrier
+from inkloop_hardware.bus.adapter import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening, has_carrier
 from inkloop_hardware.bus.process import BusProcess
-from inkloop_hardware.bus.reopening import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError, BusOff
-from inkloop_hardware.link.bus_watch import OVER_AFTER, BusWatch
+from inkloop_hardware.link.node_watch import OVER_AFTER, BusWatch
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest
 from inkloop_hardware.protocol.vocabulary import Source
 

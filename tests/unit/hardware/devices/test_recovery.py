@@ -13,8 +13,7 @@ import pytest
 from inkloop.testing import job
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
-from inkloop_hardware.devices.readiness import NotReady
-from inkloop_hardware.devices.recovery import retry_after_recovery
+from inkloop_hardware.devices.readiness import NotReady, retry_after_recovery
 from inkloop_hardware.errors import (
     BusDisconnected,
     HardwareError,

@@ -10,7 +10,7 @@ import can
 import pytest
 
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.devices.stop import release_stop, request_stop
+from inkloop_hardware.devices.commands import release_stop, request_stop
 from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict

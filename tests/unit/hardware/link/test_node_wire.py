@@ -8,10 +8,9 @@ import pytest
 
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import AnotherMaster, NodeLost, NodeStopped
-from inkloop_hardware.link import node_wire
+from inkloop_hardware.link import rig as rig_module
 from inkloop_hardware.link.node_watch import NodeWatch
-from inkloop_hardware.link.node_wire import ANSWER_GRACE_S, NodeWire
-from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.link.rig import ANSWER_GRACE_S, NodeWire, Rig
 from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import CODEC
@@ -50,7 +49,7 @@ class Bench:
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     made = Bench()
-    monkeypatch.setattr(node_wire.time, "monotonic", lambda: made.now)  # type: ignore[attr-defined]
+    monkeypatch.setattr(rig_module.time, "monotonic", lambda: made.now)  # type: ignore[attr-defined]
     return made
 
 

@@ -11,7 +11,7 @@ import pytest
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.errors import AnotherMaster, BusDisconnected, BusError, NodeLost, StopRequested
 from inkloop_hardware.link import supervision
-from inkloop_hardware.link.bus_watch import OVER_AFTER
+from inkloop_hardware.link.node_watch import OVER_AFTER
 from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack

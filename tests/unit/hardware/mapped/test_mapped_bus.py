@@ -16,11 +16,11 @@ from e2e import p01
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job as small_job
-from inkloop_hardware.bus.frames import message_of
+from inkloop_hardware.bus.adapter import message_of
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.findings import Grade
-from inkloop_hardware.doctor.mapped_rig import judge_rig
+from inkloop_hardware.doctor.status import judge_rig
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped import mapped_bus, mapped_steps
 from inkloop_hardware.mapped.mapped import Mapped

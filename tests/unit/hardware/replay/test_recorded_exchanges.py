@@ -21,9 +21,8 @@ from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.pattern_bytes import PatternBytes, first_difference, plain_form
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
-from inkloop_hardware.replay.recorded_exchanges import Exchange, exchanges
+from inkloop_hardware.replay.recorded_exchanges import Exchange, Reassembly, Seen, exchanges, parts_of, read_traffic
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes, described
-from inkloop_hardware.replay.traffic_reading import Reassembly, Seen, parts_of, read_traffic
 
 CODEC = Codec()
 LOG = Path("traffic.blf")
