@@ -50,15 +50,15 @@ def started(rig: NodeRig) -> Printer:
     return printer
 
 
-def before(rig: NodeRig, node: Node, routine: Routine, nth: int, happen: Callable[[], None], times: int = 1) -> None:
-    """Something happens before the nth request for a routine, and before so many after it."""
+def before(rig: NodeRig, node: Node, routine: Routine, nth: int, happen: Callable[[], None]) -> None:
+    """Something happens before the nth request for a routine."""
     link: Any = rig.link(node)
     ask, count = link.routine, 0
 
     def watched(asked: Routine, *rest: Any, **more: Any) -> Any:
         nonlocal count
         count += asked == routine
-        if asked == routine and nth <= count < nth + times:
+        if asked == routine and count == nth:
             happen()
         return ask(asked, *rest, **more)
 
@@ -123,16 +123,6 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
             assert value == found[name], f"{name} of a run that is resumed now"
         found = print_layer(printer, 2)
         assert (found["layers_printed"], found["layer_unknown"]) == (2, False)
-
-
-def test_bench_that_falls_again_and_again_ends_the_run() -> None:
-    with bench() as nodes:
-        rig = NodeRig(nodes)
-        printer = started(rig)
-        before(rig, Node.HEAD, Routine.PASS, 1, lambda: nodes.power_up(node_bench.HEAD), times=9)
-        with pytest.raises(NodeRefused):
-            print_layer(printer, 1)
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 0
 
 
 @pytest.mark.parametrize("state", [State.SAFE, State.FAULT])

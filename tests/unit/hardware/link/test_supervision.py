@@ -9,10 +9,10 @@ from itertools import count
 import pytest
 
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.errors import AnotherMaster, BusDisconnected, BusError, NodeLost, StopRequested
+from inkloop_hardware.errors import AnotherMaster, BusError, NodeLost, StopRequested
 from inkloop_hardware.link import supervision
 from inkloop_hardware.link.node_watch import OVER_AFTER
-from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
+from inkloop_hardware.link.supervision import KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
 from inkloop_hardware.protocol.vocabulary import Node, Source
@@ -110,20 +110,6 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Watched:
 @pytest.fixture
 def watching(bus: Watched, monkeypatch: pytest.MonkeyPatch) -> Supervision:
     return opened(bus, monkeypatch)
-
-
-def test_requests_wait_for_the_heartbeat_again_after_the_adapter_was_away(bus: Watched, watching: Supervision) -> None:
-    assert not watching.is_settled
-    bus.clock += FIRST_BEATS + 0.01
-    assert watching.is_settled
-    bus.disconnected = "the adapter is gone"
-    with pytest.raises(BusDisconnected, match="the adapter is gone"):
-        watching.check(())
-    bus.disconnected = ""
-    watching.check(())
-    assert not watching.is_settled
-    bus.clock += FIRST_BEATS + 0.01
-    assert watching.is_settled
 
 
 def test_heartbeat_is_kept_alive_no_more_often_than_it_needs(bus: Watched, watching: Supervision) -> None:

@@ -111,12 +111,6 @@ def test_bus_is_opened_with_the_answers_of_the_peers_and_its_log_in_the_folder(t
     assert opened(tmp_path, clock)[1].made[0].traffic_log is None
 
 
-def test_frame_has_its_signals_in_their_units(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    bus.send("PlcCommand", {"LayerNo": 258, "Go": "GO", "Lamp": 37.5})
-    assert wire.log == [Frame(528, bytes([2, 1, 1, 75]))]
-
-
 def test_heartbeat_is_kept_alive_every_20_ms_if_the_mapping_has_one(tmp_path: Path, clock: Clock) -> None:
     bus, wire = opened(tmp_path, clock)
     for _ in range(10):
@@ -236,24 +230,6 @@ def test_value_that_was_dropped_is_reported_with_the_reason(tmp_path: Path, cloc
     with pytest.raises(LinkTimeout, match=r"; its value was dropped: .*Temperature is 160 degC, expected -50 to 150"):
         bus.wait("PlcState", "Temperature", 20.0, 1.0)
     assert bus.readings["PlcState"].values["LayersDone"] == 3
-
-
-def test_peer_hears_its_own_answers(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    assert bus.receive(0x7A8, 0.25) == b"data"
-    wire.receive.assert_called_once_with(0x7A8, 0.25)
-    way = mapped_bus._Wire(bus, 0x7B8)
-    assert way.receive(0.5) == b"data"
-    wire.receive.assert_called_with(0x7B8, 0.5)
-    assert way.now() == 100.0
-    way.begin()
-    way.check()
-    assert wire.check.call_count == 2
-    way.send([state(BUSY)])
-    assert wire.log[-1] == state(BUSY)
-    assert bus.peer("head").name.startswith("head (0x7A0, 0x7A8")
-    bus.close()
-    wire.close.assert_called_once_with()
 
 
 def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:

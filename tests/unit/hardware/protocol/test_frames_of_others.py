@@ -128,6 +128,8 @@ def test_signed_signals_in_motorola_order_cross_the_bytes_of_a_long_frame(tmp_pa
     assert found.values == pytest.approx(values | {"Gear": 13.0}, rel=1e-9, abs=0.0)
     assert of.choice("Cluster", "Gear", found.values["Gear"]) == "NOT_VALID"
     assert not found.dropped
+    with pytest.raises(FrameError, match=r"Torque is 512 Nm, expected -512 to 511.75 Nm"):
+        of.encode("Cluster", values | {"Torque": 512})
     (tmp_path / "rig.toml").write_text(
         'dbc = "others.dbc"\n[peers.a]\nrequest = 1\nanswer = 2\n[pattern]\n[[printer]]\ndo = "download"\npeer = "a"\n'
         '[[printer]]\ndo = "wait"\nmessage = "Cluster"\nsignal = "Gear"\nexpected = "NOT_VALID"\n'
