@@ -163,19 +163,28 @@ def test_clear_releases_every_node_as_a_person(give_up: bool) -> None:
     assert shown == [f"{name}: cleared" + (", its open layer is given up" if give_up else "") for name in NAMES]
 
 
-def test_home_clears_the_stage_and_moves_it_with_motion_enabled() -> None:
+@pytest.mark.parametrize(
+    ("command", "line", "log"),
+    [
+        (
+            "home",
+            "stage: at its zero",
+            lambda: [
+                ("wait", (Node.STAGE,)), key("stage", "CLEAR", b"\0"), ("on", {"motion": True}),
+                key("stage", "HOME", b"", 32.0), "off",
+            ],
+        ),
+        (
+            "purge",
+            "head: purged",
+            lambda: [("wait", (Node.HEAD,)), key("head", "CLEAR", b"\0"), key("head", "PURGE", b"", 13.0)],
+        ),
+    ],
+)  # fmt: skip
+def test_node_is_cleared_before_it_acts_within_its_own_limit(command: str, line: str, log: Any) -> None:
     rig: Any = Rig()
-    assert list(commands.home(rig)) == ["stage: at its zero"]
-    assert rig.log == [
-        ("wait", (Node.STAGE,)), key("stage", "CLEAR", b"\0"), ("on", {"motion": True}),
-        key("stage", "HOME", b"", 32.0), "off",
-    ]  # fmt: skip
-
-
-def test_purge_clears_the_head_and_has_its_own_limit() -> None:
-    rig: Any = Rig()
-    assert list(commands.purge(rig)) == ["head: purged"]
-    assert rig.log == [("wait", (Node.HEAD,)), key("head", "CLEAR", b"\0"), key("head", "PURGE", b"", 13.0)]
+    assert list(getattr(commands, command)(rig)) == [line]
+    assert rig.log == log()
 
 
 def test_nodes_are_made_ready_and_homed_where_the_stage_is_one_of_them() -> None:
@@ -189,13 +198,6 @@ def test_nodes_are_made_ready_and_homed_where_the_stage_is_one_of_them() -> None
     without: Any = Rig()
     make_ready(without, [Node.PROFILER])
     assert without.log[2:] == [key("profiler", "CLEAR", b"\0")]
-
-
-def test_dry_run_is_switched_on_and_off() -> None:
-    rig: Any = Rig()
-    readiness.set_dry_run(rig, Node.CURE, on=True)
-    readiness.set_dry_run(rig, Node.CURE, on=False)
-    assert rig.log == [key("cure", "DRY_RUN", b"\1"), key("cure", "DRY_RUN", b"\0")]
 
 
 def test_other_protocol_and_other_roles_are_named_before_anything_is_asked() -> None:

@@ -169,21 +169,16 @@ def test_layer_that_was_given_up_is_cured_and_nothing_more(
     assert [key.pass_ for key in rig.of(Routine.CURE)] == cured
 
 
-def test_head_without_the_coded_form_is_offered_it_once() -> None:
-    rig = Rig()
-    rig.refuses_coded = 0x31
+def test_head_without_the_coded_form_is_offered_it_once_and_another_refusal_is_an_error() -> None:
+    rig, other = Rig(), Rig()
+    rig.refuses_coded, other.refuses_coded = 0x31, 0x24
     made = steps(rig)
     for layer in (1, 2):
         made.print_layer(layer, FULL)
     assert rig.sent == [(1, True), (1, False), (2, False)]
-
-
-def test_pattern_that_is_refused_for_another_reason_is_not_sent_in_another_form() -> None:
-    rig = Rig()
-    rig.refuses_coded = 0x24
     with pytest.raises(NodeRefused):
-        steps(rig).print_layer(1, FULL)
-    assert rig.sent == [(1, True)]
+        steps(other).print_layer(1, FULL)
+    assert other.sent == [(1, True)]
 
 
 def test_light_as_long_as_the_limit_of_the_lamp_is_too_long() -> None:
