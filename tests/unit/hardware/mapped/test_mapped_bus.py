@@ -201,35 +201,31 @@ def test_frames_after_the_one_that_is_waited_for_stay_for_the_next_wait(tmp_path
     assert clock.now == 100.0
 
 
-def test_value_that_ends_the_run_is_reported_at_once(tmp_path: Path, clock: Clock) -> None:
+def test_value_that_does_not_come_is_reported_with_the_last_one_or_why_there_is_none(
+    tmp_path: Path, clock: Clock
+) -> None:
     bus, wire = opened(tmp_path, clock)
-    wire.others.append((0.0, state(FAULT)))
-    with pytest.raises(HardwareError, match=r"^PlcState\.State is FAULT, expected READY; check the rig$"):
-        bus.wait("PlcState", "State", "READY", 10.0, "FAULT")
-    assert clock.now == 100.0
 
+    def missed(message: str, signal: str, expected: Any, *frames: Frame, unless: Any = None) -> float:
+        """Seconds until the wait for it ends, with this message."""
+        wire.others.extend((0.0, frame) for frame in frames)
+        began = clock.now
+        with pytest.raises(HardwareError, match=message):
+            bus.wait("PlcState", signal, expected, 2.5, unless)
+        return clock.now - began
 
-def test_value_that_does_not_come_is_reported_with_the_last_one(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    with pytest.raises(LinkTimeout, match=r"was not READY within 2\.5 s; no frame of it was received$"):
-        bus.wait("PlcState", "State", "READY", 2.5)
-    assert clock.now == pytest.approx(102.5, rel=0.0, abs=0.006)
-    wire.others.append((0.0, state(BUSY, 3)))
-    with pytest.raises(LinkTimeout, match=r"^PlcState\.State was not READY within 1 s; it is BUSY$"):
-        bus.wait("PlcState", "State", "READY", 1.0)
-    with pytest.raises(LinkTimeout, match=r"^PlcState\.LayersDone was not 4 within 1 s; it is 3$"):
-        bus.wait("PlcState", "LayersDone", 4, 1.0)
-
-
-def test_value_that_was_dropped_is_reported_with_the_reason(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    wire.others.append((0.0, Frame(544, b"\2\3")))
-    with pytest.raises(LinkTimeout, match=r"; its frames were dropped: .* has 2 bytes, expected 8$"):
-        bus.wait("PlcState", "State", "READY", 1.0)
-    wire.others.append((0.0, state(READY, 3, 0.0, 160.0)))
-    with pytest.raises(LinkTimeout, match=r"; its value was dropped: .*Temperature is 160 degC, expected -50 to 150"):
-        bus.wait("PlcState", "Temperature", 20.0, 1.0)
+    waited = missed(r"was not READY within 2\.5 s; no frame of it was received$", "State", "READY")
+    assert waited == pytest.approx(2.5, rel=0.0, abs=0.006)
+    assert (
+        missed(r"State is FAULT, expected READY; check the rig$", "State", "READY", state(FAULT), unless="FAULT") == 0
+    )
+    missed(r"^PlcState\.State was not READY within 2.5 s; it is BUSY$", "State", "READY", state(BUSY, 3))
+    missed(r"^PlcState\.LayersDone was not 4 within 2.5 s; it is 3$", "LayersDone", 4)
+    hot = state(READY, 3, 0.0, 160.0)
+    missed(r"; its value was dropped: .*Temperature is 160 degC, expected -50 to", "Temperature", 20.0, hot)
     assert bus.readings["PlcState"].values["LayersDone"] == 3
+    bus.readings.clear()
+    missed(r"; its frames were dropped: .* has 2 bytes, expected 8$", "State", "READY", Frame(544, b"\2\3"))
 
 
 def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:
