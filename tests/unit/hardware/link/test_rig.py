@@ -402,7 +402,7 @@ def test_each_request_gives_a_fallen_node_its_own_moment(bus: Bus, watching: Sup
     lamp.status(FALLEN)
     lamp.wait()
     bus.bring(*(pack(CODEC, OTHER, counter) for counter in range(2)))
-    with pytest.raises(NodeStopped, match="during a request; .*another master is active"):
+    with pytest.raises(NodeStopped, match=r"during a request; .*another master is active"):
         lamp.wait(ANSWER_GRACE_S + 0.01)
 
 

@@ -84,6 +84,8 @@ def test_signal_beyond_its_limits_drops_itself_alone(tmp_path: Path) -> None:
 
 def test_longer_and_fd_frames_are_read_and_shorter_ones_are_not(tmp_path: Path) -> None:
     of, data = codec(tmp_path, SCALED), bytes([2, 7, 0, 0])
+    with pytest.raises(FrameError, match=r"0x220 .* is a CAN FD frame, expected a classic one"):
+        of.decode(Frame(544, data, is_fd=True))
     for frame in (Frame(544, data), Frame(544, data + b"\xcc\xcc"), Frame(544, data, is_fd=True)):
         assert of.decode(frame, strict=False).values["Level"] == 7.0
     with pytest.raises(FrameError, match="has 3 bytes, expected 4"):
@@ -107,6 +109,8 @@ def test_cascaded_multiplex_with_long_ids_motorola_order_and_floats(tmp_path: Pa
     assert speed.values == {"Mode": 1.0, "Speed": pytest.approx(-5.0, rel=0.0, abs=1e-9)}
     torque = of.decode(Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True), strict=False)
     assert torque.values["Torque"] == -2.5
+    with pytest.raises(FrameError, match=r"frame 0x030 .*no message with this id"):
+        of.decode(Frame(0x30, bytes(12), is_fd=True))
     sent = of.encode("Axis", {"Mode": 2, "Which": 7, "Torque": -2.5})
     assert sent == Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True)
     for values, message in (
@@ -128,6 +132,8 @@ def test_signed_signals_in_motorola_order_cross_the_bytes_of_a_long_frame(tmp_pa
     assert found.values == pytest.approx(values | {"Gear": 13.0}, rel=1e-9, abs=0.0)
     assert of.choice("Cluster", "Gear", found.values["Gear"]) == "NOT_VALID"
     assert not found.dropped
+    with pytest.raises(FrameError, match=r"0x420 .* is a classic frame, expected a CAN FD one"):
+        of.decode(Frame(1056, data))
     with pytest.raises(FrameError, match=r"Torque is 512 Nm, expected -512 to 511.75 Nm"):
         of.encode("Cluster", values | {"Torque": 512})
     (tmp_path / "rig.toml").write_text(
