@@ -24,9 +24,9 @@ from inkloop_hardware.devices.readiness import home as find_zero
 from inkloop_hardware.errors import FrameError, HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
-from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.records import NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.services import ClearOption, Key, Routine
+from inkloop_hardware.protocol.transfer_bytes import read_map
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
 NODES = tuple(Node)

@@ -11,9 +11,8 @@ from udsoncan import DataFormatIdentifier, MemoryLocation
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.requests import TRIES, Requests
-from inkloop_hardware.protocol.height_map_bytes import map_size
 from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferState
-from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
+from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
 
 Progress = Callable[[int, int], None]
 """Called with the bytes transferred so far and the bytes in all."""

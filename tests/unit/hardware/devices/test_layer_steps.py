@@ -21,8 +21,8 @@ from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import NodeRefused, TransferError
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 JOB, CURE_MS = 7, 20

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from inkloop_hardware.errors import FrameError
-from inkloop_hardware.protocol.height_map_bytes import map_size, read_map
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes, run_length
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes, map_size, read_map, run_length
 from support.benches import node_bench
 
 
