@@ -104,7 +104,7 @@ class NewestScan:
         return state.pack(*values) + self.height.tobytes() + self.valid.tobytes()
 
     def restore(self, saved: bytes, state: Struct, what: str) -> tuple[Any, ...]:
-        """Take the maps that were saved; the values. ComponentError for bytes that are none of a `what` of this grid."""
+        """Take the maps that were saved; the values. ComponentError for bytes not of a `what` of this grid."""
         shape = self.height.shape
         try:
             values = state.unpack_from(saved)

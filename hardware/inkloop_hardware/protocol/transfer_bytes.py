@@ -1,8 +1,8 @@
 """Bytes of patterns and height maps on the bus.
 
 A pattern is a head, then packed cells, run-length coded if that is shorter. A map is a head, signed 16-bit steps
-relative to a datum, and one bit per valid cell. The page of the node's services describes both; the C side is `pattern.c` and
-`height_map.c`.
+relative to a datum, and one bit per valid cell. The page of the node's services describes both; the C side is
+`pattern.c` and `height_map.c`.
 """
 
 from __future__ import annotations
