@@ -20,7 +20,7 @@ import pytest
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.inquiry import links
-from inkloop_hardware.errors import AnotherMaster, BusError, NodeLost, NodeRefused, NodeStopped
+from inkloop_hardware.errors import AnotherMaster, BusError, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -299,15 +299,6 @@ def test_master_that_follows_another_one_needs_no_person(channel: str) -> None:
     with Rig(settings(channel)) as second:
         cleared(second)
         assert second.link(Node.HEAD).state().session == second.session != first.session
-
-
-def test_bench_that_disappears_is_reported(program: Path) -> None:
-    with bench(program) as (running, channel), Rig(settings(channel)) as rig:
-        cleared(rig)
-        running.kill()
-        running.wait()
-        with pytest.raises((BusError, NodeLost), match=r"unplugged|silent"):
-            wait_until(lambda: rig.link(Node.HEAD).state().state is State.FAULT)
 
 
 def test_files_of_the_present_folder_are_not_taken_for_libraries(
