@@ -215,6 +215,19 @@ def report(node: Node = Node.HEAD) -> NodeReport:
     return NodeReport(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)
 
 
+def of_state(**changes: Any) -> NodeReport:
+    return replace(report(), state=replace(report().state, **changes))
+
+
+def of_limits(**changes: Any) -> NodeReport:
+    return replace(report(), limits=replace(report().limits, **changes))
+
+
+def of_clock(seconds: float) -> NodeReport:
+    """A head whose clock shows 5 s and then this, while one second passes."""
+    return replace(report(), clock=(report().clock[0], ClockReading(seconds, 101.0, 101.01)))
+
+
 def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
     return Expected(Job(nx, ny, 1e-4, np.zeros((nx, ny)), np.ones((nx, ny), np.bool_)), cure_ms)
 
@@ -224,7 +237,7 @@ def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
     [
         [report(node) for node in Node],
         [replace(one, state=replace(one.state, roles=Roles.HEAD | Roles.STAGE)) for one in map(report, list(Node)[:2])],
-        [replace(report(), limits=replace(report().limits, block=16, alive=0.2, pattern_bytes=50))],
+        [of_limits(block=16, alive=0.2, pattern_bytes=50)],
         [replace(report(Node.PROFILER), map_shape=(0, 0))],
     ],
     ids=["four nodes", "head and stage in one", "just enough", "nothing scanned yet"],
@@ -236,27 +249,18 @@ def test_node_that_is_well_has_no_fault(nodes: list[NodeReport]) -> None:
 @pytest.mark.parametrize(
     ("one", "check", "message"),
     [
-        (replace(report(), clock=(report().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
-        (replace(report(), clock=(report().clock[0], ClockReading(5.9, 101.0, 101.01))), "clock", "10% too slow"),
-        (replace(report(), clock=(report().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
-        (
-            replace(report(), state=replace(report().state, state=State.FAULT, cause=Fault.LAMP_TIME)),
-            "states",
-            "head: FAULT because of LAMP_TIME",
-        ),
-        (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
-        (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
-        (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
-        (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
-        (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
-        (
-            replace(report(), limits=replace(report().limits, pattern_bytes=49)),
-            "limits",
-            "50 bytes, it has room for 49",
-        ),
+        (of_clock(6.1), "clock", "10% too fast"),
+        (of_clock(5.9), "clock", "10% too slow"),
+        (of_clock(0.2), "clock", "restarted"),
+        (of_state(state=State.FAULT, cause=Fault.LAMP_TIME), "states", "head: FAULT because of LAMP_TIME"),
+        (of_limits(block=15), "limits", "it takes blocks of 15 bytes"),
+        (of_limits(alive=0.199), "limits", "waits 199 ms for MasterAlive"),
+        (of_state(flags=Flags.JOURNAL_DAMAGED), "states", "journal"),
+        (of_state(flags=Flags.STOPPED), "states", "stop request"),
+        (of_state(roles=Roles.STAGE), "states", "roles"),
+        (of_limits(pattern_bytes=49), "limits", "50 bytes, it has room for 49"),
         (replace(report(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
         (replace(report(Node.CURE), limits=replace(report().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
-        (replace(report(), limits=replace(report().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -267,7 +271,7 @@ def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check
 @pytest.mark.parametrize(
     ("one", "check", "message"),
     [
-        (replace(report(), state=replace(report().state, flags=Flags.DRY_RUN)), "states", "head: in a dry run"),
+        (of_state(flags=Flags.DRY_RUN), "states", "head: in a dry run"),
         (replace(report(), journal=()), "journals", "head: its journal is empty"),
         (
             replace(report(), journal=(report().journal[0], replace(report().journal[1], number=5))),
