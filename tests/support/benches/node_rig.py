@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from struct import unpack_from
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from inkloop.component import Component, Job, Values
+from inkloop.testing import job as small_job
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.records import NodeStatus
@@ -15,12 +20,25 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
 from support.benches.faulty_wire import CODEC, FaultyWire
 
+FOUR = replace(small_job(), passes=4)
+FULL = np.ones((FOUR.nx, FOUR.ny), np.int32)
 NUMBERS = {node: number for number, node in enumerate(Node)}
 
 if TYPE_CHECKING:
     Base = Any  # then a NodeRig may stand where a Rig is expected
 else:
     Base = object
+
+
+def bench(part: Job = FOUR, **options: Any) -> node_bench.NodeBench:
+    """Nodes for a part, whose passes and scans take 5 ms."""
+    return node_bench.NodeBench(**{"nx": part.nx, "ny": part.ny, "pass_ms": 5, "scan_ms": 5, **options})
+
+
+def print_layer(printer: Component, layer: int, pattern: np.ndarray = FULL) -> Values:
+    """Outputs after the step in which a layer is commanded."""
+    inputs = {"pattern": pattern.astype(np.int32), "drop_level": np.ones(pattern.shape, np.int32)}
+    return printer.do_step(0, 1_000_000_000, inputs | {"layer_command": np.asarray(layer, np.int32)})
 
 
 class NodeLink(Link):

@@ -13,18 +13,14 @@ from inkloop_hardware.devices import commands, readiness
 from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
 from inkloop_hardware.doctor.status import NodeReport, status
 from inkloop_hardware.protocol.codec import Codec
-from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches.node_status import node_state
 
 
 def state(**changes: Any) -> NodeState:
-    plain: dict[str, Any] = {
-        "state": State.IDLE, "cause": Fault.NONE, "roles": Roles(15), "flags": Flags(0), "job": 4, "layer": 3,
-        "passes": 0, "done": 0, "unknown": 0, "cured": 0, "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1,
-        "session": 1, "pattern_crc": 0, "clock": 1.0, "gate_pulses": 0,
-    }  # fmt: skip
-    return NodeState(**{**plain, **changes})
+    return node_state(**{"job": 4, "layer": 3, **changes})
 
 
 @pytest.mark.parametrize(

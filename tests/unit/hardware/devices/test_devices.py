@@ -26,33 +26,17 @@ from inkloop_hardware.protocol.transfer_bytes import PatternBytes
 from inkloop_hardware.protocol.vocabulary import Node
 from support.benches import node_bench
 from support.benches.node_bench import GATE, LAMP, MOTION, NodeBench
-from support.benches.node_rig import NodeRig
+from support.benches.node_rig import FOUR, FULL, NodeRig, bench, print_layer
 
 pytestmark = pytest.mark.compiled
 
 SECOND = 1_000_000_000
-FOUR = replace(job(), passes=4)
-
-
-def bench(part: Job = FOUR, **options: Any) -> NodeBench:
-    return NodeBench(nx=part.nx, ny=part.ny, pass_ms=5, scan_ms=5, **options)
 
 
 def started(component: Any, command: int = 0) -> Any:
     inputs = {port.name: port.start_value() for port in component.inputs}
     component.initialize(0, inputs | {"layer_command": np.int32(command), "layers_printed": np.int32(command)})
     return component
-
-
-def print_layer(printer: Component, layer: int, pattern: np.ndarray) -> int:
-    """Layers printed afterwards."""
-    ones = np.ones(pattern.shape, np.int32)
-    inputs = {"pattern": pattern.astype(np.int32), "drop_level": ones, "layer_command": np.asarray(layer, np.int32)}
-    return int(printer.do_step(0, SECOND, inputs)["layers_printed"])
-
-
-def full(part: Job = FOUR) -> np.ndarray:
-    return np.ones((part.nx, part.ny), np.int32)
 
 
 @pytest.mark.parametrize("check", CONTRACT_CHECKS, ids=lambda check: check.__name__)
@@ -69,7 +53,7 @@ def test_layer_of_four_passes_is_stage_head_stage_lamp_for_each_colour_in_the_or
         rig = NodeRig(nodes)
         printer = started(Printer(part, rig, cure_ms=20))
         rig.enables.clear()
-        assert print_layer(printer, 1, full()) == 1
+        assert print_layer(printer, 1, FULL)["layers_printed"] == 1
         head, stage, cure = (rig.link(node).asked for node in (Node.HEAD, Node.STAGE, Node.CURE))
         assert [option[0] for routine, _, option in head if routine == Routine.PASS] == [3, 1, 2, 0]
         moves = [option[0] for routine, _, option in stage if routine == Routine.MOVE]
@@ -87,10 +71,10 @@ def test_pattern_goes_coded_where_that_is_shorter_and_plain_to_a_head_that_does_
     with bench(part) as nodes:
         rig = NodeRig(nodes)
         printer = started(Printer(part, rig, cure_ms=5))
-        print_layer(printer, 1, full(part))
+        print_layer(printer, 1, np.ones((part.nx, part.ny), np.int32))
         print_layer(printer, 2, dithered)
         rig.takes_coded = False
-        print_layer(printer, 3, full(part))
+        print_layer(printer, 3, np.ones((part.nx, part.ny), np.int32))
         assert rig.downloads == [(1, True), (2, False), (3, False)]
 
 
@@ -107,18 +91,18 @@ def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None
     with bench() as nodes:
         rig = NodeRig(nodes)
         first = started(Printer(FOUR, rig, cure_ms=5))
-        print_layer(first, 1, full())
+        print_layer(first, 1, FULL)
         saved = first.save()
-        print_layer(first, 2, full())
+        print_layer(first, 2, FULL)
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
-        assert print_layer(second, 2, full()) == 2
+        assert print_layer(second, 2, FULL)["layers_printed"] == 2
         assert nodes.counted(node_bench.GATE_OPENINGS) == 8
 
 
 def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
     """By hand, as an interrupted printer leaves it."""
-    blob = PatternBytes.of(full(), passes=4, materials=1)
+    blob = PatternBytes.of(FULL, passes=4, materials=1)
     nodes.master = node_bench.MasterAlive(LAMP | GATE | MOTION, 1, rig.job)
     nodes.send_keep_alive()
     assert nodes.download(blob.coded, 1, coded=0x10) == 0
@@ -142,19 +126,19 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         openings, pulses = nodes.counted(node_bench.GATE_OPENINGS), nodes.counted(node_bench.LAMP_PULSES)
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
-        assert print_layer(second, 1, full()) == 1
+        assert print_layer(second, 1, FULL)["layers_printed"] == 1
         assert nodes.counted(node_bench.GATE_OPENINGS) == openings
         assert nodes.counted(node_bench.LAMP_PULSES) == pulses + 3
-        assert print_layer(second, 2, full()) == 2
+        assert print_layer(second, 2, FULL)["layers_printed"] == 2
 
 
 def test_head_that_printed_something_else_since_is_refused_with_a_message() -> None:
     with bench() as nodes:
         first = started(Printer(FOUR, NodeRig(nodes, job=7), cure_ms=5))
-        print_layer(first, 1, full())
+        print_layer(first, 1, FULL)
         saved = first.save()
         other = started(Printer(FOUR, NodeRig(nodes, job=8), cure_ms=5))
-        print_layer(other, 1, full())
+        print_layer(other, 1, FULL)
         again = started(Printer(FOUR, NodeRig(nodes, job=9), cure_ms=5))
         with pytest.raises(JournalsDiffer, match=r"layer 1 of job 8.* layer 1 of job 7.*inkloop run"):
             again.restore(saved)
@@ -229,7 +213,7 @@ def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:
         rig = NodeRig(nodes)
         started(Printer(FOUR, rig))
         assert nodes.run(node_bench.DRY_RUN, node_bench.HEAD, option=b"\1", job=rig.job) == 0
-        print_layer(started(Printer(FOUR, rig, cure_ms=5)), 1, full())
+        print_layer(started(Printer(FOUR, rig, cure_ms=5)), 1, FULL)
         assert nodes.surface.any()
 
 
@@ -238,15 +222,15 @@ def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:
     [
         ({"layer_command": np.int32(2)}, "layer_command is 2 after layer 0; needs 0 or 1"),
         ({"layer_command": np.int32(-1)}, "needs 0 or 1"),
-        ({"drop_level": 2 * full()}, "drop_level is not 1"),
-        ({"pattern": 2 * full()}, "0 to 1"),
+        ({"drop_level": 2 * FULL}, "drop_level is not 1"),
+        ({"pattern": 2 * FULL}, "0 to 1"),
     ],
 )
 def test_what_the_head_cannot_do_is_refused_and_nothing_moves(inputs: dict[str, Any], word: str) -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(Printer(FOUR, rig))
-        given = {"layer_command": np.int32(1), "drop_level": full(), "pattern": full()} | inputs
+        given = {"layer_command": np.int32(1), "drop_level": FULL, "pattern": FULL} | inputs
         before = len(rig.link(Node.STAGE).asked)
         with pytest.raises(ComponentError, match=word):
             printer.do_step(0, SECOND, given)

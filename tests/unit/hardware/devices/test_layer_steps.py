@@ -20,10 +20,11 @@ from inkloop_hardware.devices.layer_steps import LOGGED_FROM_BYTES, LayerSteps, 
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import NodeRefused, TransferError
-from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.vocabulary import Node
+from support.benches.node_status import node_state
 
 JOB, CURE_MS = 7, 20
 FOUR = replace(job(), passes=4)
@@ -41,13 +42,7 @@ class Rig:
         self.sent: list[tuple[int, bool]] = []
         self.maps: list[bytes | Exception] = []
         self.refuses_coded = 0
-        plain: dict[str, Any] = {
-            "flags": Flags(0), "job": 0, "layer": 0, "passes": 0, "done": 0, "unknown": 0, "cured": 0,
-            "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1, "session": 1, "pattern_crc": 0,
-        }  # fmt: skip
-        self.state = NodeState(
-            State.IDLE, Fault.NONE, Roles.HEAD, **{**plain, **layer}, clock=1.0, gate_pulses=0
-        )  # fmt: skip
+        self.state = node_state(**layer)
 
     @contextmanager
     def enabled(self, **_: bool) -> Iterator[None]:

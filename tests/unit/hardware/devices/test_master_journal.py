@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock as Mock
@@ -12,24 +11,18 @@ from unittest.mock import MagicMock as Mock
 import numpy as np
 import pytest
 
-from inkloop.testing import job
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
-from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import NodeState
 from inkloop_hardware.protocol.services import Key, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
-from support.benches.node_bench import NodeBench
-from support.benches.node_rig import NodeRig
+from inkloop_hardware.protocol.vocabulary import Node, State
+from support.benches.node_rig import FOUR, NodeRig, bench, print_layer
+from support.benches.node_status import node_state
 
 JOB = 7
-FOUR = replace(job(), passes=4)
 STEPS = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}
-
-
-def bench() -> NodeBench:
-    return NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5)
 
 
 def journal(folder: Path) -> MasterJournal:
@@ -160,21 +153,17 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
             link.routine = watch(link.routine, journalled)
             link.download = watch(link.download, lambda layer, _: (Asked.PATTERN, Key(rig.job, layer)))
         printer, profiler = Printer(FOUR, rig, cure_ms=5, journal=kept), Profiler(FOUR, rig, journal=kept)
-        ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
         zero: dict[str, Any] = {"layer_command": np.int32(0), "layers_printed": np.int32(0)}
         for device in (printer, profiler):
             device.initialize(0, zero)
-        printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(1)})
+        print_layer(printer, 1)
         profiler.do_step(0, 1, {"layers_printed": np.int32(1)})
     assert [step for step, _ in asked] == [Asked.PATTERN, *[Asked.PASS, Asked.CURE] * 4, Asked.SCAN]
     assert MasterJournal(tmp_path).records[-1].event is Event.DONE
 
 
-def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
-    return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
-        *(1, 1, crc, 0.0, 0),
-    )
+def head(layer: int, *, job: int = JOB, crc: int = 0xABC2, **passes: int) -> NodeState:
+    return node_state(state=State.SAFE, layer=layer, job=job, passes=4, pattern_crc=crc, **passes)
 
 
 @pytest.mark.parametrize(
@@ -221,11 +210,6 @@ def printer_of(folder: Path, rig: NodeRig) -> Printer:
     printer = Printer(FOUR, rig, cure_ms=5, journal=MasterJournal(folder))
     printer.initialize(0, {"layer_command": np.int32(0)})
     return printer
-
-
-def print_layer(printer: Printer, layer: int) -> Any:
-    ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
-    return printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(layer)})
 
 
 @pytest.mark.compiled

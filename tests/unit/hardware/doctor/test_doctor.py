@@ -31,7 +31,6 @@ from inkloop_hardware.protocol.node_state import (
     JournalRecord,
     LayerFlags,
     NodeLimits,
-    NodeState,
     Roles,
     Step,
 )
@@ -40,6 +39,7 @@ from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches.node_bench import GATE_STAYS_CLOSED, LAMP_STAYS_ON, NodeBench
 from support.benches.node_rig import NodeRig
+from support.benches.node_status import node_state
 from support.places import ROOT
 
 CODEC = Codec()
@@ -205,9 +205,7 @@ def test_stop_request_is_reported() -> None:
 def report(node: Node = Node.HEAD) -> NodeReport:
     """A node that is well."""
     roles = Roles[node.upper()]
-    state = NodeState(
-        State.SAFE, Fault.NONE, roles, Flags(0), 0, 0, 0, 0, 0, 0, LayerFlags(0), Step.NONE, 1, 0, 0, 5.0, 0
-    )
+    state = node_state(state=State.SAFE, roles=roles)
     limits = NodeLimits(1000, 0.3, 10.0, 0.5, 120.0, 30.0, 60.0, 4095)
     record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0)
     shape = (20, 20) if node is Node.PROFILER else None
