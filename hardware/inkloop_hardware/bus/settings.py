@@ -129,7 +129,10 @@ def holder(settings: BusSettings) -> str | None:
 
 
 def _opened(path: Path) -> int:
+    """The file of a lock; one of another user is not created anew: systems refuse that in the folder of everybody."""
     try:
+        with suppress(FileNotFoundError):
+            return os.open(path, os.O_RDWR | NO_LINK)
         return os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
     except OSError as error:
         raise _error(path, error) from error

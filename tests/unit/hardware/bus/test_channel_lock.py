@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -63,6 +65,15 @@ def test_serial_port_of_a_print_is_opened_by_no_second_program(monkeypatch: pyte
     *_, found, skipped = examine(port)
     assert (found.grade, skipped.grade) == (Grade.ERROR, Grade.SKIPPED)
     assert "a print has the adapter" in found.found
+
+
+def test_lock_that_is_there_is_not_created_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux refuses that for a file of another user in the folder of everybody (protected_regular)."""
+    lock_channel(CAN0)()
+    opened = Mock(wraps=os.open)
+    monkeypatch.setattr(os, "open", opened)
+    lock_channel(CAN0)()
+    assert not any(call.args[1] & os.O_CREAT for call in opened.call_args_list)
 
 
 @pytest.mark.skipif(not NO_LINK, reason="the system has no O_NOFOLLOW")
