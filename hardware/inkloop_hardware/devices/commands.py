@@ -19,11 +19,12 @@ from inkloop_hardware.bus.heartbeat import Supervised
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.profiler import check_seen
-from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, set_dry_run
+from inkloop_hardware.devices.readiness import MARGIN_S, NotReady, blocked, clear, make_ready, set_dry_run
 from inkloop_hardware.devices.readiness import home as find_zero
 from inkloop_hardware.errors import FrameError, HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.node_state import Flags
 from inkloop_hardware.protocol.records import NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.services import ClearOption, Key, Routine
 from inkloop_hardware.protocol.transfer_bytes import read_map
@@ -37,6 +38,9 @@ def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
     rig.wait_for(NODES)
     option = ClearOption.OPERATOR | (ClearOption.ABANDON if give_up else ClearOption(0))
     for node in NODES:
+        state = rig.link(node).state()
+        if state.flags & Flags.JOURNAL_UNREADABLE and not give_up and (reason := blocked(node, state)):
+            raise NotReady(reason)
         clear(rig, node, int(option))
         yield f"{node.lower()}: cleared" + (", its open layer is given up" if give_up else "")
 

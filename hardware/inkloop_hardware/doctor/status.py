@@ -29,6 +29,7 @@ CONDITIONS = {
     Flags.STOPPED: "a stop request is active",
     Flags.DRY_RUN: "in a dry run",
     Flags.JOURNAL_DAMAGED: "its journal is damaged",
+    Flags.JOURNAL_UNREADABLE: "its journal could not be read at power-up",
     Flags.BY_WATCHDOG: "reset by its watchdog",
 }
 """Flag of a node -> its meaning for a person."""
