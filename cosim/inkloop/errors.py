@@ -43,6 +43,15 @@ EXTRAS: Mapping[str, tuple[str, str]] = {
 class InkloopError(Exception):
     """Anything that inkloop reports to the user as a message without a traceback."""
 
+    has_own_remedy = False
+    """Whether the message says how the print goes on, or that it does not: no general advice follows it then."""
+
+    @property
+    def remedy_is_said(self) -> bool:
+        """Whether it, or the error that caused it, has its own remedy."""
+        cause = self.__cause__
+        return self.has_own_remedy or (isinstance(cause, InkloopError) and cause.remedy_is_said)
+
 
 class ScenarioError(InkloopError):
     """Errors of one scenario; `errors` holds one sentence each: place, what was found, what is expected."""

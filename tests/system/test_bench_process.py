@@ -19,10 +19,8 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Frame
-from inkloop_hardware.protocol.records import StopRequest
-from inkloop_hardware.protocol.records import pack as pack_frame
 from inkloop_hardware.protocol.services import ClearOption
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source
+from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 from support.benches.bench_run import BLOCK, COMMAND, FAST, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
@@ -63,18 +61,6 @@ def test_every_adapter_sees_the_frames_of_all_nodes_and_the_dbc_reads_them(progr
             missing.discard(message.arbitration_id)
             if message.arbitration_id < 0x600:
                 assert other.codec.decode(Frame(message.arbitration_id, bytes(message.data)))
-
-
-def test_stop_request_on_the_bus_is_latched(program: Path) -> None:
-    with process(program) as (_, channel), adapter(channel) as bus, bus.client(1) as stage:
-        assert start(stage, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
-        bus.send(pack_frame(bus.codec, StopRequest(active=True, source=Source.OPERATOR), counter=0))
-        for option in (b"\0", b"\1"):
-            with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
-                start(stage, node_bench.Routine.CLEAR, option)
-        for counter in (1, 2):
-            bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter))
-        assert start(stage, node_bench.Routine.CLEAR, b"\1") == node_bench.DONE
 
 
 def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> None:

@@ -81,7 +81,8 @@ class Print:
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
                 self._result("failed")
-                raise ComponentError(f"{error}\n{self._advice(self._folder, self._checkpoints)}") from error
+                advice = self._advice(self._folder, self._checkpoints, error)
+                raise ComponentError(f"{error}\n{advice}") from error
             raise
         result = self._result(reason)
         if self._folder and reason not in UNFINISHED:
@@ -147,13 +148,15 @@ class Print:
         result.save(self._folder, None if in_memory else maps)
         return result if in_memory else self._read_back(self._folder)
 
-    def _advice(self, folder: Path, checkpoints: Checkpoints) -> str:
-        """Advice after a failed print: which layers are kept, and how to resume it."""
+    def _advice(self, folder: Path, checkpoints: Checkpoints, error: ComponentError) -> str:
+        """Advice after a failed print: which layers are kept, and how to resume it unless the error says what to do."""
         kept = f"layers 0 to {checkpoints.layer} are in {folder}"
         if checkpoints.refusal:
             return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
         has_device = any(is_device(component) for component in self._components.values())
         bench = f" (`inkloop bench` takes {folder} as SCENARIO)" if has_device else ""
+        if error.remedy_is_said:
+            return f"{kept}{bench}"
         return f"{kept}; fix the cause{bench}, then continue with `inkloop resume {folder}`"
 
     def _read_back(self, folder: Path) -> Result:

@@ -28,7 +28,7 @@ from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.emulated_bench import program
-from inkloop_hardware.link.node_wire import NodeWire
+from inkloop_hardware.link.rig import NodeWire
 from inkloop_hardware.protocol.vocabulary import Node
 from support import compiled
 from support.benches.bench_run import FAST, PATIENCE_S

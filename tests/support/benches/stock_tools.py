@@ -21,22 +21,10 @@ from udsoncan.connections import PythonIsoTpConnection
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.records import MasterAlive
 from inkloop_hardware.protocol.records import pack as pack_frame
+from inkloop_hardware.protocol.services import Bytes as Raw
 from support.benches import node_bench
 
 FULL = np.ones((9, 9), np.uint8)
-
-
-class Raw(udsoncan.DidCodec):
-    """An identifier as its bytes."""
-
-    def encode(self, value: bytes) -> bytes:
-        return value
-
-    def decode(self, payload: bytes) -> bytes:
-        return payload
-
-    def __len__(self) -> int:
-        raise udsoncan.DidCodec.ReadAllRemainingData
 
 
 @contextmanager

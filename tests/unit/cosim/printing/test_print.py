@@ -12,7 +12,7 @@ import pytest
 
 from inkloop.component import Values
 from inkloop.course.events import Event
-from inkloop.errors import ComponentError, ResultError
+from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
 from inkloop.results import checkpoint
@@ -25,7 +25,9 @@ JOB = toy_job(layers=4)
 
 
 class Kept:
-    """A toy component that can be saved; it fails in the step that begins at `fails_ns`."""
+    """A toy component that can be saved; it fails in the step that begins at `fails_ns`, with an `error`."""
+
+    error: type[Exception] = RuntimeError
 
     def __init__(self, own: Any, saves: bool, fails_ns: int | None = None) -> None:
         self._own, self._fails_ns, self.terminated = own, fails_ns, 0
@@ -38,7 +40,7 @@ class Kept:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         self.steps.append((time_ns, step_ns))
         if self._fails_ns is not None and time_ns >= self._fails_ns:
-            raise RuntimeError("needs a person, then `inkloop bench clear SCENARIO`")
+            raise self.error("needs a person, then `inkloop bench clear SCENARIO`")
         found: Values = self._own.do_step(time_ns, step_ns, inputs)
         return found
 
@@ -110,6 +112,20 @@ def test_layer_is_modified_by_what_was_in_effect_in_the_step_that_completed_it()
     assert result.dataset.modified.values.tolist() == [False, False, True, False]
     assert result.run["events"] == [str(event) for event in events]
     assert result.dataset.attrs["events"] == f"{events[0]}\n{events[1]}"
+
+
+class NewPart(InkloopError):
+    has_own_remedy = True
+
+
+def test_error_that_says_what_to_do_is_followed_by_no_other_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error that asks for a new part must not end with an advice to resume this one."""
+    monkeypatch.setattr(Kept, "error", NewPart)
+    with pytest.raises(ComponentError) as raised:
+        printed(Loop(fails_ns=5 * SECOND // 2), tmp_path)
+    assert str(raised.value).split("\n")[1] == f"layers 0 to 2 are in {tmp_path}"
 
 
 def test_print_that_has_ended_leaves_no_checkpoints_and_an_interrupted_one_is_resumed(

@@ -110,43 +110,30 @@ def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     assert link.state().layer_flags == LayerFlags.ACKNOWLEDGED | LayerFlags.ABANDONED
 
 
-def logged(
-    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, Any], level: int = logging.DEBUG
-) -> list[str]:
+PRINTING, OFF = {"state": State.PRINTING, "pass_mask": 1}, {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
+DARK, LIT = ({"node": Node.CURE, "state": State.CURING, "lamp_on": on} for on in (False, True))
+RESTARTED = {"state": State.SAFE, "boot_count": 2}
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "lines"),
+    [
+        (({}, {}, PRINTING, PRINTING, OFF, OFF), logging.DEBUG, ["idle", "pass 2 of layer 3", "off (enable dropped)"]),
+        (({}, PRINTING, OFF), logging.INFO, ["idle", "off (enable dropped)"]),
+        (({}, RESTARTED, RESTARTED), logging.DEBUG, ["idle", "restarted", "off"]),
+        ((DARK, LIT, DARK), logging.DEBUG, ["curing", "lamp on", "curing"]),
+    ],
+    ids=["each once", "steps are logged by who asks for them", "restart", "lamp"],
+)
+def test_change_of_a_node_is_logged_once(
+    changes: Any, level: int, lines: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level(level, "inkloop_hardware")
+    node = changes[0].get("node", Node.HEAD)
+    watch = NodeWatch(node)
     for number, change in enumerate(changes):
         watch.take_status(number / 10, replace(IDLE_HEAD, **change), number % 15)
-    return caplog.messages
-
-
-def test_each_change_of_a_node_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    printing = {"state": State.PRINTING, "pass_mask": 1}
-    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
-        "head: idle",
-        "head: pass 2 of layer 3",
-        "head: off (enable dropped)",
-    ]
-
-
-def test_lamp_is_reported_as_on_only_while_it_is(caplog: pytest.LogCaptureFixture) -> None:
-    dry, lit = ({"node": Node.CURE, "state": State.CURING, "lamp_on": on} for on in (False, True))
-    assert logged(NodeWatch(Node.CURE), caplog, dry, lit, dry) == ["cure: curing", "cure: lamp on", "cure: curing"]
-
-
-def test_requested_steps_of_a_node_are_not_logged_again(caplog: pytest.LogCaptureFixture) -> None:
-    """Its frames come every 100 ms and miss short steps; the requester logs each of them."""
-    printing = {"state": State.PRINTING, "pass_mask": 1}
-    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
-        "head: idle",
-        "head: off (enable dropped)",
-    ]
-
-
-def test_restart_is_logged(caplog: pytest.LogCaptureFixture) -> None:
-    off = {"state": State.SAFE, "boot_count": 2}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
+    assert caplog.messages == [f"{node.lower()}: {line}" for line in lines]
 
 
 @pytest.mark.parametrize("counter", [1, 9], ids=["repeated", "jumped"])

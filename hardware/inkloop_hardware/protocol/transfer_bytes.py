@@ -1,6 +1,8 @@
-"""Bytes of a pattern on the bus: a head, then packed cells, run-length coded if that is shorter.
+"""Bytes of patterns and height maps on the bus.
 
-The bytes are described on the page of the node's services; the C side is `pattern.c`.
+A pattern is a head, then packed cells, run-length coded if that is shorter. A map is a head, signed 16-bit steps
+relative to a datum, and one bit per valid cell. The page of the node's services describes both; the C side is
+`pattern.c` and `height_map.c`.
 """
 
 from __future__ import annotations
@@ -14,9 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop.component import BoolMap, FloatMap
+from inkloop.units import NM_PER_M
+from inkloop_hardware.errors import FrameError
+
 VERSION = 1
 CELLS_MAX = 1_000_000
-_HEAD = struct.Struct(">BBHHBB")  # version, bits per cell, nx, ny, passes, 0
+_PATTERN_HEAD = struct.Struct(">BBHHBB")  # version, bits per cell, nx, ny, passes, 0
 _RUN_MIN, _RUN_MAX, _LITERAL_MAX, _RUN_OFFSET = 3, 129, 128, 126
 
 
@@ -38,7 +44,7 @@ class PatternBytes:
         _check(values, materials)
         bits = 1 if materials == 1 else 2
         planes = (values.astype(np.uint8).ravel()[:, None] >> np.arange(bits - 1, -1, -1)) & 1
-        head = _HEAD.pack(VERSION, bits, *values.shape, passes, 0)
+        head = _PATTERN_HEAD.pack(VERSION, bits, *values.shape, passes, 0)
         cells = np.packbits(planes.ravel().astype(np.uint8))
         return cls(head + cells.tobytes(), head + run_length(cells))
 
@@ -98,10 +104,10 @@ def packed(coded: bytes) -> bytes:
 
 def first_difference(left: bytes, right: bytes) -> tuple[int, int] | None:
     """The first cell (i, j) in which the plain bytes of two patterns differ; None if they do not, or in their heads."""
-    if left[: _HEAD.size] != right[: _HEAD.size] or len(left) < _HEAD.size:
+    if left[: _PATTERN_HEAD.size] != right[: _PATTERN_HEAD.size] or len(left) < _PATTERN_HEAD.size:
         return None
     bits, ny = left[1], int.from_bytes(left[4:6], "big")
-    pairs = zip(left[_HEAD.size :], right[_HEAD.size :], strict=False)
+    pairs = zip(left[_PATTERN_HEAD.size :], right[_PATTERN_HEAD.size :], strict=False)
     for at, (one, other) in enumerate(pairs):
         if one != other:
             bit = 8 * at + 8 - (one ^ other).bit_length()
@@ -111,7 +117,7 @@ def first_difference(left: bytes, right: bytes) -> tuple[int, int] | None:
 
 def plain_form(blob: bytes, coded: bool) -> bytes:
     """The plain bytes of a pattern in either form."""
-    return blob[: _HEAD.size] + packed(blob[_HEAD.size :]) if coded else blob
+    return blob[: _PATTERN_HEAD.size] + packed(blob[_PATTERN_HEAD.size :]) if coded else blob
 
 
 def _pieces(plain: bytes, first: int, end: int) -> Iterator[bytes]:
@@ -130,3 +136,40 @@ def _check(values: NDArray[Any], materials: int) -> None:
     low, high = int(values.min()), int(values.max())
     if low < 0 or high > materials:
         raise ValueError(f"a pattern with values from {low} to {high}; the head jets 0 to {materials}")
+
+
+_MAP_HEAD = struct.Struct(">BBHHHi")  # version, 0, nx, ny, nanometres per step, datum in steps
+
+
+def map_size(nx: int, ny: int) -> int:
+    """Bytes of the map of a grid."""
+    cells = nx * ny
+    return _MAP_HEAD.size + 2 * cells + (cells + 7) // 8
+
+
+def read_map(blob: bytes, nx: int, ny: int) -> tuple[FloatMap, BoolMap]:
+    """Heights [m], (nx, ny), and which of them are valid; a cell that is not has height 0.
+
+    FrameError for bytes that are no map, or the map of another grid.
+    """
+    if len(blob) < _MAP_HEAD.size:
+        raise FrameError(f"a height map of {len(blob)} bytes; its head alone has {_MAP_HEAD.size}")
+    version, _, found_nx, found_ny, nanometres, datum = _MAP_HEAD.unpack_from(blob)
+    if version != VERSION:
+        raise FrameError(f"a height map of version {version}; this inkloop reads {VERSION}; update the older side")
+    if (found_nx, found_ny) != (nx, ny):
+        raise FrameError(
+            f"a height map of {found_nx} x {found_ny} cells; the scenario has {nx} x {ny}: set the profiler to the "
+            "scenario's grid, or grid.nx and grid.ny to what it measures"
+        )
+    if len(blob) != map_size(nx, ny) or nanometres == 0:
+        raise FrameError(
+            f"a height map of {len(blob)} bytes in steps of {nanometres} nm; {nx} x {ny} cells take "
+            f"{map_size(nx, ny)} bytes and steps of at least 1 nm"
+        )
+    cells = nx * ny
+    readings = np.frombuffer(blob, ">i2", cells, _MAP_HEAD.size).astype(np.int64) + datum
+    bits = np.frombuffer(blob, np.uint8, offset=_MAP_HEAD.size + 2 * cells)
+    valid = np.unpackbits(bits, count=cells).astype(np.bool_).reshape(nx, ny)
+    step = nanometres / NM_PER_M  # a quotient: the double nearest to the step, as a sensor's parameter is
+    return np.where(valid, readings.reshape(nx, ny) * step, 0.0), valid
