@@ -37,7 +37,7 @@ from support.fmus.foreign_run import (
 )
 from support.fmus.library_symbols import declared, exports, newest_glibc, parsed
 from support.fmus.twenty_layers import HAS_QEMU, HAS_WINE, TwentyLayers
-from support.masters.six_by_six import TEXT, scenario_in
+from support.masters.loops import TEXT, scenario_in
 
 FOLDERS = {
     "2": {"linux64", "win64", "darwin64"},

@@ -57,11 +57,14 @@ def mean_over(seeds: range, name: str, variant: str = "") -> dict[str, float]:
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_scenario_names_what_to_look_at(path: Path) -> None:
+def test_scenario_names_what_to_look_at_and_every_variant_of_it_is_one(path: Path) -> None:
     comment = [line for line in path.read_text().split("title =")[0].splitlines() if line]
     assert comment
     assert all(line.startswith("#") for line in comment)
     assert "What to look at:" in " ".join(comment)
+    scenario = Scenario.load(path)
+    for variant in scenario.tables.compare:  # those that no test prints, too
+        assert scenario.variant(variant).job().nx == scenario.job().nx
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -105,14 +108,6 @@ def test_open_loop_scenario_is_the_open_loop_of_the_cylinder() -> None:
 def test_cylinder_beats_the_papers_algorithm_on_the_same_plant(seeds: range) -> None:
     ours, theirs = mean_over(seeds, "cylinder"), mean_over(seeds, "cylinder", "paper's algorithm, same plant")
     assert ours["mae"] < theirs["mae"]
-
-
-@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_every_variant_of_a_scenario_is_one(path: Path) -> None:
-    """Those that no test prints, too."""
-    scenario = Scenario.load(path)
-    for variant in scenario.tables.compare:
-        assert scenario.variant(variant).job().nx == scenario.job().nx
 
 
 def test_same_seed_prints_the_same_bits() -> None:

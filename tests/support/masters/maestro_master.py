@@ -15,8 +15,7 @@ from inkloop.exchange.ssp.command import write_folder
 from inkloop.exchange.ssp.system import System, Wire
 from inkloop.master.wiring import Transfer
 from support.masters.java_programs import MAESTRO
-from support.masters.loops import Loop
-from support.masters.six_by_six import TIME_MAX_S
+from support.masters.loops import TIME_MAX_S, Loop
 
 RESULTS = "outputs.csv"
 

@@ -16,9 +16,8 @@ from scipy.io import loadmat
 
 from inkloop.exchange.ssp import archive
 from inkloop.exchange.ssp.system import System
-from support.masters.loops import Loop
+from support.masters.loops import TIME_MAX_S, Loop
 from support.masters.other_programs import OMSIMULATOR
-from support.masters.six_by_six import TIME_MAX_S
 
 RESULTS = "results.mat"
 

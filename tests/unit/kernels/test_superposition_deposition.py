@@ -45,11 +45,6 @@ def test_height_of_a_cell_is_the_mean_of_the_cap_over_it(radius, height) -> None
         assert surface[i, j] == pytest.approx(mean, abs=1e-11 * whole)
 
 
-def test_drop_smaller_than_its_cell_stays_there() -> None:
-    (surface,) = printed(3, 3, [one_drop(3, 3)], cap_radius_a=0.49 * PITCH)
-    assert np.count_nonzero(surface) == 1
-
-
 def test_surface_is_linear_in_the_pattern_and_forgets_what_lay_there() -> None:
     rough = np.random.default_rng(1).uniform(0.0, 50e-6, (7, 6))
     first, second = np.minimum(random_patterns(7, 6, 2), 1)
