@@ -18,11 +18,10 @@ import pytest
 from fmpy import fmi2
 
 from support.examples import examples
-from support.fmus import fmu_library, fuzzed_calls, fuzzing
+from support.fmus import fmu_library, fuzzing
 from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, EVERY_FORM, OK, Driver
-from support.fmus.fmu_library import NAMES
+from support.fmus.fmu_library import DRAWN, NAMES, drawn, feed
 from support.fmus.fmu_life import EVERY_MODEL, started
-from support.fmus.fuzzed_calls import drawn, feed
 from support.long_proofs import rest_is_long
 
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
@@ -35,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def calls(folder: Path) -> Path:
-    return fuzzed_calls.calls(folder)
+    return fmu_library.calls_program(folder)
 
 
 @pytest.mark.compiled
@@ -49,7 +48,7 @@ def test_calls_follow_the_standard_or_change_nothing(name, resizable, calls, fol
         pytest.skip("this FMU has no structural parameters")
     table = folder / f"{name}-{resizable}.txt"
     fmu_library.write_table(fmu_library.shipped(model, form, folder), table, resizable=resizable)
-    inputs = drawn(name, examples(fuzzed_calls.INPUTS))
+    inputs = drawn(name, examples(DRAWN))
     counts = re.findall(r"^steps (\d+) layers (\d+) refusals (\d+)$", feed(calls, table, inputs), re.MULTILINE)
     steps, layers, refusals = np.array(counts, int).sum(axis=0)
     assert len(counts) == len(inputs)

@@ -16,10 +16,9 @@ from pathlib import Path
 import pytest
 
 from support.compiled import sanitizer_libraries
-from support.fmus import fmu_library, fuzzed_calls
+from support.fmus import fmu_library
 from support.fmus.fmu_driver import MODELS
-from support.fmus.fmu_library import FORMS, JOB, NAMES, Library
-from support.fmus.fuzzed_calls import drawn, feed
+from support.fmus.fmu_library import FORMS, JOB, NAMES, Library, drawn, feed
 from support.places import ROOT
 
 pytestmark = [
@@ -104,7 +103,7 @@ def test_loops_without_clones_are_clean_too(model, flags, lives, tmp_path) -> No
 @pytest.mark.parametrize("name", NAMES)
 def test_fuzzed_calls_leave_no_memory_behind(name, checked, tmp_path) -> None:
     feed(
-        fuzzed_calls.calls(tmp_path, ADDRESS),
+        fmu_library.calls_program(tmp_path, ADDRESS),
         fmu_library.write_table(checked[name], tmp_path / "table.txt"),
         drawn(name),
     )

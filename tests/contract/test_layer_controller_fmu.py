@@ -5,37 +5,21 @@ tests/property/test_controller_twins.py compares both on random jobs, options an
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from inkloop.component import Component, Ink, Job, Status
+from inkloop.component import Ink, Status
 from inkloop.components import catalog
 from inkloop.errors import ComponentError
-from inkloop.geometry import PipeJunction
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
-from support.closed_loop import SECOND, block, inputs_of, print_part
+from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import DISCARD, ERROR, EVERY_FORM, OK, Driver
 from support.small_block import assert_same_layers, printed
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
-
-
-def twins(job: Job, options: dict[str, Any]) -> tuple[Component, Component]:
-    """The Python controller with options, and the FMU with the same ones."""
-    return catalog.make("LayerMpc", job, options), catalog.make("LayerController", job, options)
-
-
-def assert_same_print(one: Component, other: Component, job: Job) -> int:
-    """The number of layers of a print of 20 % variation, which must be the same by both."""
-    first, second = (print_part(controller, job, variation=0.2) for controller in (one, other))
-    np.testing.assert_array_equal(first.patterns, second.patterns)
-    for name in first.outputs.keys() - OF_PYTHON_ALONE:
-        np.testing.assert_array_equal(first.outputs[name], second.outputs[name], err_msg=name)
-    return len(first.patterns)
 
 
 def planned_ahead(controller: Any) -> tuple[bool, int]:
@@ -49,7 +33,8 @@ def planned_ahead(controller: Any) -> tuple[bool, int]:
 def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
     job, options = block(13, 12, height=25e-6), {"annealing_sweeps": 1, "adapt_ink": "off"}
     plant = LayerModel((Ink(3.2e-6, 0.9e-6, 0.2e-6),))
-    controllers, height, ahead = twins(job, options), np.zeros((13, 12)), set()
+    controllers = [catalog.make(kind, job, options) for kind in ("LayerMpc", "LayerController")]
+    height, ahead = np.zeros((13, 12)), set()
     for controller in controllers:
         controller.initialize(0, inputs_of(job, height, 0))
     for layer in range(20):
@@ -69,19 +54,6 @@ def test_plans_on_a_plant_of_other_droplets_look_less_far_ahead_alike() -> None:
 @EVERY_FORM
 def test_every_form_prints_the_same_layers_in_our_master(form: str) -> None:
     assert_same_layers(printed(controller=("LayerController", {"fmi": form})), printed())
-
-
-@EVERY_FORM
-def test_alpha_and_the_time_limit_can_be_tuned_between_steps_and_nothing_else(form: str) -> None:
-    with Driver("LayerController", form, 8, 7).start({"layers_scanned": 0, "is_timed": False, "horizon": 3}) as fmu:
-        saved = fmu.save()
-        assert fmu.step(0.0) == OK
-        assert fmu.set("horizon", 2) == ERROR
-        heights = fmu.get("objective")
-        assert fmu.restore(saved) == OK
-        assert max(fmu.set("alpha", 0.5), fmu.set("time_limit", 10.0), fmu.step(0.0)) == OK
-        assert fmu.get("objective") == pytest.approx(0.5 * fmu.get("objective_error"), rel=0.1, abs=0.0)
-        assert fmu.get("objective") < 0.7 * heights
 
 
 @EVERY_FORM
@@ -139,26 +111,6 @@ def test_first_scan_without_a_reading_is_refused_and_changes_nothing(form: str) 
         assert fmu.save() == before
         if form != "fmi2":
             assert "scan 0, the first one, has readings on less than 2 %" in fmu.messages[-1]
-
-
-TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-
-
-def pipes(**fields: Any) -> Job:
-    """A small junction of two pipes in a block: on some cells the first ink belongs at two intervals of height."""
-    walls = PipeJunction(10 * 1e-4, 10 * 1e-4, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
-    job = block(20, 20, height=60e-6, inks=TWO_INKS, region=walls, **fields)
-    return replace(job, pitch=1e-4)
-
-
-def test_two_inks_on_a_grey_head_in_four_passes_are_those_of_the_python_controller() -> None:
-    job, options = pipes(passes=4), {"drop_levels": 3, "adapt_ink": "full", "horizon": 1, "annealing_sweeps": 1}
-    assert assert_same_print(*twins(job, options), job) > 3
-
-
-def test_second_ink_without_a_region_is_never_jetted() -> None:
-    job = block(inks=TWO_INKS)
-    assert assert_same_print(*twins(job, {"annealing_sweeps": 5}), job) > 3
 
 
 def test_commands_count_from_the_layers_that_are_printed() -> None:

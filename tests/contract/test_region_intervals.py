@@ -122,17 +122,6 @@ def ink_of(pattern: Any, i: int, j: int) -> int:
     return 1 + int(np.argmax(shares))
 
 
-def test_controller_that_lacks_an_interval_plans_another_print(scenario: Path) -> None:
-    """The test above can fail: what it compares depends on every interval."""
-    job = Scenario.load(scenario).job()
-    assert isinstance(job.region, Columns)
-    for lacking in range(5):
-        sheet = Columns.of_shape(Sheets([FIVE.bottoms[lacking]], 6.1e-6, 2e-3), 9, 8, job.pitch)
-        less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, job.region - sheet)
-        at = np.full((9, 8), FIVE.bottoms[lacking])
-        assert (ink_choices(less, "middle", at, 1) != ink_choices(job, "middle", at, 1)).any()
-
-
 @pytest.mark.parametrize("region", [PIPES, Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6), FIVE])
 def test_maps_of_a_region_hold_the_heights_that_it_contains(region: Any) -> None:
     columns = Columns.of_shape(region, 20, 20, 1e-4)

@@ -3,10 +3,10 @@
 #ifndef INKLOOP_FUZZ_VERSION_CALLS_H
 #define INKLOOP_FUZZ_VERSION_CALLS_H
 
-#include <dlfcn.h>
 #include <string.h>
 
 #include "fmu.h"
+#include "shared_library.h"
 
 #define POINTER(Name) TYPE(Name) * Name;
 static struct {
@@ -14,7 +14,7 @@ static struct {
 } call;
 
 static bool found(void *library, const char *name, void *pointer) {
-    void *function = dlsym(library, name);
+    const Symbol function = symbol_of(library, name);
     memcpy(pointer, &function, sizeof function);
     return function != NULL;
 }

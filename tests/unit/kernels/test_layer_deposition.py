@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from support.fmus.fmu_driver import ERROR, OK, Driver, random_patterns
 from support.numpy import lu_numpy
@@ -34,50 +32,12 @@ def test_line_follows_the_formulas_of_section_iii_c() -> None:
     assert np.abs(line[2][0] - second).max() <= 1e-12 * H1
 
 
-@pytest.mark.parametrize("layers", [1, 2, 3, 4, 5, 6])
-def test_edge_shrinks_over_as_many_points_as_layers(layers) -> None:
-    line = printed(1, 21, [1] * layers, h3_a=0.0)[-1][0]
-    lower = line < layers * (H1 + 2 * H2) - 1e-12
-    assert lower[:10].sum() == layers
-    assert lower[:layers].all()
-
-
 def test_four_layers_of_the_9_by_9_cuboid() -> None:
     """Recorded: 27.343 29.592 30.273 30.391 30.4 um along the middle row, 24.536 um at the corners."""
     surface = printed(9, 9, [1] * 4)[-1] * 1e6
     row = [27.343, 29.592, 30.273, 30.391, 30.4]
     assert surface[4] == pytest.approx([*row, *row[3::-1]], abs=6e-4)
     assert surface[[0, 0, -1, -1], [0, -1, 0, -1]] == pytest.approx([24.536] * 4, abs=6e-4)
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 2**31), st.floats(0.0, 50e-6))
-def test_interior_droplet_always_adds_its_full_height(seed, roughness) -> None:
-    start = np.random.default_rng(seed).uniform(0.0, roughness, (7, 6))
-    pattern = np.zeros((7, 6), dtype=np.int32)
-    pattern[1:-1, 1:-1] = np.random.default_rng(seed + 1).integers(0, 3, (5, 4))
-    before, after = printed(7, 6, [pattern], height_start=start)
-    assert (after - before).sum() == pytest.approx((pattern > 0).sum() * FULL, rel=1e-9, abs=1e-20)
-
-
-def test_flat_surface_grows_by_a_fixed_stencil() -> None:
-    pattern = np.zeros((5, 5), dtype=np.int32)
-    pattern[2, 2] = 1
-    surface = printed(5, 5, [pattern], height_start=17e-6)[-1] - 17e-6
-    stencil = np.array([[H3, H2, H3], [H2, H1, H2], [H3, H2, H3]])
-    assert surface[1:4, 1:4] == pytest.approx(stencil, rel=1e-9, abs=0.0)
-    assert np.abs(surface).sum() == pytest.approx(stencil.sum(), rel=1e-9, abs=0.0)
-
-
-def test_what_leaves_over_the_open_edge_is_counted() -> None:
-    pitch = 2e-4
-    with Driver("LayerDeposition", nx=4, ny=7).start({"pitch": pitch}) as fmu:
-        for pattern in random_patterns(4, 7, 5):
-            fmu.print_layer(pattern)
-        droplets = fmu.get("droplets_a") + fmu.get("droplets_b")
-        left = fmu.get("volume_lost")
-        assert left > 0.0
-        assert fmu.get("height").sum() + left / pitch**2 == pytest.approx(droplets * FULL, rel=1e-12, abs=0.0)
 
 
 def drawn(kind: int, layers: int = 3, **more):
@@ -104,33 +64,6 @@ def test_each_kind_of_variation_draws_what_it_says() -> None:
     other = drawn(1, variation=0.4, seed=2)
     assert abs(np.corrcoef(droplet.ravel(), other.ravel())[0, 1]) < 0.3
     assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * droplet, rel=1e-9, abs=0.0)
-
-
-def test_droplet_of_several_drops_is_an_ink_of_so_many_heights() -> None:
-    patterns = random_patterns(7, 6, 4)
-    scaled = {f"h{k + 1}_{letter}": 3 * height for letter in "ab" for k, height in enumerate(lu_numpy.INK)}
-    three = printed(7, 6, patterns, drop_level=3)
-    assert three[-1] == pytest.approx(printed(7, 6, patterns, **scaled)[-1], rel=1e-12, abs=0.0)
-    np.testing.assert_array_equal(printed(7, 6, patterns, drop_level=0), np.zeros((5, 7, 6)))
-
-
-def test_drops_are_counted_one_by_one() -> None:
-    pattern = np.array([[1, 1, 2], [0, 2, 1]], dtype=np.int32)
-    with Driver("LayerDeposition", nx=2, ny=3).start({"drop_level": [[2, 0, 255], [7, 1, 1]]}) as fmu:
-        fmu.print_layer(pattern)
-        assert (fmu.get("droplets_a"), fmu.get("droplets_b")) == (3, 256)
-
-
-def test_roller_leaves_no_cell_above_its_height_and_counts_what_it_cuts() -> None:
-    pitch, step = 2e-4, 6e-6
-    with Driver("LayerDeposition", nx=8, ny=7).start({"pitch": pitch, "roller_step": step, "variation": 0.1}) as fmu:
-        for number in range(1, 6):
-            surface = fmu.print_layer(1)
-            assert surface.max() == number * step
-        factor = sum(lu_numpy.factors((8, 7), number, seed=0, variation=0.1).sum() for number in range(1, 6))
-        gone = (fmu.get("volume_lost") + fmu.get("volume_removed")) / pitch**2
-        assert fmu.get("volume_removed") > 0.0
-        assert surface.sum() + gone == pytest.approx(factor * FULL, rel=1e-12, abs=0.0)
 
 
 def test_roller_counts_layers_from_its_datum_on_also_in_a_resumed_print() -> None:
@@ -164,12 +97,6 @@ def test_every_neighbour_within_reach_takes_its_share_by_the_same_rule(reach, nx
         assert fmu.get("volume_lost") == pytest.approx(lost * 263.256e-6**2, rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize("reach", [2, 3])
-def test_longer_reach_without_shares_is_the_reach_of_one(reach) -> None:
-    patterns = random_patterns(7, 6, 4)
-    assert printed(7, 6, patterns, reach=reach)[-1] == pytest.approx(printed(7, 6, patterns)[-1], rel=1e-13, abs=0.0)
-
-
 def test_shares_beyond_the_reach_change_nothing() -> None:
     patterns = random_patterns(7, 6, 4)
     near = {f"h{k}_{letter}": 9e-6 for letter in "ab" for k in range(4, 11)}
@@ -178,18 +105,6 @@ def test_shares_beyond_the_reach_change_nothing() -> None:
     np.testing.assert_array_equal(
         printed(7, 6, patterns, reach=2, **far_heights()), printed(7, 6, patterns, reach=2, **second)
     )
-
-
-@pytest.mark.parametrize(("variation", "mean_um"), [(0.2, 53 * 7.6 * 0.9), (0.4, 53 * 7.6 * 0.8)])
-def test_open_loop_print_falls_short_by_the_mean_of_the_factors(variation, mean_um) -> None:
-    """Mean height of 53 layers is 53 x 7.6 um times the mean factor 1 - p / 2, to 4 standard errors."""
-    with Driver("LayerDeposition", nx=20, ny=20).start({"variation": variation}) as fmu:
-        for _ in range(53):
-            fmu.print_layer(1)
-        lost = fmu.get("volume_lost") / 263.256e-6**2
-        mean = (fmu.get("height").sum() + lost) / 400 * 1e6
-    standard_error = 53 * 7.6 * variation / np.sqrt(12 * 53 * 400)
-    assert abs(mean - mean_um) < 4 * standard_error
 
 
 def test_print_continues_where_another_ended() -> None:

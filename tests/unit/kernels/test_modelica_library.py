@@ -16,9 +16,8 @@ import pymoca.parser
 import pytest
 import rumoca
 
-from support.fmus.jmodelica import JMODELICA
-from support.fmus.jmodelica import MODELS as RUNNING
 from support.fmus.modelica_library import (
+    JMODELICA,
     LIBRARY,
     REFERENCE_MODELS,
     comparison_signals,
@@ -28,6 +27,7 @@ from support.fmus.modelica_library import (
     simulate,
     stop_time,
 )
+from support.fmus.modelica_library import MODELS as RUNNING
 from support.long_proofs import rest_is_long
 
 FILES = {path: path.read_text() for path in sorted(LIBRARY.rglob("*.mo"))}
@@ -133,26 +133,6 @@ def test_links_of_the_documentation_lead_to_a_class() -> None:
     ]
 
 
-def names_of_the_fmus() -> set[str]:
-    """Variables, types and their values in the definitions of all FMUs."""
-
-    def words(part: object) -> set[str]:
-        if not isinstance(part, dict):
-            return set()
-        return set(part) | {word for value in part.values() for word in words(value)}
-
-    files = (LIBRARY.parents[1] / "fmus").glob("*/variables.toml")
-    return {word for file in files for word in words(tomllib.loads(file.read_text()))}
-
-
-def test_only_what_an_fmu_has_too_bears_a_name_with_underscores() -> None:
-    known = names_of_the_fmus() | {"ink_a", "ink_b"}  # records of h1_a, h2_a, h3_a and of those of b
-    code = {path: re.sub(STRING, "", text) for path, text in FILES.items()}
-    found = {name for text in code.values() for name in re.findall(r"\b[A-Za-z]\w*_\w*\b", text)}
-    assert len(found) > 30
-    assert sorted(found - known) == []
-
-
 def test_types_have_the_quantities_and_units_of_the_standard_library() -> None:
     """Modelica.Units.SI 4.0: Length, Area, Volume, Time and Angle, so that variables of both connect."""
     pairs = re.compile(r'final quantity="(\w+)", final unit="(\w+)"')
@@ -164,22 +144,6 @@ def inherited_icon(path: Path) -> str:
     """The class of Icons that a class extends."""
     found = re.search(r"^  extends (?:Icons\.)?(\w+);", FILES[path], re.MULTILINE)
     return found[1] if found else ""
-
-
-def test_packages_have_the_icons_by_which_browsers_distinguish_them() -> None:
-    """By the names of Modelica.Icons."""
-    icons = {
-        "Examples": "ExamplesPackage",
-        "Validation": "ExamplesPackage",
-        "Interfaces": "InterfacesPackage",
-        "Sensors": "SensorsPackage",
-        "Functions": "FunctionsPackage",
-        "Types": "TypesPackage",
-        "Icons": "IconsPackage",
-        "UsersGuide": "Information",
-        "Examples/BaseClasses": "BasesPackage",
-    }
-    assert {name: inherited_icon(LIBRARY / name / "package.mo") for name in icons} == icons
 
 
 def test_every_file_is_modelica() -> None:
