@@ -19,7 +19,7 @@ from support import prints
 from support.benches.bench_run import FMUS, assert_same_print, emulated
 from support.long_proofs import rest_is_long
 from support.places import SCENARIOS as FOLDER
-from support.prints import overrides_of, quick_cuboid
+from support.prints import overrides_of
 
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
 WHOLE = (
@@ -110,13 +110,6 @@ def test_cylinder_beats_the_papers_algorithm_on_the_same_plant(seeds: range) -> 
     assert ours["mae"] < theirs["mae"]
 
 
-def test_same_seed_prints_the_same_bits() -> None:
-    scenario = Scenario.load(quick_cuboid())
-    first, second = print_part(scenario).dataset, print_part(scenario).dataset
-    for name in ("height", "pattern", "measured_height"):
-        np.testing.assert_array_equal(first[name], second[name])
-
-
 def test_two_inks_stay_where_the_part_puts_them() -> None:
     """Cells as wide as these leave a tenth of the walls to the wrong ink, with any controller."""
     closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
@@ -130,16 +123,6 @@ def test_noise_of_the_sensor_is_filtered_out() -> None:
     filtered, exact = printed("noisy-sensor", 1).metrics(), printed("cylinder", 1).metrics()
     assert abs(filtered["mean_error"]) < 0.3e-6
     assert filtered["std"] < 1.3 * exact["std"]
-
-
-@pytest.mark.long
-def test_controller_that_takes_scans_as_exact_ends_uneven() -> None:
-    """Also in tests/reference/test_noisy_cylinder.py, in a print of fewer layers ahead."""
-    filtered, taken = (
-        printed("noisy-sensor", 1, variant, as_shipped=True).metrics() for variant in ("", "scans taken as exact")
-    )
-    assert taken["std"] > 2 * filtered["std"]
-    assert taken["mae"] > 2 * filtered["mae"]
 
 
 def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:
