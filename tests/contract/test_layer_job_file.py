@@ -97,6 +97,10 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     ),
     "longer": (lambda c: summed(c + bytes(8)), "its sections do not fill it"),
     "a section short": (lambda c: summed(c[: c.index(b"LayerController")]), "its sections do not fill it"),
+    "two values of a number": (
+        lambda c: summed(changed(c, HEAD + SECTION + 8, struct.pack("<Q", 2))),
+        "a parameter has the wrong number or size",
+    ),
     "a value out of range": (
         lambda c: summed(changed(c, HEAD + SECTION + 16, struct.pack("<d", -1.0))),
         "layer_period is -1; expected a finite number not below 1e-06",

@@ -156,14 +156,14 @@ def test_inks_of_a_surface_are_those_of_the_region_there(test: Any) -> None:
 
 
 def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:
-    """Three maps that overlap are the one interval that they cover together; a map without one changes nothing."""
+    """Four maps that overlap, one within another, are the one interval that they cover; a map without one is none."""
     chosen = {"inks": 2, "has_region": True, "layers_scanned": 0, "measured_height": 6e-6, "horizon": 1}
-    ends = {"region_bottom": [8e-6, 1.0, 2e-6, 5e-6], "region_top": [20e-6, -1.0, 6e-6, 9e-6]}
+    ends = {"region_bottom": [8e-6, 1.0, 2e-6, 5e-6, 8.5e-6], "region_top": [20e-6, -1.0, 6e-6, 9e-6, 9e-6]}
     patterns = []
-    for intervals in (4, 1):
+    for intervals in (5, 1):
         with Driver("LayerController") as fmu:
             assert fmu.resize(9, 9, intervals) == OK
-            whole = ends if intervals == 4 else {"region_bottom": [2e-6], "region_top": [20e-6]}
+            whole = ends if intervals == 5 else {"region_bottom": [2e-6], "region_top": [20e-6]}
             maps = {name: np.reshape(values, (intervals, 1, 1)) for name, values in whole.items()}
             assert fmu.start(chosen | maps).step(0.0) == OK
             patterns.append(fmu.get("pattern"))
