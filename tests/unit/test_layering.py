@@ -38,7 +38,7 @@ BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloo
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
-    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
+    *(f"inkloop.report.{name}" for name in ("layer_curves", "error_maps")),
     "inkloop_lab",
     "inkloop.exchange.job.target_picture",
     "inkloop_controller.planning.layer_plan",
@@ -51,6 +51,7 @@ DOORS = {
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
+    "odxtools": tuple(f"inkloop_hardware.protocol.odx_{name}" for name in ("file", "services", "values")),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.cluster",)),
     "optuna": ("inkloop_lab.sweep.optimise",),
