@@ -32,7 +32,7 @@ typedef enum {
 typedef struct {
     WorkKind kind;
     bool dry;               /* move without jetting */
-    uint8_t colour;         /* WORK_JET: jet the cells of this colour (fmus/deposition/cell_colour.h), 255: all */
+    uint8_t colour;         /* WORK_JET: jet the cells of this colour (fmus/deposition/pass_colour.h), 255: all */
     uint8_t station;        /* WORK_MOVE: 0 home, 1 print, 2 cure, 3 scan */
     uint16_t layer;         /* counted from 1 */
     const Pattern *pattern; /* WORK_JET */
