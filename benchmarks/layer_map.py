@@ -13,8 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.timing import scaled
-from inkloop_lab.models.grid_arrays import integers, reals
-from inkloop_lab.models.library import HEIGHT_COUNT, FarInkStruct, library
+from inkloop_lab.models.library import HEIGHT_COUNT, FarInkStruct, integers, library, reals
 from support.numpy.lu_numpy import INK, one_pass
 
 SIDES = (100, 500, 1000, 2048)

@@ -54,7 +54,7 @@ DOORS = {
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.sites",)),
     "optuna": ("inkloop_lab.sweep.plan",),
-    "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "spaces", "target_offset")),
+    "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "freed_scenario", "target_offset")),
     "skfem": ("inkloop_lab.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": tuple(f"inkloop.report.page.{name}" for name in ("page", "charts", "curves")),

@@ -21,10 +21,9 @@ from inkloop.results.metrics import surface_error
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S, UM_PER_M
-from inkloop_lab.environment.freed_scenario import FreedScenario
+from inkloop_lab.environment.freed_scenario import FreedScenario, spaces
 from inkloop_lab.environment.surface_frame import frame
-from inkloop_lab.policies.controller_policy import ControllerPolicy
-from inkloop_lab.policies.policy import ActionCode, Observation, PolicyController, observation_of
+from inkloop_lab.policies.policy import ActionCode, ControllerPolicy, Observation, PolicyController, observation_of
 
 if TYPE_CHECKING:
     import gymnasium
@@ -81,9 +80,7 @@ class LayerEnv(Env):
         self._scenario = self._freed.seeded(self._freed.own.tables.seed)
         job = self.job
         self._code = ActionCode((job.nx, job.ny), len(job.inks), self._freed.drop_levels)
-        from inkloop_lab.environment.spaces import action_space, observation_space
-
-        self.observation_space, self.action_space = observation_space(self._code.shape), action_space(self._code)
+        self.observation_space, self.action_space = spaces(self._code)
         self._turns: Turns | None = None
         self._inputs: Values = {}
         self._action = _Action(np.zeros(self._code.shape, np.int32))

@@ -7,12 +7,10 @@ import pytest
 
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.expected_increments import expected_rates, expected_share
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
-from inkloop_lab.identify.print_record import noise_of
-from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.print_record import IdentificationError, noise_of, record_of
 from inkloop_lab.identify.surface_filter import start_surface
 from inkloop_lab.models import LayerDeposition, YoungLaplaceDeposition
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH

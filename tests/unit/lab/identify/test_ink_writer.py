@@ -13,8 +13,7 @@ import pytest
 import tomlkit
 
 from inkloop_lab.identify.candidates import conserving
-from inkloop_lab.identify.cross_validation import Comparison
-from inkloop_lab.identify.identification import Identification
+from inkloop_lab.identify.identification import Comparison, Identification
 from inkloop_lab.identify.ink_regression import InkEstimate
 from inkloop_lab.identify.ink_writer import write_ink
 from inkloop_lab.identify.one_step import Score

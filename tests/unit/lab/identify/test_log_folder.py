@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.log_folder import read_log
+from inkloop_lab.identify.print_record import IdentificationError
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition
 from support.logged_print import CELL, PITCH, log, made_up, random_layers
 

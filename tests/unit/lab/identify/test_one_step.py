@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.cross_validation import compare
+from inkloop_lab.identify.identification import compare
 from inkloop_lab.identify.one_step import near_droplets, predictions, rms, score
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.models import VolumeAreaDeposition
 from support.logged_print import made_up
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import xarray
 
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.print_record import IdentificationError, record_of
 
 PROCESS = '[process]\npasses = 4\npass_order = "diagonal"\npass_rotation = 3\n'
 SHAPE = ("layer", "x", "y")

@@ -25,8 +25,7 @@ from inkloop_lab.reproduce import (
 )
 from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
 from inkloop_lab.reproduce.finite_elements import solve, triangles
-from inkloop_lab.reproduce.hume_rosen import time_scales
-from inkloop_lab.reproduce.liquid import Liquid
+from inkloop_lab.reproduce.line_on_a_step import Liquid, time_scales
 from support.long_proofs import rest_is_long
 
 

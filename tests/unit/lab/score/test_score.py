@@ -19,11 +19,12 @@ from inkloop_lab.score.board import (
     OURS,
     Score,
     fingerprint,
+    identified,
     load,
     prints,
     relative,
+    single_droplet,
 )
-from inkloop_lab.score.known_inks import identified, single_droplet
 from support.long_proofs import rest_is_long
 
 
