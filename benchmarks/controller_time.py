@@ -18,9 +18,8 @@ from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
-from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.criterion import Criterion, Work
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.work import Work
 
 CYLINDER = SCENARIOS / "cylinder.toml"
 VARIATION = 0.2  # of each droplet, at most

@@ -17,8 +17,7 @@ from benchmarks.timing import scaled
 from inkloop.component import FloatMap, Ink
 from inkloop.units import UM_PER_M
 from inkloop_controller.core import bindings
-from inkloop_controller.model.starts import full_layers
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, full_layers
 from support.core_search import search
 
 SIDES = (20, 500, 2048)

@@ -15,13 +15,13 @@ from rich.table import Table
 from benchmarks.timing import scaled
 from inkloop.component import FloatMap, Job
 from inkloop.units import NS_PER_S
-from inkloop_controller.baselines.planners import nominal_layer_height
+from inkloop_controller.baseline_planners import nominal_layer_height
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Work
 
 SCANS = 50
 LIMITS_S = {100: 0.02, 300: 0.1, 1000: 0.8, 2048: 4.0}

@@ -15,14 +15,12 @@ from inkloop.geometry import contained
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.model.layer_problems import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import IntPlan
-from inkloop_controller.problem.work import DEFAULT_WORK, Work
+from inkloop_controller.problem.criterion import DEFAULT_WORK, Criterion, Work
+from inkloop_controller.problem.horizon_problem import IntPlan, full_layers, no_droplets
 from support.examples import examples
 from support.numpy.plan_starts_numpy import best_of, shifted
 from support.problem_plans import best_plan

@@ -45,7 +45,7 @@ PLOTS = (
 )
 DOORS = {
     "fmpy": ("inkloop.fmu",),
-    "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
+    "casadi": ("inkloop_controller.program",),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),

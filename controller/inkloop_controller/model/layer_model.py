@@ -13,7 +13,7 @@ from inkloop_controller.core import bindings
 from inkloop_controller.problem.horizon_problem import IntMap
 
 if TYPE_CHECKING:
-    from inkloop_controller.model.symbolic_layer import Symbolic
+    from inkloop_controller.program.statement import Symbolic
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class LayerModel:
 
     def symbolic(self, H: Symbolic, U: Symbolic, material: IntMap | None = None) -> Symbolic:
         """The same map in CasADi for one pass: H (nx, ny) [m], U (nx, ny) relaxed to 0..1, material of each cell."""
-        from inkloop_controller.model.symbolic_layer import symbolic_layer
+        from inkloop_controller.program.statement import symbolic_layer
 
         if self.passes != 1:
             raise ValueError(f"passes is {self.passes}; the symbolic map is written for one pass")

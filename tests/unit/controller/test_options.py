@@ -13,8 +13,18 @@ from inkloop.components.fmu_parameters import options_of_controller_fmu
 from inkloop.testing import job
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, on_doubt_option
-from inkloop_controller.problem.options import Keyword, Option, arguments, declared, default, errors_of, keywords
-from inkloop_controller.problem.variables import Variable, options, variables
+from inkloop_controller.problem.options import (
+    Keyword,
+    Option,
+    Variable,
+    arguments,
+    declared,
+    default,
+    errors_of,
+    keywords,
+    options,
+    variables,
+)
 
 CLASSES = (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator, on_doubt_option)
 OF_THE_JOB = {

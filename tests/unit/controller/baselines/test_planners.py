@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
-from inkloop_controller.baselines.planners import StochasticGreedy
+from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, StochasticGreedy
 from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
 from inkloop_controller.core.bindings import paper_search
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.layer_model import ink_maps
-from inkloop_controller.model.starts import full_layers
 from inkloop_controller.planning.layer_plan import PlanStatus
+from inkloop_controller.problem.horizon_problem import full_layers
 from support.closed_loop import block, cylinder, print_part
 from support.long_proofs import rest_is_long
 

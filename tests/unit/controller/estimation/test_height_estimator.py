@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.estimate_figures import EstimateFigures
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
@@ -60,20 +59,6 @@ def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_take
     exact, _, scan = printed(job, HeightEstimator(job), 8, 0.0)
     assert exact.figures.noise_std < 1e-9
     np.testing.assert_allclose(exact.height, scan, rtol=0.0, atol=1e-7)
-
-
-def test_noise_learnt_so_far_is_kept_where_a_scan_shows_no_unprinted_cells() -> None:
-    job = cylinder()
-    estimator = HeightEstimator(job)
-    estimate, _, scan = printed(job, estimator, 4, 1e-6)
-    blind = estimator.next(estimate, job.mask.astype(np.int32), 5, scan, job.mask)
-    assert blind.figures.noise_std == estimate.figures.noise_std > 0.0
-
-
-def test_steps_of_readings_are_noise_at_least() -> None:
-    job = cylinder()
-    exact, *_ = printed(job, HeightEstimator(job, sensor_resolution=1e-6), 3, 0.0)
-    assert exact.figures.noise_std == pytest.approx(1e-6 / np.sqrt(12.0), rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize("common", [0.5, 1.0])
@@ -244,26 +229,6 @@ def test_state_that_is_none_is_refused() -> None:
     exact = Estimate.exact(np.zeros((20, 20)), (Ink(),))
     with pytest.raises(ValueError, match="has no state; needs one"):
         estimator.next(exact, none, 1, exact.height, seen)
-
-
-def test_nothing_is_learnt_and_all_is_trusted_of_an_exact_surface() -> None:
-    inks = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-    exact = Estimate.exact(np.ones((4, 3)), inks)
-    assert exact.figures == EstimateFigures()
-    assert not exact.figures.reasons
-    assert exact.inks == inks
-    for nothing in (exact.dead, exact.capped, exact.height_variance):
-        assert not nothing.any()
-
-
-def test_estimate_before_is_left_as_it_was() -> None:
-    job = block(20, 20)
-    estimator = HeightEstimator(job)
-    estimate, surface, _ = printed(job, estimator, 3, 1e-6)
-    before = {name: value.copy() for name, value in estimate.state.items()}
-    estimator.next(estimate, job.mask.astype(np.int32), 4, surface, np.ones(job.mask.shape, np.bool_))
-    for name, value in estimate.state.items():
-        np.testing.assert_array_equal(value, before[name], err_msg=name)
 
 
 def test_all_errors_of_the_options_are_reported_at_once() -> None:

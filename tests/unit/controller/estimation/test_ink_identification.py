@@ -124,14 +124,6 @@ def test_drift_and_tilt_of_the_sensor_are_not_taken_for_ink() -> None:
     np.testing.assert_allclose(bench.estimate.height, bench.height, rtol=0.0, atol=1e-8)
 
 
-def test_noise_moves_the_ink_little() -> None:
-    """A micrometre leaves the datum of each scan unsure."""
-    bench = Bench(block(34, 34), (Ink(),), "scale", noise_std=1e-6)
-    found = [bench.print(bench.full_pattern()).ink_scale for _ in range(20)]
-    assert np.abs(np.subtract(found, 1.0)).max() < 0.08
-    assert np.mean(found) == pytest.approx(1.0, abs=0.02)
-
-
 def test_drifting_ink_is_followed() -> None:
     bench = Bench(block(30, 30), (Ink(),), "scale")
     for layer in range(40):
@@ -147,22 +139,6 @@ def test_nothing_is_learnt_where_nothing_is_printed(model: InkModel) -> None:
     for _ in range(5):
         found = bench.print(np.zeros(bench.height.shape, np.int32)).inks
         np.testing.assert_allclose([shares(*pair) for pair in zip(found, learnt, strict=True)], 1.0, atol=1e-9)
-
-
-def test_few_droplets_move_the_ink_little() -> None:
-    bench = Bench(block(20, 20), (scaled(0.85),), "scale", noise_std=1e-6)
-    for _ in range(3):
-        bench.print(bench.full_pattern())
-    before, pattern = bench.estimate.ink_scale, np.zeros(bench.height.shape, np.int32)
-    pattern[10, 5:8] = 1
-    for _ in range(5):
-        bench.print(pattern)
-    assert bench.estimate.ink_scale == pytest.approx(before, abs=0.03)
-
-
-def test_nominal_ink_is_kept_on_request() -> None:
-    bench = Bench(block(20, 20), (scaled(0.8),), "off")
-    assert bench.print(bench.full_pattern()).inks == bench.job.inks
 
 
 @pytest.mark.parametrize(("volume", "stops"), [(0.4, True), (0.55, False), (1.2, False), (1.5, True)])

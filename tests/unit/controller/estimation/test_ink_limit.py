@@ -66,12 +66,6 @@ def test_cells_are_capped_from_where_the_least_droplets_would_build_more_than_a_
     assert expected.any()
 
 
-def test_cell_that_shows_the_least_of_what_its_droplets_brought_is_reported() -> None:
-    estimate, height = estimates(3)[-1]
-    assert estimate.figures.excess_cell == OUTSIDE[0] * JOB.ny + OUTSIDE[1]
-    assert 0.5 * height[OUTSIDE] < estimate.figures.excess < 1.01 * height[OUTSIDE]
-
-
 @pytest.mark.parametrize("layer", [0, 1])
 def test_cell_higher_than_its_target_is_a_reason_and_none_is_capped(layer: int) -> None:
     estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False, flat_ground=False)

@@ -211,25 +211,6 @@ def test_sensor_in_register_is_not_corrected(sensor: Sensor) -> None:
         assert not any(estimate.figures.is_displaced for estimate in estimates)
 
 
-def test_sensor_in_register_is_not_corrected_on_a_large_part() -> None:
-    estimates, _ = estimated(block(200, 180, height=100e-6), Sensor(noise=0.3e-6), 3)
-    assert not any(estimate.figures.is_displaced for estimate in estimates)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.3e-6])
-def test_looking_for_a_displacement_costs_a_sensor_in_register_nothing(noise: float) -> None:
-    looked, heights = estimated(small_cylinder(), Sensor(noise=noise), 12)
-    plain, _ = estimated(small_cylinder(), Sensor(noise=noise), 12, register_scans=False)
-    one, other = (np.sqrt(np.mean((each[-1].height - heights[-1]) ** 2)) for each in (looked, plain))
-    assert one < 1.2 * other + 1e-8
-
-
-def test_nothing_is_found_where_nothing_is_looked_for() -> None:
-    estimates, _ = estimated(small_cylinder(), Sensor((0.4, 0.0), noise=0.3e-6), 6, register_scans=False)
-    assert not any(estimate.figures.is_displaced for estimate in estimates)
-    assert all(estimate.figures.shift_x == 0.0 for estimate in estimates)
-
-
 def test_scans_of_a_flat_surface_show_no_displacement() -> None:
     job = block(14, 13, height=30e-6)
     seen, nothing = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape, np.int32)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.baselines.planners import nominal_layer_height
+from inkloop_controller.baseline_planners import nominal_layer_height
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.layer_problems import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from support.closed_loop import block

@@ -10,7 +10,6 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.planning.layer_plan import surface_objective
 from support.numpy import lu_numpy
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -55,17 +54,6 @@ def test_symbolic_map_is_the_layer_map(shape: tuple[int, int]) -> None:
     np.testing.assert_allclose(found, reference(height, pattern), rtol=1e-12, atol=0)
 
 
-def test_symbolic_map_is_linear_in_the_pattern() -> None:
-    height, pattern, _ = case((5, 8))
-    H, U = ca.MX.sym("H", 5, 8), ca.MX.sym("U", 5, 8)
-    symbolic = ca.Function("layer", [H, U], [LayerModel(INKS).symbolic(H, U)])
-    one, other = (pattern > 0).astype(float), (pattern > 1).astype(float)
-    mixed = symbolic(height, 0.3 * one + 0.7 * other)
-    np.testing.assert_allclose(
-        np.asarray(mixed), np.asarray(0.3 * symbolic(height, one) + 0.7 * symbolic(height, other)), rtol=1e-12
-    )
-
-
 def test_scale_of_the_ink_scales_every_droplet() -> None:
     height, pattern, _ = case((5, 8))
     scaled = LayerModel(INKS).scaled(0.9).layer(height, pattern)
@@ -82,12 +70,3 @@ def test_passes_that_there_are_not_are_refused(passes: int, order: int) -> None:
 def test_pattern_beyond_the_inks_is_refused() -> None:
     with pytest.raises(ValueError, match="needs 0 to 1, the inks given"):
         LayerModel((Ink(),)).layer(np.zeros((2, 2)), np.full((2, 2), 2, np.int32))
-
-
-def test_objective_is_the_papers() -> None:
-    height = np.array([[1.0, 3.0], [5.0, 100.0]])
-    part = np.array([[True, True], [True, False]])
-    expected = 0.25 * (3.0 + 1.0 + 1.0) / 3 + 0.75 * np.sqrt((4.0 + 0.0 + 4.0) / 3)
-    assert surface_objective(height, np.full((2, 2), 4.0), part, 0.25).value == pytest.approx(
-        expected, rel=1e-9, abs=0.0
-    )

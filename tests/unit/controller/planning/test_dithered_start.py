@@ -11,10 +11,9 @@ import pytest
 
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
-from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.layer_plan import LeftOut
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, even_droplets
 from support.core_search import relax, search
 from support.layer_problems import INKS, ORDERS, nearly_flat, rough
 from support.numpy.relaxation_numpy import dithered

@@ -14,8 +14,8 @@ from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.planning.horizon_planner import FoundPlan
 from inkloop_controller.planning.layer_plan import PlanStatus
+from inkloop_controller.problem.criterion import Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
 from support.problem_plans import best_plan
 
 INK = Ink()

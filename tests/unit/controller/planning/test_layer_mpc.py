@@ -11,26 +11,23 @@ import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
 from inkloop.geometry import contained
-from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
+from inkloop_controller.baseline_planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.estimate_figures import EstimateFigures
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
+from inkloop_controller.model.layer_problems import DropletChoices
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
-from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Criterion, Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets, full_layers, no_droplets
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
-from support.ink_choices import ink_choices
 from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
 from support.problem_plans import best_plan
 
@@ -73,19 +70,6 @@ def test_relaxed_optimum_is_below_every_pattern(relaxation: Any, alpha: float) -
     for _ in range(100):
         pattern = (rng.integers(0, 2, (1, *height.shape)) * job.mask).astype(np.int32)
         assert plan.bound < bindings.objective(problem, pattern).value
-
-
-def test_longer_horizons_have_no_bound() -> None:
-    job, height = rough_job()
-    plan = planned(job, height, horizon=2, relaxation="ipopt")
-    assert np.isnan(plan.bound)
-    assert np.isnan(plan.gap)
-
-
-def test_both_relaxations_agree_where_both_apply() -> None:
-    job, height = rough_job(1)
-    ipopt, highs = (planned(job, height, alpha=1.0, horizon=1, relaxation=name).bound for name in ("ipopt", "highs"))
-    assert ipopt == pytest.approx(highs, abs=5e-12)
 
 
 @pytest.mark.parametrize(("horizon", "passes"), [(1, 1), (2, 1), (3, 1), (2, 4)])
@@ -246,12 +230,6 @@ def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
         surface = model.layer(surface, layer, number)
     expected = surface_objective(surface, job.target_height, job.mask, 0.5)
     assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
-
-
-def test_scheduled_alpha_is_that_of_the_next_layer() -> None:
-    job, height = rough_job()
-    mpc = LayerMpc(job, criterion=Criterion(alpha=[(1, 0.9), (3, 0.3)]))
-    assert [mpc.problem(known(height), printed).alpha for printed in range(4)] == [0.9, 0.9, 0.3, 0.3]
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.8, 1.0])
@@ -472,14 +450,6 @@ def test_ceiling_of_the_part_does_not_forbid_what_spills_next_to_it() -> None:
     np.testing.assert_array_equal(limited.plan(known(flat), 0, none(job)).pattern, job.mask)
 
 
-def test_budget_and_clock_end_a_repair_and_the_plan_reports_it() -> None:
-    job, height = rough_job(6, 30)
-    assert planned(job, height, work=Work(sweeps=1)).status is PlanStatus.BUDGET
-    hurried = planned(job, height, work=Work(time_limit=1e-9))
-    assert hurried.status in (PlanStatus.FALLBACK, PlanStatus.TIME_LIMIT)
-    assert hurried.pattern.any()
-
-
 def test_estimate_that_took_all_the_time_leaves_the_first_sound_plan() -> None:
     job, height = rough_job(6, 30)
     planner = LayerMpc(job, work=Work(time_limit=1e9))
@@ -533,16 +503,6 @@ def test_last_plan_of_another_grid_is_not_used() -> None:
         assert plan.start == without.start
 
 
-def test_phases_are_timed() -> None:
-    job, height = rough_job(9)
-    assert set(planned(job, height).seconds) == {"relaxation", "rounding", "repair"}
-
-
-def test_search_of_the_paper_refuses_four_passes() -> None:
-    with pytest.raises(ValueError, match="passes is 4; this controller plans layers of 1 pass"):
-        StochasticGreedy(block(passes=4))
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -559,6 +519,7 @@ def test_search_of_the_paper_refuses_four_passes() -> None:
         (lambda job: Work(time_limit=0.0), "time_limit is 0"),
         (lambda job: StochasticGreedy(job, alpha=2.0), "alpha is 2.0"),
         (lambda job: StochasticGreedy(job, batch=0), "batch is 0"),
+        (lambda job: StochasticGreedy(block(passes=4)), "passes is 4; this controller plans layers of 1 pass"),
         (lambda job: OpenLoop(job, layers=-1), "layers is -1"),
     ],
 )
@@ -583,15 +544,6 @@ def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
     assert [plan.status for plan in plans] == [PlanStatus.FIXED] * 4 + [PlanStatus.DONE]
     for plan in plans[:4]:
         np.testing.assert_array_equal(plan.pattern, job.mask)
-
-
-def test_material_is_asked_for_half_a_layer_above_the_surface() -> None:
-    job = block(inks=INKS, region=Above(10e-6))
-    half_layer = (7.6e-6 + 6.7e-6) / 4
-    for test, surface in (("middle", 10e-6 - half_layer), ("surface", 10e-6)):
-        shape = (job.nx, job.ny)
-        assert (ink_choices(job, test, np.full(shape, surface - 1e-9), 1) == 2).all()  # type: ignore[arg-type]
-        assert (ink_choices(job, test, np.full(shape, surface + 1e-9), 1) == 1).all()  # type: ignore[arg-type]
 
 
 def test_region_is_asked_in_metres_from_the_first_cell() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.planning.horizon_planner import FoundPlan
+from inkloop_controller.problem.criterion import Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
 from support.problem_plans import best_plan
 
 SHAPE = (190, 131)  # three shares of rows, of different lengths

@@ -9,9 +9,8 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
-from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, full_layers, no_droplets
 from support.core_search import search
 from support.numpy.plan_starts_numpy import shifted
 from support.problem_plans import best_plan

@@ -55,20 +55,6 @@ def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells(prints: int
     assert without > 0.01 + 2.0 * with_margin
 
 
-def test_fringe_is_the_ring_around_the_part() -> None:
-    part = np.zeros((5, 6), np.bool_)
-    part[2, 2:4] = True
-    expected = np.zeros(part.shape)
-    expected[1:4, 1:5] = 0.25
-    expected[part] = 1.0
-    job = Job(5, 6, 254e-6, np.where(part, 30e-6, 0.0), part)
-    bare = Estimate.exact(np.zeros(part.shape), job.inks)
-    np.testing.assert_array_equal(
-        LayerMpc(job, criterion=Criterion(fringe_weight=0.25)).problem(bare, 0).weights, expected
-    )
-    np.testing.assert_array_equal(LayerMpc(job).problem(bare, 0).weights, part)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -102,30 +102,6 @@ def test_offset_of_nothing_is_the_controller_itself() -> None:
     np.testing.assert_array_equal(surfaces, plain)
 
 
-def test_offset_moves_rim_and_inside_alone() -> None:
-    env = inkloop_lab.LayerEnv(CUBOID, {"components.printer.variation": 0.0}).offset_target("ErrorDiffusion")
-    env.reset(seed=1)
-    plain = env.planned(np.zeros(2))
-    env.reset(seed=1)
-    lower = env.planned(np.array([-1.0, 0.0]))
-    inside = np.zeros((12, 12), np.bool_)
-    inside[3:-3, 3:-3] = True
-    assert plain[2:-2, 2:-2].all()
-    assert lower[inside].all()
-    env.reset(seed=1)
-    with pytest.raises(ValueError, match=r"the offsets are \[2\. 0\.\]; needs two numbers from -1 to 1"):
-        env.step(np.array([2.0, 0.0]))
-
-
-def test_offset_begins_each_print_with_a_new_controller() -> None:
-    env = inkloop_lab.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
-    heights = []
-    for _ in range(2):
-        env.reset(seed=1)
-        heights.append([env.step(np.zeros(2))[4]["height"] for _ in range(2)])
-    np.testing.assert_array_equal(heights[0], heights[1])
-
-
 def test_time_that_runs_out_cuts_the_print_off() -> None:
     env = inkloop_lab.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
     observation, _ = env.reset(seed=1)

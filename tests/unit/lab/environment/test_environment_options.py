@@ -90,10 +90,3 @@ def test_place_of_the_controller_has_its_drop_levels_or_those_that_were_given() 
     assert FreedScenario.of(CUBOID, {}, 5).seeded(4).tables.components["controller"].options == {"drop_levels": 5}
     code = inkloop_lab.LayerEnv(CUBOID, drop_levels=5)._code
     assert code == ActionCode((12, 12), 1, 5)
-
-
-def test_seeds_are_drawn_from_all_that_a_scenario_may_have() -> None:
-    env = inkloop_lab.LayerEnv(CUBOID)
-    env.reset(seed=4)
-    drawn = [env.reset()[1]["seed"] for _ in range(4)]
-    assert 2**28 < max(drawn) < 2**31

@@ -55,12 +55,3 @@ def test_droplets_have_the_colour_of_their_ink(inks: int) -> None:
     assert tuple(droplets[5, 2]) == ((40, 40, 40) if inks == 1 else (200, 120, 20))
     assert tuple(droplets[3, 1]) == (247, 247, 247)
     assert tuple(droplets[0, 0]) == (230, 230, 230)
-
-
-@pytest.mark.parametrize("shape", [(7, 5), (5, 7)])
-def test_longer_side_of_a_panel_has_256_pixels_at_least(shape: tuple[int, int]) -> None:
-    mask = np.ones(shape, np.bool_)
-    part = Job(*shape, 1e-4, np.full(shape, 20e-6), mask)
-    image = frame(part.target_height, mask.astype(np.int32), part)
-    nx, ny = shape
-    assert image.shape == (ny * 37, (2 * nx + 1) * 37, 3)  # 7 x 36 would be less

@@ -48,11 +48,6 @@ def test_rates_of_a_known_surface_are_the_layer_map(heights, passes) -> None:
     assert height + np.tensordot(np.array(heights), rates) == pytest.approx(after, rel=1e-12, abs=0.0)
 
 
-def test_exact_scans_give_the_ink_exactly() -> None:
-    found = identify_ink([made_up(LU, random_layers(14, 12, 4, 0))], 0.0)
-    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=1e-6, abs=0.0)
-
-
 @pytest.mark.parametrize(
     "model",
     [LayerDeposition(passes=4, pass_order=2, pass_rotation=1), LayerDeposition((FAR,))],

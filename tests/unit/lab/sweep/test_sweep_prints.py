@@ -39,7 +39,7 @@ WORK = {"components.controller.horizon": 1, "components.controller.annealing_swe
 
 
 def ordered(runs: Path | None, *, with_height: bool = False) -> Order:
-    return Order(SCENARIO.read_text(), str(SCENARIO), runs and str(runs), with_height)
+    return Order(SCENARIO.read_text(), str(SCENARIO), None if runs is None else str(runs), with_height)
 
 
 @pytest.mark.parametrize(("deaths", "status"), [(0, "done"), (2, "done"), (3, "failed")])
