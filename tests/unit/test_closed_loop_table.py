@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 from benchmarks import closed_loop
-from benchmarks.prints import OPEN_LOOP, OURS, SHOWN, Metrics
-from benchmarks.target_table import Figure
+from benchmarks.prints import OPEN_LOOP, OURS, SHOWN, Figure, Metrics
 from tools.figures import closed_loop as closed_loop_page
 
 SHIFTED = closed_loop.SHIFTED[2]

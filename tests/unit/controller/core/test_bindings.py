@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -238,18 +237,6 @@ def test_two_layers_of_a_few_cells_are_as_good_as_they_can_be(alpha: float) -> N
         least = min(value(wanted, plan.astype(np.int32).reshape(2, 2, 3)) for plan in plans)
         found = search(wanted, np.zeros((2, 2, 3), np.int32), sweeps_max=200, annealing_sweeps=500, seed=2)
         assert found.objective.value == pytest.approx(least, rel=1e-9, abs=0.0)
-
-
-def test_droplets_keep_to_the_choices_of_their_cell_and_layer() -> None:
-    """Also where a nozzle is dead in one layer only."""
-    height, target = rough(6)
-    wanted = problem(height, target, layers=2, kinds=(INK, Ink(3.9e-6, 0.55e-6, 0.15e-6)))
-    choices = np.random.default_rng(6).integers(0, 4, (2, 20, 20)).astype(np.uint16)
-    found = search(replace(wanted, choices=choices), np.zeros((2, 20, 20), np.int32), sweeps_max=100)
-    assert set(np.unique(found.plan)) == {0, 1, 2}
-    assert not found.plan[choices == 0].any()
-    assert not (found.plan[choices == 1] == 2).any()
-    assert not (found.plan[choices == 2] == 1).any()
 
 
 def test_what_falls_next_to_the_part_costs_nothing() -> None:

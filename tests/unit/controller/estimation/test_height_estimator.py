@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink, Job
-from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.core import bindings
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
+from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
-from support.closed_loop import block, cylinder
+from support.closed_loop import block, cylinder, inputs_of
 from support.numpy import lu_numpy
 
 
@@ -234,3 +237,127 @@ def test_state_that_is_none_is_refused() -> None:
 def test_all_errors_of_the_options_are_reported_at_once() -> None:
     with pytest.raises(ValueError, match=r"adapt_ink is 'yes'.*sensor_noise_std is -1.*untrusted_layers is -2"):
         HeightEstimator(block(), adapt_ink="yes", sensor_noise_std=-1.0, untrusted_layers=-2)  # type: ignore[arg-type]
+
+
+NX, NY = 301, 517  # enough cells for three threads; neither bands nor chunks of rows end together
+LAYERS, NOISE_M, SHIFT = 3, 0.3e-6, 0.4
+
+
+def estimates(threads: int, adapt_ink: InkModel, passes: int, shift: float) -> list[Estimate]:
+    """After each of a few layers with gaps, on scans with holes that are shifted by so many cells."""
+    rng = np.random.default_rng(5)
+    part = np.zeros((NX, NY), np.bool_)
+    part[3:-3, 2:-2] = True
+    job = Job(NX, NY, 1e-4, np.where(part, 1e-4, 0.0), part, (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), passes=passes)
+    estimator, height = HeightEstimator(job, adapt_ink=adapt_ink, threads=threads), np.zeros((NX, NY))
+    found = [estimator.first(NOISE_M * rng.standard_normal(height.shape), np.ones((NX, NY), np.bool_))]
+    for layer in range(1, 1 + LAYERS):
+        pattern = np.where(part & (rng.random((NX, NY)) < 0.8), rng.integers(1, 3, (NX, NY)), 0).astype(np.int32)
+        order = (0, 1, 2, 3) if passes == 4 else ()
+        height = bindings.layer(height, pattern, job.inks, order, factor=1.0 - 0.2 * rng.random((NX, NY)))
+        read = (1.0 - shift) * height + shift * np.roll(height, -1, axis=0)
+        scan = read + NOISE_M * rng.standard_normal(height.shape)
+        found.append(estimator.next(found[-1], pattern, layer, scan, rng.random((NX, NY)) < 0.98))
+    return found
+
+
+@pytest.mark.parametrize(("adapt_ink", "passes", "shift"), [("scale", 1, 0.0), ("full", 4, 0.0), ("scale", 1, SHIFT)])
+def test_threads_change_no_bit_of_an_estimate(adapt_ink: InkModel, passes: int, shift: float) -> None:
+    alone, together = (estimates(threads, adapt_ink, passes, shift) for threads in (1, 3))
+    assert shift == 0.0 or alone[-1].figures.is_displaced
+    for one, other in zip(alone, together, strict=True):
+        assert one.figures == other.figures
+        for name, value in one.state.items():
+            assert value.tobytes() == other.state[name].tobytes(), name
+
+
+NOISE = 1e-6
+UNKNOWN = 6
+
+
+def half_jetted(job: Job) -> Any:
+    """The part up to the middle line: there the head stopped."""
+    return np.where(np.indices(job.mask.shape)[0] < job.nx // 2, job.mask, 0).astype(np.int32)
+
+
+def printed_with_an_unknown_layer(unknown_layer: int, noise: float = NOISE) -> tuple[Job, Estimate, Estimate, Any]:
+    """The estimates before and after the layer that half of was jetted, and the surface; droplets bring 80 %."""
+    job, rng = cylinder(), np.random.default_rng(2)
+    estimator, plant, whole = HeightEstimator(job), LayerModel.of(job).scaled(0.8), job.mask.astype(np.int32)
+    seen, height = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+
+    def scan() -> Any:
+        return height + noise * rng.standard_normal(height.shape)
+
+    estimate = before = estimator.first(scan(), seen)
+    for layer in range(1, unknown_layer + 1):
+        before, is_unknown = estimate, layer == unknown_layer
+        height = plant.layer(height, half_jetted(job) if is_unknown else whole, layer)
+        estimate = estimator.next(before, whole, layer, scan(), seen, is_unknown=is_unknown)
+    return job, before, estimate, height
+
+
+@pytest.mark.parametrize("layer", [1, UNKNOWN])
+def test_surface_of_an_unknown_layer_is_that_of_its_scan(layer: int) -> None:
+    """As far as noisy ground shows the datum of the scan."""
+    job, _, estimate, height = printed_with_an_unknown_layer(layer)
+    error = (estimate.height - height)[job.mask]
+    assert np.std(error) < 1.2 * NOISE
+    assert abs(error.mean()) < 0.8 * NOISE
+    exact, _, estimate, height = printed_with_an_unknown_layer(layer, noise=0.0)
+    np.testing.assert_allclose(estimate.height[exact.mask], height[exact.mask], rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("layer", [1, UNKNOWN])
+def test_nothing_is_learnt_of_ink_nozzles_noise_and_geometry_from_an_unknown_layer(layer: int) -> None:
+    _, before, estimate, _ = printed_with_an_unknown_layer(layer)
+    assert before.ink_scale == pytest.approx(0.8 if layer > 1 else 1.0, abs=0.04)
+    assert (estimate.inks, estimate.ink_scale) == (before.inks, before.ink_scale)
+    np.testing.assert_array_equal(estimate.state["dead_evidence"], before.state["dead_evidence"])
+    one, other = before.figures, estimate.figures
+    for name in ("noise_std", "droplet_std", "surprise", "shift_x", "shift_y", "rotation", "magnification"):
+        assert getattr(one, name) == getattr(other, name), name
+    assert not other.reasons
+
+
+def test_layers_after_an_unknown_one_are_trusted_and_the_ink_is_learnt_on() -> None:
+    job, _, estimate, height = printed_with_an_unknown_layer(2)
+    estimator, plant, whole = HeightEstimator(job), LayerModel.of(job).scaled(0.8), job.mask.astype(np.int32)
+    rng, seen = np.random.default_rng(3), np.ones(job.mask.shape, np.bool_)
+    for layer in range(3, 7):
+        height = plant.layer(height, whole, layer)
+        scan = height + NOISE * rng.standard_normal(height.shape)
+        estimate = estimator.next(estimate, whole, layer, scan, seen)
+        assert not estimate.figures.reasons
+    assert estimate.ink_scale == pytest.approx(0.8, abs=0.04)
+    assert np.sqrt(np.mean((estimate.height - height)[job.mask] ** 2)) < NOISE
+
+
+def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_nothing_and_all() -> None:
+    job = block()
+    estimator, whole = HeightEstimator(job, adapt_ink="off"), job.mask.astype(np.int32)
+    flat, seen = np.zeros(job.mask.shape), np.ones(job.mask.shape, np.bool_)
+    start = estimator.first(flat, seen)
+    full = LayerModel.of(job).layer(flat, whole, 1)
+    estimate = estimator.next(start, whole, 1, flat, ~seen, is_unknown=True)
+    np.testing.assert_allclose(estimate.height[job.mask], 0.5 * full[job.mask])
+    np.testing.assert_allclose(np.sqrt(12.0 * estimate.height_variance[job.mask]), full[job.mask], rtol=1e-6)
+
+
+def test_controller_plans_on_from_the_scan_of_an_unknown_layer() -> None:
+    """Layer 1 lacks a third: from a layer that is known the controller would conclude that the ink is weak."""
+    job = block(16, 16)
+
+    def answered(is_unknown: bool) -> Any:
+        controller = LayerMpcController(job, horizon=1)
+        assert isinstance(controller, LayerController)
+        controller.initialize(0, inputs_of(job, np.zeros(job.mask.shape), 0))
+        first = controller.do_step(0, 1, inputs_of(job, np.zeros(job.mask.shape), 0))
+        surface = LayerModel.of(job).scaled(0.67).layer(np.zeros(job.mask.shape), first["pattern"], 1)
+        inputs = inputs_of(job, surface, 1) | {"layer_unknown": np.asarray(is_unknown)}
+        return controller.do_step(1, 1, inputs)
+
+    unknown, known = answered(is_unknown=True), answered(is_unknown=False)
+    assert unknown["layer_command"] == known["layer_command"] == 2
+    np.testing.assert_allclose(unknown["estimated_height"], known["estimated_height"], atol=1e-8)
+    assert (float(unknown["volume_scale"]), float(known["volume_scale"])) == (1.0, pytest.approx(0.67, abs=0.1))

@@ -22,13 +22,13 @@ from inkloop_controller.model.layer_problems import DropletChoices
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
-from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
+from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import Criterion, Work
-from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets, full_layers, no_droplets
+from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
-from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
+from support.numpy.plan_starts_numpy import squeezed
 from support.problem_plans import best_plan
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -126,19 +126,6 @@ def test_relaxation_is_solved_again_for_every_layer() -> None:
     assert second.bound != pytest.approx(first.bound, rel=1e-3, abs=0.0)
 
 
-@pytest.mark.parametrize("horizon", [1, 2, 3])
-@pytest.mark.parametrize("alpha", [0.1, 0.5, 1.0])
-def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(horizon: int, alpha: float) -> None:
-    for seed in range(10):
-        job, height = rough_job(seed)
-        rng = np.random.default_rng(seed + 100)
-        last = (rng.integers(0, 2, (horizon, *height.shape)) * job.mask).astype(np.int32)
-        mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=horizon)
-        plan, problem = mpc.plan(known(height), 0, last), mpc.problem(known(height), 0)
-        for other in (no_droplets(problem), full_layers(problem), shifted(last, problem), postponed(last, problem)):
-            assert plan.objective.value <= bindings.objective(problem, other).value
-
-
 def test_surface_is_predicted_only_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     job, height = rough_job(3)
     asked = []
@@ -194,44 +181,6 @@ def test_no_layer_is_left_that_its_own_droplets_can_do_without() -> None:
     assert max(layers) > 1
 
 
-def test_every_droplet_is_of_an_ink_that_belongs_where_it_falls() -> None:
-    """Two inks, of which the upper one begins within the horizon, in as few layers as pay."""
-    layers = []
-    for seed in range(4):
-        job, height = rough_job(seed, 9, layers=2.0)
-        job = replace(job, inks=INKS, region=Above(float(np.median(height)) + 7.6e-6))
-        mpc, last = LayerMpc(job, criterion=Criterion(layer_worth=0.05), horizon=4), none(job)
-        for layer in range(3):
-            estimate = Estimate.exact(height, job.inks)
-            plan, choices = mpc.plan(estimate, layer, last), mpc.problem(estimate, layer).choices
-            falls = plan.plan > 0
-            assert (choices[falls] >> (plan.plan[falls] - 1) & 1).all()
-            height, last = plan.predicted_height, plan.plan
-            layers.append(int(np.count_nonzero(falls.any((1, 2)))))
-    assert max(layers) > 1
-    assert min(layers) < 4
-
-
-def test_objective_is_that_of_the_predicted_surface() -> None:
-    job, height = rough_job(3)
-    plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))
-    np.testing.assert_array_equal(plan.predicted_height, LayerModel(job.inks).scaled(0.9).layer(height, plan.pattern))
-    expected = surface_objective(plan.predicted_height, job.target_height, job.mask, 0.6)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
-    assert plan.objective.error == pytest.approx(expected.error, rel=1e-9, abs=0.0)
-    assert plan.objective.deviation == pytest.approx(expected.deviation, rel=1e-9, abs=0.0)
-
-
-def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
-    job, height = rough_job(4)
-    job = block(9, 8, float(height.mean()) + 11e-6, passes=4, pass_rotation=1)
-    plan, model, surface = planned(job, height, alpha=0.5), LayerModel.of(job), height
-    for number, layer in enumerate(plan.plan, start=1):
-        surface = model.layer(surface, layer, number)
-    expected = surface_objective(surface, job.target_height, job.mask, 0.5)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
-
-
 @pytest.mark.parametrize("alpha", [0.1, 0.8, 1.0])
 def test_finished_part_is_done(alpha: float) -> None:
     job = block()
@@ -240,27 +189,6 @@ def test_finished_part_is_done(alpha: float) -> None:
         plan = planner.plan(surface, 4, none(job))
         assert plan.status is PlanStatus.DONE
         assert not plan.pattern.any()
-
-
-def test_first_layer_is_never_empty_unless_the_print_is_done() -> None:
-    for seed in range(10):
-        job, height = rough_job(seed)
-        plan = planned(job, height, horizon=3)
-        assert plan.pattern.any() == (plan.status is not PlanStatus.DONE)
-
-
-def test_layer_that_gains_too_little_is_left_out() -> None:
-    left_out = 0
-    for seed in range(8):
-        job, height = rough_job(seed)
-        every = LayerMpc(job, criterion=Criterion(layer_worth=0.0)).plan(known(height), 0, none(job))
-        worthwhile = LayerMpc(job, criterion=Criterion(layer_worth=0.01)).plan(known(height), 0, none(job))
-        fewer = int(np.count_nonzero(every.plan.any((1, 2)))) - int(np.count_nonzero(worthwhile.plan.any((1, 2))))
-        price = 0.01 * job.inks[0].layer_height
-        assert fewer >= 0
-        assert worthwhile.objective.value <= every.objective.value + fewer * price
-        left_out += fewer
-    assert left_out > 0
 
 
 def test_print_is_done_when_no_layer_is_worth_it() -> None:
@@ -377,12 +305,6 @@ def test_plans_for_a_foreign_plant_look_less_far_ahead_unless_the_horizon_is_giv
     assert plan.shape == (far, *height.shape)
     assert plan[0].any()
     assert not plan[near:].any()
-
-
-def test_surface_of_another_grid_is_refused() -> None:
-    job, height = rough_job()
-    with pytest.raises(ValueError, match=r"height has shape \(8, 9\); needs \(9, 8\)"):
-        LayerMpc(job).problem(known(height.T), 0)
 
 
 def test_certified_plan_comes_with_a_proven_bound() -> None:
@@ -526,14 +448,6 @@ def test_last_plan_of_another_grid_is_not_used() -> None:
 def test_impossible_option_is_refused(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make(block())
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_surface_that_is_not_finite_is_refused(wrong: float) -> None:
-    job, height = rough_job()
-    height[4, 4] = wrong
-    with pytest.raises(ValueError, match=r"height is .* at cell \(4, 4\)"):
-        planned(job, height)
 
 
 def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
