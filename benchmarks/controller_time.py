@@ -14,7 +14,7 @@ from benchmarks.timing import scaled, table_of, timed
 from inkloop.component import FloatMap, Job
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.problem.criterion import Criterion, Work
 from inkloop_controller.problem.horizon_problem import IntMap

@@ -11,8 +11,7 @@ from inkloop.component import BoolMap, FloatMap, Job
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import LayerModel, ink_maps
-from inkloop_controller.model.layer_problems import DropletChoices, LayerProblems, RegionTest
+from inkloop_controller.model import DropletChoices, LayerModel, LayerProblems, RegionTest, ink_maps
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, full_layers, no_droplets

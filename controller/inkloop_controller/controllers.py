@@ -15,7 +15,7 @@ from inkloop.errors import ComponentError
 from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, OpenLoop, StochasticGreedy, judged
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController, OnDoubt, controller_as_read
-from inkloop_controller.model.layer_problems import DropletChoices
+from inkloop_controller.model import DropletChoices
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner
 from inkloop_controller.problem.criterion import Criterion, Work

@@ -9,7 +9,7 @@ import pytest
 
 from inkloop.component import Status
 from inkloop.components import catalog
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import EVERY_FORM, OK, Driver
 

@@ -15,8 +15,7 @@ from inkloop.geometry import contained
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import DropletChoices
+from inkloop_controller.model import DropletChoices, LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import DEFAULT_WORK, Criterion, Work

@@ -14,8 +14,7 @@ import numpy as np
 from inkloop.component import FloatMap, Job
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import DropletChoices, LayerProblems
+from inkloop_controller.model import DropletChoices, LayerModel, LayerProblems
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import DEFAULT_WORK, PLAIN, Criterion, Stopwatch, Work

@@ -17,7 +17,7 @@ from inkloop_controller.controllers import LayerMpcController, OpenLoopControlle
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_plan import LayerPlan
 from inkloop_controller.problem.horizon_problem import IntPlan
 from support.closed_loop import SECOND, block, inputs_of, print_part

@@ -80,7 +80,7 @@ def outside() -> Iterator[Any]:
                 yield pytest.param(keyword, 1.001 * variable.max, id=f"{keyword.argument} above")
 
 
-@pytest.mark.parametrize(("keyword", "value"), outside())
+@pytest.mark.parametrize(("keyword", "value"), list(outside()))
 def test_value_outside_the_limits_is_refused_by_the_key_and_no_other_one(keyword: Keyword, value: Any) -> None:
     written = value if isinstance(value, str) or not keyword.option.unit else value / keyword.value(1.0)
     errors = catalog.check("LayerMpc", job(), {keyword.key: written}).errors

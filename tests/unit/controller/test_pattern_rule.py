@@ -22,7 +22,7 @@ from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, St
 from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
 from inkloop_controller.core.bindings import paper_search
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import ink_maps
+from inkloop_controller.model import ink_maps
 from inkloop_controller.planning.layer_plan import PlanStatus
 from inkloop_controller.problem.horizon_problem import full_layers
 from support.closed_loop import block, cylinder, print_part

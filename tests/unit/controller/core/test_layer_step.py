@@ -12,7 +12,7 @@ from inkloop.component import Ink, Job, Status
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import block
 
 REPAIRED, DONE = 1, 7

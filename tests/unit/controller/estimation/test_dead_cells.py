@@ -11,7 +11,7 @@ import pytest
 from inkloop.component import Job, Status
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long

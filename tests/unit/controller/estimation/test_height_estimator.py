@@ -13,7 +13,7 @@ from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
 from inkloop_controller.layer_controller import LayerController
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import block, cylinder, inputs_of
 from support.numpy import lu_numpy
 

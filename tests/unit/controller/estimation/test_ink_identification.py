@@ -13,7 +13,7 @@ from inkloop.component import Ink, Job, Status
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_lab.models.volume_area_deposition import VolumeAreaDeposition
 from support.closed_loop import SECOND, block, inputs_of

@@ -13,7 +13,7 @@ from inkloop.component import Ink, Job
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS, UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
 

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from inkloop.component import Job, Status
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long
 

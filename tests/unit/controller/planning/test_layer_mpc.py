@@ -17,8 +17,7 @@ from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.estimate_figures import EstimateFigures
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import DropletChoices
+from inkloop_controller.model import DropletChoices, LayerModel
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc

@@ -12,8 +12,7 @@ from inkloop.component import Ink, Job
 from inkloop_controller.baseline_planners import nominal_layer_height
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import DropletChoices
+from inkloop_controller.model import DropletChoices, LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets, full_layers, no_droplets
 from support.closed_loop import block
