@@ -95,16 +95,6 @@ def test_single_droplet_converges_to_the_exact_cap_with_the_square_of_the_spacin
     assert centre_error(per_pitch, form) <= 0.0045 * (42.3 / per_pitch) ** 2
 
 
-def test_nonlinear_droplet_is_a_spherical_cap_everywhere() -> None:
-    cap = Print(3, 3, 33)
-    cap.layer(only(3, 3, (1, 1)))
-    x = (np.arange(len(cap.height)) - 0.5 * (len(cap.height) - 1)) * cap.spacing
-    r = np.hypot(x[:, None], x[None, :])
-    base, sphere = 35.1999e-6, 35.1999e-6 / np.sin(ANGLE)
-    exact = np.where(r < base, np.sqrt(np.maximum(sphere**2 - r**2, 0.0)) - sphere * np.cos(ANGLE), 0.0)
-    assert np.abs(cap.height - exact).max() <= 0.05e-6
-
-
 @FORMS
 def test_long_line_has_the_profile_of_a_cylinder(form) -> None:
     """Far from its ends a line solves the equation in one dimension: a circle, or a parabola."""
@@ -179,26 +169,6 @@ def test_bodies_of_a_pass_know_nothing_of_each_other() -> None:
         together.layer(drops, [(0, 4), (1, 4), (2, 4), (3, 4)])
         apart.layer(drops, [(4, 8), (0, 8), (1, 8), (5, 8), (6, 8), (2, 8), (3, 8), (7, 8)])
     assert np.array_equal(together.height, apart.height)
-
-
-def test_missing_site_separates_bodies() -> None:
-    gap, left, right = Print(5, 1, 8), Print(5, 1, 8), Print(5, 1, 8)
-    gap.layer([[1.0], [1.0], [0.0], [1.0], [1.0]])
-    left.layer([[1.0], [1.0], [0.0], [0.0], [0.0]])
-    right.layer([[0.0], [0.0], [0.0], [1.0], [1.0]])
-    assert np.array_equal(gap.height, left.height + right.height)
-
-
-def test_droplet_reaches_less_far_where_its_path_climbs() -> None:
-    """On a plane that rises with 45 degrees along x the footprint is narrower there by the square root of 2."""
-    ours = Print(5, 5, 8)
-    ours.height += np.arange(len(ours.height))[:, None] * ours.spacing
-    before = ours.height.copy()
-    ours.layer(only(5, 5, (2, 2)))
-    wet = ours.height > before
-    along_x, along_y = wet.any(axis=1).sum(), wet.any(axis=0).sum()
-    assert along_y == pytest.approx(2 * 35.2 / 42.3 * 8, abs=1.0)
-    assert along_x == pytest.approx(along_y / np.sqrt(2.0), abs=1.0)
 
 
 def test_body_that_would_have_to_overhang_is_solved_linearly_and_counted() -> None:

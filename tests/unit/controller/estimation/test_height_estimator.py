@@ -15,7 +15,6 @@ from inkloop_controller.estimation.height_estimator import Estimate, HeightEstim
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model import LayerModel
 from support.closed_loop import block, cylinder, inputs_of
-from support.numpy import lu_numpy
 
 
 def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
@@ -118,26 +117,6 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_u
     assert not again.figures.unseen_cells
 
 
-@pytest.mark.parametrize("factor", [1.0, np.random.default_rng(4).uniform(0.7, 2.0, (14, 12))])
-def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any) -> None:
-    """Each droplet by itself on the same rough surface: a tenth of what it adds to a cell is its standard deviation."""
-    inks, rng = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), np.random.default_rng(5)
-    job = block(14, 12, inks=inks)
-    estimator = HeightEstimator(job, adapt_ink="off")
-    surface, seen = rng.uniform(0.0, 12e-6, (14, 12)), np.ones((14, 12), np.bool_)
-    pattern = np.where(job.mask, rng.integers(0, 3, (14, 12)), 0).astype(np.int32)
-    table, alone = tuple((ink.h1, ink.h2, ink.h3) for ink in inks), np.zeros((14, 12))
-    for cell in zip(*np.nonzero(pattern), strict=True):
-        single = np.zeros_like(pattern)
-        single[cell] = pattern[cell]
-        alone += (lu_numpy.one_pass(surface, single, table, factor)[0] - surface) ** 2
-    volumes = np.broadcast_to(factor, seen.shape).astype(np.float64)
-    before = estimator.first(surface, seen, 1)
-    after = estimator.next(before, pattern, 1, surface, ~seen, volumes)
-    grown = after.height_variance - before.height_variance
-    np.testing.assert_allclose(grown[alone > 0.0], 0.1**2 * alone[alone > 0.0], rtol=1e-9, atol=1e-20)
-
-
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
     job = replace(block(), height_start=np.full((block().nx, block().ny), 2e-6))
     valid = np.zeros((job.nx, job.ny), np.bool_)
@@ -191,24 +170,6 @@ def test_reading_that_is_off_by_the_same_again_is_the_cells(step: float) -> None
     assert abs(found[4][0].height - found[4][1])[SPIKE] > 0.5 * abs(step)
     for estimate, surface in found[6:]:
         assert abs(estimate.height - surface)[SPIKE] < 1e-6
-
-
-def test_spikes_on_many_scans_leave_the_estimate_as_good_as_droplets_allow() -> None:
-    job, rng = cylinder(), np.random.default_rng(6)
-    estimator, plant, seen = HeightEstimator(job), LayerModel.of(job), np.ones(job.mask.shape, np.bool_)
-    pattern, surface = job.mask.astype(np.int32), np.zeros(job.mask.shape)
-
-    def scan() -> Any:
-        spikes = 20e-6 * rng.choice([-1.0, 1.0], surface.shape) * (rng.random(surface.shape) < 0.02)
-        return surface + 0.3e-6 * rng.standard_normal(surface.shape) + spikes
-
-    estimate = estimator.first(scan(), seen)
-    for layer in range(1, 16):
-        surface = plant.layer(surface, pattern, layer, 1.0 - 0.2 * rng.random(surface.shape))
-        estimate = estimator.next(estimate, pattern, layer, scan(), seen)
-    assert rms((estimate.height - surface)[job.mask]) < 1e-6
-    assert estimate.ink_scale == pytest.approx(0.9, abs=0.02)
-    assert not estimate.figures.stop
 
 
 def test_estimate_comes_back_from_its_state_bit_by_bit() -> None:
@@ -306,31 +267,6 @@ def test_surface_of_an_unknown_layer_is_that_of_its_scan(layer: int) -> None:
     assert abs(error.mean()) < 0.8 * NOISE
     exact, _, estimate, height = printed_with_an_unknown_layer(layer, noise=0.0)
     np.testing.assert_allclose(estimate.height[exact.mask], height[exact.mask], rtol=0.0, atol=1e-8)
-
-
-@pytest.mark.parametrize("layer", [1, UNKNOWN])
-def test_nothing_is_learnt_of_ink_nozzles_noise_and_geometry_from_an_unknown_layer(layer: int) -> None:
-    _, before, estimate, _ = printed_with_an_unknown_layer(layer)
-    assert before.ink_scale == pytest.approx(0.8 if layer > 1 else 1.0, abs=0.04)
-    assert (estimate.inks, estimate.ink_scale) == (before.inks, before.ink_scale)
-    np.testing.assert_array_equal(estimate.state["dead_evidence"], before.state["dead_evidence"])
-    one, other = before.figures, estimate.figures
-    for name in ("noise_std", "droplet_std", "surprise", "shift_x", "shift_y", "rotation", "magnification"):
-        assert getattr(one, name) == getattr(other, name), name
-    assert not other.reasons
-
-
-def test_layers_after_an_unknown_one_are_trusted_and_the_ink_is_learnt_on() -> None:
-    job, _, estimate, height = printed_with_an_unknown_layer(2)
-    estimator, plant, whole = HeightEstimator(job), LayerModel.of(job).scaled(0.8), job.mask.astype(np.int32)
-    rng, seen = np.random.default_rng(3), np.ones(job.mask.shape, np.bool_)
-    for layer in range(3, 7):
-        height = plant.layer(height, whole, layer)
-        scan = height + NOISE * rng.standard_normal(height.shape)
-        estimate = estimator.next(estimate, whole, layer, scan, seen)
-        assert not estimate.figures.reasons
-    assert estimate.ink_scale == pytest.approx(0.8, abs=0.04)
-    assert np.sqrt(np.mean((estimate.height - height)[job.mask] ** 2)) < NOISE
 
 
 def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_nothing_and_all() -> None:

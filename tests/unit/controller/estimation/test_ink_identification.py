@@ -97,27 +97,6 @@ def test_noise_of_a_micrometre_biases_the_three_heights_little() -> None:
     np.testing.assert_array_less(np.abs(np.mean(found, axis=0) - 1.0), [0.03, 0.05, 0.2])
 
 
-@pytest.mark.parametrize("model", ["scale", "full"])
-def test_each_of_two_inks_is_learnt_separately(model: InkModel) -> None:
-    nominal = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-    true = (scaled(0.85), Ink(1.1 * 3.9e-6, 1.1 * 0.55e-6, 1.1 * 0.15e-6))
-    bench = Bench(block(44, 44, inks=nominal), true, model)
-    for _ in range(3):
-        bench.print(bench.random_pattern())
-    for found, ink in zip(bench.estimate.inks, true, strict=True):
-        assert found.layer_height == pytest.approx(ink.layer_height, rel=0.01, abs=0.0)
-
-
-@pytest.mark.parametrize("model", ["scale", "full"])
-def test_dead_nozzles_lower_no_volume(model: InkModel) -> None:
-    bench = Bench(block(34, 34), (scaled(0.9),), model)
-    factor = np.ones(bench.height.shape)
-    factor[:, [9, 21]] = 1e-9
-    for _ in range(10):
-        bench.print(bench.full_pattern() if model == "scale" else bench.random_pattern(), factor)
-    assert bench.estimate.ink_scale == pytest.approx(0.9, rel=0.02, abs=0.0)
-
-
 def test_drift_and_tilt_of_the_sensor_are_not_taken_for_ink() -> None:
     """Ground that no droplet reaches begins four cells from the part."""
     job = block(34, 34)
@@ -137,15 +116,6 @@ def test_drifting_ink_is_followed() -> None:
         bench.print(bench.full_pattern(), np.full(bench.height.shape, 1.0 - 0.005 * layer))
     assert bench.estimate.ink_scale == pytest.approx(0.805, abs=0.03)
     assert not bench.estimate.figures.stop
-
-
-@pytest.mark.parametrize("model", ["scale", "full"])
-def test_nothing_is_learnt_where_nothing_is_printed(model: InkModel) -> None:
-    bench = Bench(block(20, 20), (scaled(0.85),), model, noise_std=1e-6)
-    learnt = bench.print(bench.full_pattern()).inks
-    for _ in range(5):
-        found = bench.print(np.zeros(bench.height.shape, np.int32)).inks
-        np.testing.assert_allclose([shares(*pair) for pair in zip(found, learnt, strict=True)], 1.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("volume", "stops"), [(0.4, True), (0.55, False), (1.2, False), (1.5, True)])
@@ -192,18 +162,6 @@ def estimates(layers: int, **options: Any) -> list[tuple[Estimate, Any]]:
         scan[OUTSIDE] = 0.0
         found.append((estimator.next(found[-1][0], pattern, layer, scan, SEEN), height))
     return found
-
-
-def test_ledger_is_the_layer_map_of_all_droplets_but_those_of_dead_nozzles_and_of_no_scan() -> None:
-    full = found = np.zeros(SEEN.shape)
-    for estimate, height in estimates(8):
-        found = estimate.state["ledger"]
-        if not estimate.dead.any():
-            np.testing.assert_allclose(found, height, rtol=0.0, atol=1e-15)
-        full = height
-    assert estimate.dead.any()
-    assert found[OUTSIDE] < full[OUTSIDE] - 3e-6
-    np.testing.assert_allclose(found[OUTSIDE[0] + 4 :], full[OUTSIDE[0] + 4 :], rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("least", [LEAST, 0.9])

@@ -159,23 +159,6 @@ def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
         np.testing.assert_allclose(again.height[job.mask], height[job.mask], rtol=0.0, atol=0.2e-6)
 
 
-@pytest.mark.parametrize(("blind", "reason"), [(5, NONE), (7, UntrustedReason.BLIND)])
-def test_many_scans_in_a_row_that_miss_most_of_the_part_are_a_reason(blind: int, reason: UntrustedReason) -> None:
-    estimator, plant, height = HeightEstimator(JOB, untrusted_layers=99), LayerModel.of(JOB), np.zeros(SHAPE)
-    valid, pattern = SEEN.copy(), JOB.mask.astype(np.int32)
-    cells = np.argwhere(JOB.mask)
-    valid[tuple(cells[: round(0.6 * len(cells))].T)] = False
-    estimate = estimator.first(height, SEEN)
-    for layer in range(1, blind + 1):
-        height = plant.layer(height, pattern, layer)
-        estimate = estimator.next(estimate, pattern, layer, height, valid)
-    assert estimate.figures.blind_share == pytest.approx(0.6, abs=0.01)
-    assert estimate.figures.reasons & ~UntrustedReason.INK == reason
-    height = plant.layer(height, pattern, blind + 1)
-    again = estimator.next(estimate, pattern, blind + 1, height, SEEN)
-    assert not again.figures.reasons & UntrustedReason.BLIND
-
-
 @pytest.mark.parametrize(
     ("real", "variation", "is_foreign"),
     [

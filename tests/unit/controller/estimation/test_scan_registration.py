@@ -220,13 +220,3 @@ def test_scans_of_a_flat_surface_show_no_displacement() -> None:
         estimate = estimator.next(estimate, nothing, layer, np.zeros(seen.shape), seen)
         assert not estimate.figures.is_displaced
         assert (estimate.figures.shift_x, estimate.figures.shift_y, estimate.figures.spot_radius) == (0.0, 0.0, 0.0)
-
-
-def test_layer_that_was_abandoned_shows_no_displacement() -> None:
-    job, rng, sensor = block(20, 20), np.random.default_rng(1), Sensor((0.3, 0.0))
-    estimator, seen = HeightEstimator(job), np.ones(job.mask.shape, np.bool_)
-    height = LayerModel.of(job).layer(np.zeros(job.mask.shape), job.mask.astype(np.int32), 1)
-    first = estimator.first(np.zeros(job.mask.shape), seen)
-    after = estimator.next(first, job.mask.astype(np.int32), 1, sensor.scan(height, rng)[0], seen, is_unknown=True)
-    assert not after.figures.is_displaced
-    assert after.figures.shift_x == 0.0
