@@ -144,6 +144,7 @@ def toml_blocks(*pages: str) -> Iterator[object]:
 PARTS = (
     "how-to/bring-your-own-component.md",
     "how-to/height-maps-from-files.md",
+    "how-to/plant-in-another-program.md",
     "how-to/solve-a-layer-with-casadi.md",
     "reference/bench-faults.md",
     "reference/peers.md",

@@ -6,7 +6,7 @@
 #include "small_algebra.h"
 
 /* step of a share from layer to layer, as one share or as three (assumed) */
-static const double SHARE_STEP = 0.007, FULL_STEP = 0.014;
+static const double SHARE_STEP = 0.003, FULL_STEP = 0.014;
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 enum { POWERS = 5 };
 

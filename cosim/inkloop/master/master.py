@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from time import perf_counter_ns
 from typing import Any, Literal, TypeAlias
 
@@ -113,8 +114,8 @@ class Master:
         if time_max_ns is None and endless:
             raise ScenarioError("run", [f"nothing ends this run: {endless}; set time_max_s"])
         with ExitStack() as stack:
-            for component in self._components.values():
-                stack.callback(component.terminate)
+            for name in self._components:
+                stack.push(partial(self._terminate, name))
             self._initialize()
             time_ns = self._restore(resume) if resume else 0
             if self._course:
@@ -157,6 +158,16 @@ class Master:
             except Exception as error:
                 raise ComponentError(f"{name} could not be initialized: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
+
+    def _terminate(self, name: str, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Terminate a component; a failure of it does not hide the error that ended the run."""
+        try:
+            self._components[name].terminate()
+        except Exception as last:
+            failure = f"{name} could not be terminated: {message_of(last)}"
+            if not isinstance(error, Exception):
+                raise ComponentError(failure) from last
+            error.add_note(failure)
 
     def _restore(self, point: SavedPoint) -> int:
         """Bring the initialized components to a saved point; the time there."""

@@ -297,15 +297,28 @@ def test_every_component_is_terminated_once_when_one_fails_to_initialize() -> No
     assert [part.log.count("terminate") for part in (good, bad, late)] == [1, 1, 1]
 
 
-def test_every_component_is_terminated_even_if_terminating_fails() -> None:
-    class Sticky(FunctionComponent):
-        def terminate(self) -> None:
-            raise OSError("device is gone")
+class Sticky(FunctionComponent):
+    """Cannot be terminated."""
 
+    def terminate(self) -> None:
+        raise OSError("device is gone")
+
+
+def test_every_component_is_terminated_even_if_terminating_fails() -> None:
     good = counter()
-    with pytest.raises(OSError, match="device is gone"):
+    with pytest.raises(ComponentError, match=r"sticky could not be terminated: .*device is gone"):
         Master({"good": good, "sticky": Sticky()}, [], step_ns=1).run(time_max_ns=1)
     assert good.log[-1] == "terminate"
+
+
+def test_failing_to_terminate_does_not_hide_why_the_run_ended() -> None:
+    def refuse(values: Values) -> Values:
+        raise ValueError("nozzle cover is on")
+
+    with pytest.raises(ComponentError, match="sticky could not be initialized: ValueError: nozzle cover is on") as told:
+        Master({"sticky": Sticky(start=refuse)}, [], step_ns=1).run(time_max_ns=1)
+    (note,) = told.value.__notes__
+    assert note.startswith("sticky could not be terminated: OSError: device is gone")
 
 
 def test_failure_names_component_time_and_layer() -> None:
