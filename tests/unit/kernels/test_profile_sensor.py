@@ -67,33 +67,6 @@ def test_spot_spreads_a_spike_with_its_standard_deviation() -> None:
     assert (averaged.sum(axis=0) * distance**2).sum() == pytest.approx(4.0, rel=0.01, abs=0.0)
 
 
-def test_lost_cell_repeats_its_last_valid_value() -> None:
-    surfaces = [np.full((8, 9), float(layer + 1)) for layer in range(6)]
-    last = np.zeros((8, 9))
-    seen_lost = 0
-    for surface, (reading, valid) in zip(surfaces, scans(surfaces, dropout_rate=0.4), strict=True):
-        last = np.where(valid, surface, last)
-        assert np.array_equal(reading, last)
-        seen_lost += int((~valid).sum())
-    assert seen_lost == pytest.approx(0.4 * 432, abs=4 * np.sqrt(432 * 0.24))
-
-
-def test_shifted_sensor_reads_the_surface_beyond_each_cell() -> None:
-    whole = measured(ROUGH, shift_x=PITCH, shift_y=-2 * PITCH)
-    assert whole[:-1, 2:] == pytest.approx(ROUGH[1:, :-2], rel=1e-12, abs=0.0)
-    assert whole[-1, 2:] == pytest.approx(ROUGH[-1, :-2], rel=1e-12, abs=0.0)
-    quarter = measured(ROUGH, shift_x=0.25 * PITCH)
-    assert quarter[:-1] == pytest.approx(0.75 * ROUGH[:-1] + 0.25 * ROUGH[1:], rel=1e-12, abs=0.0)
-
-
-def test_shift_scatters_from_scan_to_scan_alike_for_all_cells() -> None:
-    plane = np.add.outer(1e-6 * np.arange(30), 1e-5 * np.arange(30))
-    readings = np.array([reading[8:-8, 8:-8] for reading, _ in scans([plane] * 200, shift_std=0.5 * PITCH)])
-    moved = readings - plane[8:-8, 8:-8]
-    assert np.ptp(moved, axis=(1, 2)).max() < 1e-15
-    assert moved[:, 0, 0].std() == pytest.approx(0.5 * np.hypot(1e-6, 1e-5), rel=4 / np.sqrt(2 * 200), abs=0.0)
-
-
 def test_all_errors_together_in_the_order_of_the_hardware() -> None:
     parameters: dict[str, Any] = {
         "noise_std": 1e-6,

@@ -45,10 +45,6 @@ def test_datum_of_flat_ground_is_taken_off_from_the_first_scan_on(datum: Any) ->
     np.testing.assert_allclose(after(datum, datum, flat=True).height, 0.0, rtol=0.0, atol=TOLERANCE)
 
 
-def test_offset_and_rise_of_flat_ground_are_reported() -> None:
-    assert first(PLANE).figures.ground == pytest.approx((3e-6, 4e-6, -8e-6), rel=1e-3, abs=1e-9)
-
-
 @pytest.mark.parametrize(("layers", "is_wrong"), [(1.0, False), (-2.5, False), (3.5, True), (-3.5, True), (20.0, True)])
 def test_ground_further_off_than_three_layers_is_not_the_flat_one(layers: float, is_wrong: bool) -> None:
     scan = np.full(PART.shape, layers * 7.6e-6)
@@ -92,23 +88,6 @@ def test_part_without_unprinted_cells_has_no_datum_taken_off(margin: int) -> Non
     start = np.random.default_rng(2).uniform(0.0, 5e-6, part.shape)
     found = after(start, start, part=part, valid=part | True)
     np.testing.assert_allclose(found.height, start, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("offset", [5e-6, -5e-6])
-@pytest.mark.parametrize("margin", [2, 3, 5])
-def test_steady_offset_is_taken_off_whatever_margin_the_part_has(margin: int, offset: float) -> None:
-    nx = 14 + 2 * margin
-    job = block(nx, nx, height=60e-6)
-    job.mask[:] = np.pad(np.ones((14, 14), np.bool_), margin)
-    estimator, plant, rng = HeightEstimator(job), LayerModel.of(job), np.random.default_rng(0)
-    height, pattern, seen = np.zeros(job.mask.shape), job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
-    estimate = estimator.first(height + offset + 0.3e-6 * rng.standard_normal(height.shape), seen)
-    for layer in range(1, 6):
-        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
-        scan = height + offset + 0.3e-6 * rng.standard_normal(height.shape)
-        estimate = estimator.next(estimate, pattern, layer, scan, seen)
-    assert abs((estimate.height - height)[job.mask].mean()) < 0.3e-6
-    assert not estimate.figures.reasons
 
 
 @pytest.mark.parametrize("noise_um", [0.2, 1.0])
