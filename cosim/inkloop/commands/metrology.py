@@ -54,8 +54,8 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.errors import HeightMapError
     from inkloop.metrology.evaluation.subject import Subject
     from inkloop.report import surface_parameters
-    from inkloop.results.evaluated_surface import subject_of
     from inkloop.results.result import Result
+    from inkloop.results.surface import subject_of
 
     source, is_run = options.source, options.source.is_dir()
     alien = ("unit", "pixel_um", "count_scale", "invalid_value") if is_run else ("layer", "map")

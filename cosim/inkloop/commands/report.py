@@ -56,10 +56,10 @@ def _write_file(options: argparse.Namespace) -> int:
         path = options.run / page.FILE
         page.write(path, runs, options.run / LOG_FILE)
     else:
-        from inkloop.report import pdf
+        from inkloop.report import pictures
 
-        path = options.run / pdf.FILE
-        pdf.write(path, runs, str(summary))
+        path = options.run / pictures.PDF_FILE
+        pictures.write_pdf(path, runs, str(summary))
     terminal.print(summary.table)
     terminal.sentence(f"{path}: {size_text(path.stat().st_size)}")
     terminal.result(folder=options.run, file=path, runs=run_report.figures(runs))

@@ -11,8 +11,7 @@ from inkloop.commands.options import screen
 from inkloop.errors import InkloopError, require
 
 if TYPE_CHECKING:
-    from inkloop.report.page.feed import Feed
-    from inkloop.report.page.server import Server
+    from inkloop.report.page.live import Feed, Server
 
 PORT = 8050
 
@@ -48,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _server(feed: Feed, port: int) -> Server:
     """The server of a feed. Raises InkloopError where the port cannot be had."""
-    from inkloop.report.page.server import Server
+    from inkloop.report.page.live import Server
 
     if not 0 <= port < 65536:
         raise InkloopError(f"--port is {port}; expected a number from 0, any free port, to 65535")

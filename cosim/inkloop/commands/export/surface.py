@@ -34,6 +34,6 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Write the file; the exit code."""
-    from inkloop.exchange.layers import surface_command
+    from inkloop.exchange.layers import surface
 
-    return surface_command.export(options, screen(options))
+    return surface.export(options, screen(options))

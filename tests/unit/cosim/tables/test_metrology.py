@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.units import M_PER_UM
 
