@@ -14,7 +14,7 @@ from inkloop.component import Ink, Status
 from inkloop.components import catalog
 from inkloop.errors import ComponentError
 from inkloop_controller.layer_controller import LayerController
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import DISCARD, ERROR, EVERY_FORM, OK, Driver
 from support.small_block import assert_same_layers, printed

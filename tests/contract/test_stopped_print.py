@@ -11,7 +11,7 @@ import pytest
 
 from inkloop.component import FloatMap, Status
 from inkloop.components import catalog
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, cylinder, inputs_of
 
 KINDS = ("LayerMpc", "LayerController")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from benchmarks.names import RECORDED
+from benchmarks import RECORDED
 from tools.figures import can_protocol, command_line, gallery, house, performance, the_papers
-from tools.figures.pages import filled, marks, read_json, table
-from tools.figures.writers import ALONE, WRITERS, writer
+from tools.figures.pages import ALONE, WRITERS, filled, marks, read_json, table, writer
 
 from support.places import ROOT, SCENARIOS
 

@@ -45,7 +45,7 @@ PLOTS = (
 )
 DOORS = {
     "fmpy": ("inkloop.fmu",),
-    "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
+    "casadi": ("inkloop_controller.program",),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
@@ -53,9 +53,9 @@ DOORS = {
     "lib3mf": ("inkloop.geometry.three_mf",),
     "odxtools": tuple(f"inkloop_hardware.protocol.odx_{name}" for name in ("file", "services", "values")),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
-    **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.cluster",)),
-    "optuna": ("inkloop_lab.sweep.optimise",),
-    "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "spaces", "target_offset")),
+    **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.sites",)),
+    "optuna": ("inkloop_lab.sweep.plan",),
+    "gymnasium": tuple(f"inkloop_lab.environment.{name}" for name in ("layer_env", "freed_scenario", "target_offset")),
     "skfem": ("inkloop_lab.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": tuple(f"inkloop.report.page.{name}" for name in ("page", "charts", "curves")),

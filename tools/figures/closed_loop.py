@@ -8,8 +8,7 @@ from math import isnan
 from pathlib import Path
 
 from benchmarks import closed_loop
-from benchmarks.prints import OURS, SHOWN, Metrics, printed
-from benchmarks.target_table import Figure
+from benchmarks.prints import OURS, SHOWN, Figure, Metrics, printed
 from tools.figures.pages import DOCS, Texts, table
 
 from inkloop.files import replaced

@@ -28,8 +28,7 @@ from inkloop.metrology.registration import Registration, cell_means
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Position, Table
 from inkloop.units import M_PER_UM
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 
 DESCRIPTION = "print.toml"
 LAYERS_MOST = 100_000

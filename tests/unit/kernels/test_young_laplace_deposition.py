@@ -111,12 +111,6 @@ def test_liquid_between_walls_does_not_gather_on_one_point() -> None:
     assert (after.over_grid - before.over_grid).max() < 300e-6  # a spike is 6 mm high
 
 
-def test_start_surface_is_kept_in_the_mean_of_every_cell() -> None:
-    surface = np.random.default_rng(6).uniform(0.0, 4e-6, (6, 5))
-    with Driver(MODEL, nx=6, ny=5).start({**COARSE, "height_start": surface}) as fmu:
-        assert fmu.print_layer(np.zeros((6, 5), dtype=np.int32)) == pytest.approx(surface, rel=1e-12, abs=0.0)
-
-
 def test_droplet_that_spreads_too_far_is_refused() -> None:
     """Radius 35.2 um: 14 drops are the first that reach beyond two pitches of 42.3 um."""
     with Driver(MODEL, nx=5, ny=5).start() as fmu:
