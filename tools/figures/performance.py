@@ -11,7 +11,7 @@ from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
 PAGE = DOCS / "reference" / "performance.md"
 RECORD = PAGE.with_suffix(".json")
 PRINTERS = "whole_layer"
-RECORD_ONLY = frozenset({"estimator"})
+RECORD_ONLY = frozenset({"controller_time", "estimator", "time_limit"})
 """Benchmarks whose tables are in the record only."""
 FOLLOWING = frozenset({"Numba / inkloop", "Numba, branch-free / inkloop", "NumPy / inkloop", "FMPy / inkloop", "gain"})
 """Columns of the record that follow from other columns, which the page leaves out."""
