@@ -11,7 +11,7 @@ import numpy as np
 from inkloop.component import Job
 from inkloop_hardware.devices.first_scan import check_seen
 from inkloop_hardware.devices.layer_steps import LayerSteps
-from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, missing, set_dry_run
+from inkloop_hardware.devices.readiness import MARGIN_S, NotReady, blocked, clear, make_ready, missing, set_dry_run
 from inkloop_hardware.devices.readiness import home as find_zero
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.height_map_bytes import read_map
@@ -26,6 +26,7 @@ CONDITIONS = {
     Flags.STOPPED: "a stop request is active",
     Flags.DRY_RUN: "in a dry run",
     Flags.JOURNAL_DAMAGED: "its journal is damaged",
+    Flags.JOURNAL_UNREADABLE: "its journal could not be read at power-up",
     Flags.BY_WATCHDOG: "reset by its watchdog",
 }
 """Flag of a node -> its meaning for a person."""
@@ -73,6 +74,9 @@ def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
     rig.wait_for(NODES)
     option = ClearOption.OPERATOR | (ClearOption.ABANDON if give_up else ClearOption(0))
     for node in NODES:
+        state = rig.link(node).state()
+        if state.flags & Flags.JOURNAL_UNREADABLE and not give_up and (reason := blocked(node, state)):
+            raise NotReady(reason)
         clear(rig, node, int(option))
         yield f"{node.lower()}: cleared" + (", its open layer is given up" if give_up else "")
 

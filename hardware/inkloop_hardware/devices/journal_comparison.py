@@ -10,7 +10,7 @@ from __future__ import annotations
 from inkloop.errors import ComponentError
 from inkloop_hardware.devices.master_journal import LayerAsked
 from inkloop_hardware.errors import HardwareError
-from inkloop_hardware.protocol.node_state import NodeState
+from inkloop_hardware.protocol.node_state import Flags, NodeState
 
 ADVICE = (
     "another head is mounted, its journal was erased, or something else was printed since; nothing is jetted on a part "
@@ -27,7 +27,7 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
 
     mine: the newest layer the master asked for, None for none; job: of the run; head: its state, with its newest layer.
     """
-    if mine is None:
+    if mine is None or head.flags & Flags.JOURNAL_UNREADABLE:  # `readiness.blocked` names the latter
         return
     begun, is_same_job = head.done | head.unknown, head.job == job
     ours = f"this run's journal: {_passes(mine.done)} of layer {mine.layer} of job {job} done"

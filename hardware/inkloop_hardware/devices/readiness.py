@@ -84,6 +84,11 @@ def blocked(node: Node, state: NodeState) -> str | None:
         return f"{name}: a stop request is active; release it, check the bench, then `inkloop bench clear SCENARIO`"
     if state.flags & Flags.JOURNAL_DAMAGED:
         return f"{name}: its journal cannot be written; replace its storage, nothing is energised until then"
+    if state.flags & Flags.JOURNAL_UNREADABLE:
+        return (
+            f"{name}: its journal could not be read at power-up, so what it has done is not known; switch it off and "
+            "on; if it is no better then, take the part off, `inkloop bench clear SCENARIO --give-up`, begin a new one"
+        )
     if not state.flags & Flags.NEEDS_OPERATOR:
         return None
     if state.unknown:

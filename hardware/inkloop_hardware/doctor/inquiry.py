@@ -209,7 +209,7 @@ def clock_rates(first: ClockReading, last: ClockReading) -> tuple[float, float]:
 
 def _journals(report: NodeReport) -> Iterator[Finding]:
     name, records = report.node.lower(), report.journal
-    if report.state.flags & Flags.JOURNAL_DAMAGED:
+    if report.state.flags & (Flags.JOURNAL_DAMAGED | Flags.JOURNAL_UNREADABLE):
         return  # reported with its state
     if not records:
         yield Finding.warning(

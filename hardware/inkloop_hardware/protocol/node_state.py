@@ -56,6 +56,8 @@ class Flags(IntFlag):
     JOURNAL_DAMAGED = 32
     BY_WATCHDOG = 64
     """its watchdog caused the last power-up"""
+    JOURNAL_UNREADABLE = 128
+    """its journal could not be read at power-up; clear is refused unless the open layer is given up"""
 
 
 class LayerFlags(IntFlag):

@@ -136,6 +136,6 @@ def printed(passes: tuple[int, ...]) -> NDArray[np.float64]:
         bench.ready()
         assert bench.download(BLOB, 1) == 0
         for number in passes:
-            assert bench.run(node_bench.PASS, layer=1, which=number, option=bytes([number])) == node_bench.DONE
+            assert bench.jet(1, number) == node_bench.DONE
         found = np.round(bench.surface / 1e-7) * 1e-7
     return found

@@ -145,9 +145,9 @@ def read_map(client: Client, layer: int) -> bytes:
 def print_and_scan(head: Client, lamp: Client, profiler: Client) -> None:
     """The first layer, full, in four passes, each cured; then its scan."""
     for client in (head, lamp, profiler):
-        assert start(client, node_bench.CLEAR, b"\0") == node_bench.DONE
+        assert start(client, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
     send_pattern(head, node_bench.pattern_blob(FULL), 1)
     for number in range(4):
-        assert start(head, node_bench.PASS, bytes([number]), which=number) == node_bench.DONE
-        assert start(lamp, node_bench.CURE_ROUTINE, pack(">H", 20), which=number) == node_bench.DONE
-    assert start(profiler, node_bench.SCAN) == node_bench.DONE
+        assert start(head, node_bench.Routine.PASS, bytes([number]), which=number) == node_bench.DONE
+        assert start(lamp, node_bench.Routine.CURE, pack(">H", 20), which=number) == node_bench.DONE
+    assert start(profiler, node_bench.Routine.SCAN) == node_bench.DONE

@@ -41,6 +41,11 @@ def state(**changes: Any) -> NodeState:
             "head: its journal cannot be written; replace its storage, nothing is energised until then",
         ),
         (
+            {"flags": Flags.JOURNAL_UNREADABLE | Flags.NEEDS_OPERATOR, "cause": Fault.JOURNAL_UNREADABLE},
+            "head: its journal could not be read at power-up, so what it has done is not known; switch it off and on; "
+            "if it is no better then, take the part off, `inkloop bench clear SCENARIO --give-up`, begin a new one",
+        ),
+        (
             {"flags": Flags.NEEDS_OPERATOR, "unknown": 0b1010, "layer_flags": LayerFlags.CURE_UNKNOWN},
             "head: needs a person because of pass 2, 4 of layer 3, which was begun and whose progress is unknown; "
             "check the bench, then `inkloop bench clear SCENARIO`",
@@ -84,6 +89,10 @@ def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any
         (
             {"flags": Flags.JOURNAL_DAMAGED | Flags.BY_WATCHDOG | Flags.MAP_READY},
             "head     IDLE, its journal is damaged, reset by its watchdog; v1",
+        ),
+        (
+            {"state": State.SAFE, "cause": Fault.JOURNAL_UNREADABLE, "flags": Flags.JOURNAL_UNREADABLE},
+            "head     SAFE because of JOURNAL_UNREADABLE, its journal could not be read at power-up; v1",
         ),
     ],
 )
@@ -150,6 +159,14 @@ def test_clear_releases_every_node_as_a_person(give_up: bool) -> None:
     option = bytes([int(ClearOption.OPERATOR) + give_up * int(ClearOption.ABANDON)])
     assert rig.log == [("wait", tuple(Node)), *(key(name, "CLEAR", option) for name in NAMES)]
     assert shown == [f"{name}: cleared" + (", its open layer is given up" if give_up else "") for name in NAMES]
+
+
+def test_journal_that_could_not_be_read_is_not_cleared_unless_it_is_given_up() -> None:
+    rig: Any = Rig(Node.STAGE, flags=Flags.JOURNAL_UNREADABLE | Flags.NEEDS_OPERATOR)
+    with pytest.raises(NotReady, match=r"^stage: its journal could not be read .* --give-up`"):
+        list(commands.clear_all(rig))
+    assert [entry[0] for entry in rig.log] == ["wait", "head"]
+    assert len(list(commands.clear_all(rig, give_up=True))) == len(NAMES)
 
 
 def test_home_clears_the_stage_and_moves_it_with_motion_enabled() -> None:

@@ -84,8 +84,8 @@ def test_layer_of_four_passes_is_stage_head_stage_lamp_for_each_colour_in_the_or
         assert [option for routine, _, option in cure if routine == Routine.CURE] == [b"\x00\x14"] * 4
         assert rig.enables == [MOTION, GATE | MOTION, MOTION, LAMP] * 4
         assert rig.bench.master.enables == 0
-        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 4
-        assert nodes.counted(node_bench.LAMP_WITH_GATE) == 0
+        assert nodes.gate_openings == nodes.lamp_pulses == 4
+        assert nodes.lamp_with_gate == 0
 
 
 def test_layer_of_one_pass_jets_all_colours_at_once() -> None:
@@ -170,7 +170,7 @@ def test_interrupted_layer_is_resumed_and_no_pass_is_jetted_twice() -> None:
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
         assert again.downloads == []
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
         np.testing.assert_array_equal(nodes.surface, same.surface)
 
 
@@ -183,7 +183,7 @@ def test_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
 
 
 def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
@@ -196,7 +196,7 @@ def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 2, full()) == 2
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 8
+        assert nodes.gate_openings == 8
 
 
 def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> None:
@@ -210,7 +210,7 @@ def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> 
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
         assert rig.downloads == [(1, True)]
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 4
+        assert nodes.gate_openings == 4
 
 
 def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
@@ -220,7 +220,7 @@ def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
     nodes.send_keep_alive()
     assert nodes.download(blob.coded, 1, coded=0x10) == 0
     for number in range(2):
-        assert nodes.run(node_bench.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0
+        assert nodes.run(node_bench.Routine.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0
 
 
 def test_layer_begun_with_another_pattern_is_refused_with_a_message() -> None:
@@ -239,18 +239,18 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         first = started(Printer(FOUR, rig, cure_ms=5))
         saved = first.save()
         print_two_passes(nodes, rig)
-        nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=b"\2", job=rig.job))
+        nodes.raw(nodes.routine(node_bench.Routine.PASS, layer=1, which=2, option=b"\2", job=rig.job))
         nodes.tick(5)
         nodes.power_up(node_bench.HEAD)
         with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"):
             started(Printer(FOUR, rig))
         rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\1", limit_s=1)
-        openings, pulses = nodes.counted(node_bench.GATE_OPENINGS), nodes.counted(node_bench.LAMP_PULSES)
+        openings, pulses = nodes.gate_openings, nodes.lamp_pulses
         second = started(Printer(FOUR, rig, cure_ms=5))
         second.restore(saved)
         assert print_layer(second, 1, full()) == 1
-        assert nodes.counted(node_bench.GATE_OPENINGS) == openings
-        assert nodes.counted(node_bench.LAMP_PULSES) == pulses + 3
+        assert nodes.gate_openings == openings
+        assert nodes.lamp_pulses == pulses + 3
         assert print_layer(second, 2, full()) == 2
 
 
@@ -337,7 +337,7 @@ def test_dry_run_enables_nothing_but_motion() -> None:
         rig.attach()
         assert list(dry_run(rig, FOUR, cure_ms=5))
         assert set(rig.enables) == {0, MOTION}
-        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 0
+        assert nodes.gate_openings == nodes.lamp_pulses == 0
         assert not nodes.surface.any()
 
 
@@ -353,7 +353,7 @@ def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         started(Printer(FOUR, rig))
-        assert nodes.run(node_bench.DRY_RUN, node_bench.HEAD, option=b"\1", job=rig.job) == 0
+        assert nodes.run(node_bench.Routine.DRY_RUN, node_bench.HEAD, option=b"\1", job=rig.job) == 0
         print_layer(started(Printer(FOUR, rig, cure_ms=5)), 1, full())
         assert nodes.surface.any()
 

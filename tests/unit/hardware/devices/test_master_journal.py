@@ -13,10 +13,12 @@ import pytest
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job
+from inkloop_hardware.devices.commands import clear_all
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -207,9 +209,11 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
     assert MasterJournal(tmp_path).records[-1].event is Event.DONE
 
 
-def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
+def head(
+    layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2, flags: int = 0
+) -> NodeState:
     return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
+        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(flags), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
         *(1, 1, crc, 0.0, 0),
     )
 
@@ -225,6 +229,10 @@ def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: in
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01)),
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b11)),  # the answer never arrived
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01, unknown=0b10)),
+        (
+            LayerAsked(2, 0b11, 0b01, 0xABC2),
+            head(2, flags=Flags.JOURNAL_UNREADABLE),
+        ),  # refused before anything is asked
     ],
 )
 def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: Any, theirs: NodeState) -> None:
@@ -240,6 +248,7 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
         (LayerAsked(2), head(1, job=8, done=15), "of job 8"),
         (LayerAsked(2), head(0, job=0), "another head is mounted, its journal was erased"),
+        (LayerAsked(1, 0b01, 0b00, 0xABC2), head(65535), "journals differ"),  # given up, as it could not be read
         (LayerAsked(2, 0b1111, 0b1111, 0xABC2), head(3), "something else was printed since"),
         (
             LayerAsked(2, 0b01, 0b01, 0xABC2),
@@ -331,3 +340,25 @@ def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> 
         with pytest.raises(JournalsDiffer, match="its journal was erased"):
             printer_of(tmp_path, rig)
         assert not [asked for node in Node for asked in rig.link(node).asked], "nothing was asked of the nodes"
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("lost", [2, 5, 9])
+def test_head_that_cannot_read_its_journal_jets_nothing_twice(tmp_path: Path, lost: int) -> None:
+    """Read again, the print goes on; given up, a new part is begun."""
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        surface = nodes.surface.copy()
+        nodes.decay(lost)
+        nodes.power_up()
+        with pytest.raises(NotReady, match="head: its journal could not be read at power-up"):
+            printer_of(tmp_path, NodeRig(nodes))
+        nodes.restore()
+        nodes.power_up()
+        assert print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)["layers_printed"] == 1
+        nodes.decay(lost)
+        nodes.power_up()
+        assert "head: cleared, its open layer is given up" in list(clear_all(NodeRig(nodes), give_up=True))
+        with pytest.raises(JournalsDiffer, match="inkloop run"):
+            printer_of(tmp_path, NodeRig(nodes))
+        np.testing.assert_array_equal(nodes.surface, surface)

@@ -78,7 +78,7 @@ def test_print_continues_with_a_node_that_restarts_between_steps_and_every_pass_
         printer = started(rig)
         before(rig, node, routine, nth, lambda: nodes.power_up(list(Node).index(node)))
         assert print_layer(printer, 1)["layers_printed"] == 1
-        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 4
+        assert nodes.gate_openings == nodes.lamp_pulses == 4
         np.testing.assert_array_equal(nodes.surface, same.surface)
 
 
@@ -101,7 +101,7 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
         def dies(routine: Routine, key: Any, option: bytes = b"", **more: Any) -> Any:
             if routine != Routine.PASS or key.pass_ != 2:
                 return ask(routine, key, option, **more)
-            nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=option, job=rig.job))
+            nodes.raw(nodes.routine(node_bench.Routine.PASS, layer=1, which=2, option=option, job=rig.job))
             nodes.tick(10)
             nodes.power_up(node_bench.HEAD)
             raise NodeRefused("head: it began and gave up", 0x26)
@@ -111,12 +111,12 @@ def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass()
             NotReady, match=r"gave up\n.*pass 3 of layer 1.*progress is unknown.*inkloop bench clear SCENARIO"
         ):
             print_layer(printer, 1)
-        head.routine, openings = ask, nodes.counted(node_bench.GATE_OPENINGS)
+        head.routine, openings = ask, nodes.gate_openings
         assert nodes.clear(node_bench.HEAD, 1) == node_bench.DONE
         found = print_layer(printer, 1)
         assert (found["layers_printed"], found["layer_unknown"]) == (1, True)
         assert found["droplets_a"] == np.count_nonzero(ONES[0::2])
-        assert nodes.counted(node_bench.GATE_OPENINGS) == openings
+        assert nodes.gate_openings == openings
         resumed = Printer(FOUR, rig, cure_ms=20)
         resumed.initialize(0, {"layer_command": np.int32(1)})
         resumed.restore(printer.save())
@@ -133,7 +133,7 @@ def test_bench_that_falls_again_and_again_ends_the_run() -> None:
         before(rig, Node.HEAD, Routine.PASS, 1, lambda: nodes.power_up(node_bench.HEAD), times=9)
         with pytest.raises(NodeRefused):
             print_layer(printer, 1)
-        assert nodes.counted(node_bench.GATE_OPENINGS) == 0
+        assert nodes.gate_openings == 0
 
 
 @pytest.mark.parametrize("state", [State.SAFE, State.FAULT])
@@ -214,7 +214,7 @@ def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(rig)
-        nodes.broken(node_bench.NOT_READY)
+        nodes.broken(node_bench.Broken.NOT_READY)
         with pytest.raises(NodeRefused):
             print_layer(printer, 1)
         asked = [routine for routine, *_ in rig.link(Node.HEAD).asked]

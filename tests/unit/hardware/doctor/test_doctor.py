@@ -37,7 +37,7 @@ from inkloop_hardware.protocol.node_state import (
 from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
-from support.benches.node_bench import GATE_STAYS_CLOSED, LAMP_STAYS_ON, NodeBench
+from support.benches.node_bench import Broken, NodeBench
 from support.benches.node_rig import NodeRig
 from support.places import ROOT
 
@@ -263,6 +263,11 @@ def test_node_that_is_well_has_no_fault() -> None:
         (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
         (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
         (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
+        (
+            replace(report(), state=replace(report().state, flags=Flags.JOURNAL_UNREADABLE)),
+            "states",
+            "could not be read",
+        ),
         (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
         (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
         (
@@ -449,11 +454,11 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
         findings = list(try_gate_and_lamp(rig))
         assert [finding.grade for finding in findings] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
-        assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
+        assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [1, 1, 0]
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize(("broken", "tests"), [(GATE_STAYS_CLOSED, 1), (LAMP_STAYS_ON, 1)])
+@pytest.mark.parametrize(("broken", "tests"), [(Broken.GATE_STAYS_CLOSED, 1), (Broken.LAMP_STAYS_ON, 1)])
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
@@ -461,7 +466,7 @@ def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> No
         assert len(findings) == tests
         assert findings[-1].grade is Grade.ERROR
         assert "everything is off" in findings[-1].advice
-        assert bench.counted(1) == 0
+        assert bench.lamp_pulses == 0
 
 
 @pytest.mark.compiled
@@ -471,4 +476,4 @@ def test_nodes_that_need_a_person_are_not_energised() -> None:
         bench.stop(False)
         findings = list(try_gate_and_lamp(NodeRig(bench)))
         assert [finding.grade for finding in findings] == [Grade.SKIPPED]
-        assert [bench.counted(what) for what in range(3)] == [0, 0, 0]
+        assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [0, 0, 0]

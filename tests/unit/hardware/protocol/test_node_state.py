@@ -25,7 +25,7 @@ from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import FaultyWire
-from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
+from support.benches.node_bench import HEAD, PROFILER, NodeBench, pattern_blob
 from support.benches.node_status import IDLE_HEAD
 
 
@@ -94,7 +94,7 @@ def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     link.download(1, pattern_blob(np.ones((9, 8))))
     key = Key(7, 1, 0, 1)
     assert link.ask(Routine.PASS, key) is Outcome.NEVER
-    bench.raw(bench.routine(PASS, layer=1, option=b"\0"))
+    bench.raw(bench.routine(Routine.PASS, layer=1, option=b"\0"))
     bench.tick(10)
     assert link.ask(Routine.PASS, key) is Outcome.UNDER_WAY
     bench.power_up(HEAD)

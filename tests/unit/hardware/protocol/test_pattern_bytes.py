@@ -70,7 +70,7 @@ def test_both_forms_print_the_same_surface(coded: bool) -> None:
             one.ready()
             assert one.download(blob, 1, coded=0x10 * form) == 0
             for number in range(4):
-                assert one.run(node_bench.PASS, layer=1, which=number, option=bytes([number])) == node_bench.DONE
+                assert one.jet(1, number) == node_bench.DONE
         assert bench.surface.any()
         np.testing.assert_array_equal(bench.surface, same.surface)
 
