@@ -38,7 +38,7 @@ BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloo
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
-    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
+    *(f"inkloop.report.{name}" for name in ("layer_curves", "error_maps")),
     "inkloop_lab",
     "inkloop.exchange.job.target_picture",
     "inkloop_controller.planning.layer_plan",

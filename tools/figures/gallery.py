@@ -13,8 +13,7 @@ from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, writ
 from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.components.devices import KINDS
-from inkloop.report import run_report
-from inkloop.report.formats import PNG
+from inkloop.report import PNG, run_report
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M

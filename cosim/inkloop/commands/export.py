@@ -135,20 +135,20 @@ def _add_layers(commands: Any) -> argparse.ArgumentParser:
 
 def _export_layers(options: argparse.Namespace) -> int:
     require("PIL", "inkloop export layers")
-    from inkloop.exchange.layers import command, patterns
+    from inkloop.exchange.layers import archive, patterns
     from inkloop.results.result import Result
 
     source: Path = options.scenario
     if source.is_file() and source.suffix not in SCENARIOS:
         scenario = scenario_of_part(options, source, overrides_of(options.overrides, str(source)))
-        return command.export(patterns.of_open_loop(scenario), source, options, screen(options))
+        return archive.export(patterns.of_open_loop(scenario), source, options, screen(options))
     no_part_options(options)
     if not source.is_dir():
         with scenario_of(options) as scenario:
-            return command.export(patterns.of_open_loop(scenario), source, options, screen(options))
+            return archive.export(patterns.of_open_loop(scenario), source, options, screen(options))
     if options.overrides:
         raise ResultError(f"{source}: --set goes with a scenario; a run keeps what was jetted: leave it out")
-    return command.export(patterns.of_run(Result.load(source), str(source)), source, options, screen(options))
+    return archive.export(patterns.of_run(Result.load(source), str(source)), source, options, screen(options))
 
 
 def _add_surface(commands: Any) -> argparse.ArgumentParser:
@@ -171,9 +171,9 @@ def _add_surface(commands: Any) -> argparse.ArgumentParser:
 
 
 def _export_surface(options: argparse.Namespace) -> int:
-    from inkloop.exchange.layers import surface_command
+    from inkloop.exchange.layers import surface
 
-    return surface_command.export(options, screen(options))
+    return surface.export(options, screen(options))
 
 
 def _add_schema(commands: Any) -> argparse.ArgumentParser:

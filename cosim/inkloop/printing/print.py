@@ -19,9 +19,9 @@ from inkloop.master.pacing import Pacing
 from inkloop.master.roles import StopReason
 from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
-from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, STOPPED, UNFINISHED, Result, saving
+from inkloop.results.surface import with_parameters
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S, UM_PER_M
 

@@ -14,7 +14,7 @@ from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.errors import InkloopError, ScenarioError
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.scenario.file import Scenario
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable, read_fault

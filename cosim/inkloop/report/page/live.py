@@ -1,23 +1,38 @@
-"""Present content of the live page: the newest content of a run folder, and its changes for each page."""
+"""The live page: the newest content of a run folder, its changes for each page, and their server on this machine.
+
+Open pages keep asking for the content.
+"""
 
 from __future__ import annotations
 
 import secrets
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import parse_qs, urlsplit
 
 from inkloop.errors import InkloopError
-from inkloop.report.page.content import content
+from inkloop.report.page import page
 from inkloop.report.page.maps import LayerMaps
-from inkloop.report.page.page import CONTENT_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
 LOOKS_PER_STATE = 8
 """Looks at the files per look at the lock of the run, which must not block a run that begins at that moment."""
 ROOM = 1.5
 """Room for layers on a page, relative to the least number that the scenario needs: the last layers are not full."""
+HOST = "127.0.0.1"
+HOSTS = (HOST, "localhost")
+"""Host names in a valid request; any other belongs to a site that resolves itself to this machine."""
+DIGITS = 9
+"""Largest number of digits in a number of layers sent by a page."""
+HEADERS = {
+    "Content-Security-Policy": f"{page.POLICY}; {page.LIVE_SOURCES}; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+}
 
 
 class Source(Protocol):
@@ -59,7 +74,7 @@ class Feed:
                 return None
             is_same = (epoch, len(known)) == (self._epoch, len(self._runs))
             try:
-                found = content(self._runs, list(self._maps.values()), self._log, known if is_same else ())
+                found = page.content(self._runs, list(self._maps.values()), self._log, known if is_same else ())
             except InkloopError as error:  # a run has ended since the last look
                 return {"problem": str(error)}
             found["texts"]["state"] = f"{found['texts']['state']} {self._owner}".rstrip()
@@ -82,7 +97,7 @@ class Feed:
     def _take(self, runs: dict[str, Result]) -> None:
         """Add the new layers to the maps; begin again where a run has fewer layers, or the blocks become too small."""
         expected = max(self._layers, *(result.dataset.sizes["layer"] for result in runs.values())) * len(runs)
-        block = first_block(runs, CONTENT_BYTES_MAX / PACKED_SHARE, round(ROOM * expected))
+        block = page.first_block(runs, page.CONTENT_BYTES_MAX / page.PACKED_SHARE, round(ROOM * expected))
         is_shorter = any(
             name in self._maps and len(self._maps[name].heights) > result.dataset.sizes["layer"]
             for name, result in runs.items()
@@ -108,3 +123,57 @@ def _length(path: Path) -> int:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
+
+
+class Server(ThreadingHTTPServer):
+    """The server of a feed on a port of this machine, 0 for a free one. Raises OSError."""
+
+    def __init__(self, feed: Feed, port: int) -> None:
+        super().__init__((HOST, port), _Answers)
+        self.feed, self.texts = feed, {**page.served(), "/favicon.ico": ""}
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return f"http://{HOST}:{self.server_port}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that is closed while it is answered is no error."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
+class _Answers(BaseHTTPRequestHandler):
+    server: Server
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        """Answer with a file of the page, or with the content that a page lacks."""
+        url = urlsplit(self.path)
+        if self.headers.get("Host", "").partition(":")[0] not in HOSTS:
+            self.send_error(HTTPStatus.BAD_REQUEST, "Invalid host header")
+        elif url.path == "/content":
+            self._answer(self._content(parse_qs(url.query)), "application/json")
+        elif url.path in self.server.texts:
+            self._answer(self.server.texts[url.path], "text/javascript" if url.path != "/" else "text/html")
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def log_message(self, *_: Any) -> None:
+        """Print nothing: a page asks twice a second."""
+
+    def _content(self, query: dict[str, list[str]]) -> str:
+        version, epoch, known = (query.get(name, [""])[0] for name in ("version", "epoch", "known"))
+        counts = [int(count) for count in known.split(",") if count.isdecimal() and len(count) < DIGITS]
+        found = self.server.feed.content(version, epoch, counts)
+        return page.as_json(found) if found else ""
+
+    def _answer(self, text: str, kind: str) -> None:
+        body = text.encode()
+        self.send_response(HTTPStatus.OK if body else HTTPStatus.NO_CONTENT)
+        for name, value in {**HEADERS, "Content-Type": f"{kind}; charset=utf-8"}.items():
+            self.send_header(name, value)
+        if body:
+            self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
