@@ -26,6 +26,7 @@ EXTRAS: Mapping[str, tuple[str, str]] = {
     "gymnasium": ("gymnasium", "env"),
     "lib3mf": ("lib3mf", "3mf"),
     "matplotlib": ("matplotlib", "report"),
+    "odxtools": ("odxtools", "formats"),
     "optuna": ("optuna", "optimise"),
     "PIL": ("pillow", "formats"),
     "plotly": ("plotly", "report"),

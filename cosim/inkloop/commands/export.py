@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ SCENARIOS = (".toml", ".ssp")
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command, which its parts are added to."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export", help="write files for other tools: FMUs, systems of FMUs, layers, surfaces"
+        "export", help="write files for other tools: FMUs, systems of FMUs, layers, surfaces, services of nodes"
     )
     return parser
 
@@ -176,6 +177,23 @@ def _export_surface(options: argparse.Namespace) -> int:
     return surface.export(options, screen(options))
 
 
+def _add_services(commands: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "services", help="write the diagnostic services of the nodes of a bench as a PDX file (ODX), for testers"
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="file to write, such as nodes.pdx")
+    return parser
+
+
+def _export_services(options: argparse.Namespace) -> int:
+    require("odxtools", "inkloop export services")
+    importlib.import_module("inkloop_hardware.protocol.odx_file").write_services(options.file)
+    terminal = screen(options)
+    terminal.sentence(f"wrote {options.file}: services of head, stage, cure lamp and profiler")
+    terminal.result(file=options.file)
+    return 0
+
+
 def _add_schema(commands: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         "schema", help="print the JSON Schema of scenario files, for editors"
@@ -204,5 +222,6 @@ PARTS = (
     Part(_add_job, _export_job),
     Part(_add_layers, _export_layers),
     Part(_add_surface, _export_surface),
+    Part(_add_services, _export_services),
     Part(_add_schema, _export_schema),
 )

@@ -12,7 +12,7 @@ from udsoncan import DataFormatIdentifier, MemoryLocation
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.requests import TRIES, Requests
 from inkloop_hardware.protocol.height_map_bytes import map_size
-from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferState
+from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferFlags, TransferState
 from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
 
 Progress = Callable[[int, int], None]
@@ -114,9 +114,10 @@ def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: in
                 size.went_through()
             return len(piece)
         taken = requests.read(Identifier.TRANSFER, TransferState.of)
-        if taken.active and taken.done == at + len(piece):
+        is_active = TransferFlags.ACTIVE in taken.flags
+        if is_active and taken.done == at + len(piece):
             return len(piece)
-        if not taken.active or taken.done != at:
+        if not is_active or taken.done != at:
             raise TransferError(f"the {requests.name} has {taken.done} bytes, expected {at}: {what}")
     raise LinkTimeout(f"the {requests.name} took nothing in {TRIES} tries: {what}; check cables and termination")
 

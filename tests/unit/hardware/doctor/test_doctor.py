@@ -35,7 +35,6 @@ from inkloop_hardware.protocol.node_state import (
     Step,
 )
 from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
-from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches.node_bench import Broken, NodeBench
 from support.benches.node_rig import NodeRig
@@ -235,7 +234,7 @@ def report(node: Node = Node.HEAD) -> NodeReport:
         State.SAFE, Fault.NONE, roles, Flags(0), 0, 0, 0, 0, 0, 0, LayerFlags(0), Step.NONE, 1, 0, 0, 5.0, 0
     )
     limits = NodeLimits(1000, 0.3, 10.0, 0.5, 120.0, 30.0, 60.0, 4095)
-    record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0)
+    record = JournalRecord(7, Happening.BOOT, Step.NONE, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0, 0, 0)
     shape = (20, 20) if node is Node.PROFILER else None
     clock = (ClockReading(5.0, 100.0, 100.01), ClockReading(6.0, 101.0, 101.01))
     return NodeReport(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)

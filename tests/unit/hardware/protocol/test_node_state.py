@@ -19,6 +19,7 @@ from inkloop_hardware.protocol.node_state import (
     NodeState,
     Roles,
     Step,
+    TransferFlags,
     TransferState,
 )
 from inkloop_hardware.protocol.records import NodeFault
@@ -37,12 +38,15 @@ def bench() -> Iterator[NodeBench]:
 
 @pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
+    bench.power_up(HEAD)
+    bench.tick(100)
+    assert bench.clear() == Outcome.DONE
     bench.print_layer(np.ones((9, 8)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
         *(7, 1, 4, 0b1111, 0, 0),
-        *(LayerFlags(0), Step.NONE, 1, 1),
+        *(LayerFlags(0), Step.NONE, 2, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
@@ -73,7 +77,7 @@ def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     assert bench.scan(0) == 0
     link.upload(0)
     transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
-    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 165, 165)
+    assert (transfer.flags, transfer.done, transfer.size) == (TransferFlags.UPLOAD, 165, 165)
     assert link.version()
 
 
