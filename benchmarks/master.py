@@ -18,10 +18,10 @@ from rich.table import Table
 
 from benchmarks.timing import scaled, table_of
 from inkloop.component import Component, Job, Port, Values
+from inkloop.course.wiring import contract_connections
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.results.recorder import Recorder
 from inkloop.units import NS_PER_S
 

@@ -8,35 +8,23 @@ import gc
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from inkloop.commands import (
-    bench,
-    compare,
-    export,
-    geometry,
-    info,
-    installed,
-    metrology,
-    new,
-    report,
-    resume,
-    run,
-    validate,
-    watch,
-)
-from inkloop.commands.bench.actions import ACTIONS
+from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, message_of
 from inkloop.files import reason_of
 
-COMMANDS = (run, resume, validate, report, watch, compare, new, geometry, export, info, metrology, bench)
-"""The modules of inkloop's own commands, in the order of `inkloop --help`; `installed` finds others."""
+COMMANDS = (*prints.PARTS, *runs.PARTS, *parts.PARTS, export, bench)
+"""inkloop's own commands, in the order of `inkloop --help`; packages add others."""
 RENAMED = {
     **{f"export-{part}": f"export {part}" for part in ("ssp", "job", "layers", "surface")},
     "schema": "export schema",
-    "device": f"bench {'|'.join(action.name for action in ACTIONS)}",
+    "device": f"bench {'|'.join(bench.ACTIONS)}",
     "doctor": "bench doctor",
     "replay": "bench replay",
     "export": "export fmu",
@@ -133,7 +121,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:
         _add(commands, module)
     if words[:1] != ["--version"] and not (words and words[0] in commands.choices):
         try:
-            for module in installed.commands(words[0] if words else "", commands.choices):
+            for module in _installed(words[0] if words else "", commands.choices):
                 _add(commands, module)
         except InkloopError as error:
             whole.error(str(error))
@@ -169,7 +157,45 @@ class _Completion(argparse.Action):
     """Prints a completion script for a shell."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: Any, shell: Any, *_: Any) -> None:
-        from inkloop.commands.completion import script
-
-        print(script(parser, shell))
+        print(_script(parser, shell))
         parser.exit()
+
+
+def _script(parser: argparse.ArgumentParser, shell: str) -> str:
+    """The script for a shell. Arguments that are paths are completed to files, or to folders where metavar is DIR."""
+    import shtab
+
+    if shell not in shtab.SUPPORTED_SHELLS:
+        parser.error(f"--print-completion {shell}: expected one of {', '.join(shtab.SUPPORTED_SHELLS)}")
+    _mark_paths(parser)
+    return shtab.complete(parser, shell)
+
+
+def _mark_paths(parser: argparse.ArgumentParser) -> None:
+    import shtab
+
+    for action in parser._actions:  # argparse has no public way to them
+        if isinstance(action, argparse._SubParsersAction):
+            for command in set(action.choices.values()):
+                _mark_paths(command)
+        elif action.type is Path:
+            action.complete = shtab.DIR if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
+
+
+def _installed(word: str, taken: Container[str]) -> Iterator[ModuleType]:
+    """The commands of other packages, see `inkloop.commands`; only that of `word` where it names one.
+
+    taken: names of inkloop's own commands, which no package replaces. A module that cannot be loaded is left out with a
+    message; raises InkloopError where `word` names it.
+    """
+    found = {point.name: point for point in entry_points(group="inkloop.commands") if point.name not in taken}
+    for name in [word] if word in found else sorted(found):
+        try:
+            yield found[name].load()
+        except Exception as error:  # anything may go wrong in a package of others
+            package = found[name].dist
+            reason = f"the command {name} of {package.name if package else 'a package'} cannot be loaded"
+            failure = InkloopError(f"{reason}: {message_of(error)}; update or uninstall that package")
+            if name == word:
+                raise failure from error
+            print(f"inkloop: {failure}", file=sys.stderr)

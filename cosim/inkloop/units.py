@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isclose
+from typing import NamedTuple
 
 UM_PER_M, M_PER_UM = 1e6, 1e-6
 MM_PER_M, NM_PER_M, M_PER_PM = 1e3, 1e9, 1e-12
@@ -30,12 +31,16 @@ SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "m/s": {"um_per_s": 1e-6, "mm_per_s": 1e-3, "m_per_s": 1.0},
     "rad": {"deg": 0.017453292519943295, "mrad": 1e-3, "rad": 1.0},
 }
-"""SI unit -> suffix of a key -> factor to SI."""
+"""SI unit -> suffix of a key -> factor to SI. The first suffix is that of the keys of a scenario."""
+
+
+def _unit(suffix: str) -> str:
+    """The unit of a suffix in FMI spelling."""
+    return suffix.replace("_per_", "/").replace("per_", "1/")
+
 
 UNITS: Mapping[str, tuple[str, float]] = {
-    suffix.replace("_per_", "/").replace("per_", "1/"): (si, factor)
-    for si, suffixes in SUFFIXES.items()
-    for suffix, factor in suffixes.items()
+    _unit(suffix): (si, factor) for si, suffixes in SUFFIXES.items() for suffix, factor in suffixes.items()
 }
 """Unit in FMI spelling -> its SI unit and the factor to it."""
 
@@ -100,26 +105,29 @@ def is_known(unit: str) -> bool:
     return si_unit(unit)[0] in SUFFIXES
 
 
-def spellings(name: str, unit: str) -> dict[str, float]:
-    """Keys under which a quantity may be written, each with its factor to `unit`.
+class Key(NamedTuple):
+    """The key of a quantity in a file. unit: of its numbers, in FMI spelling; factor: from there to the quantity's."""
 
-    A number without a unit ("1"), or with one that has no suffix here, is written under its plain name in that unit.
+    text: str
+    unit: str
+    factor: float
+
+
+def key_of(name: str, unit: str) -> Key:
+    """The key of a quantity of a scenario: lengths in um, times in s, angles in deg.
+
+    A number without a unit ("1"), or with one that has no suffix here, has its plain name.
     """
     si, to_si = si_unit(unit)
-    return {f"{name}_{suffix}": factor / to_si for suffix, factor in SUFFIXES.get(si, {}).items()} or {name: 1.0}
+    keys = (_key(name, suffix, factor / to_si) for suffix, factor in SUFFIXES.get(si, {}).items())
+    return next(keys, Key(name, unit, 1.0))
 
 
-def key_of(name: str, unit: str) -> tuple[str, float]:
-    """The key under which a file gives a quantity in `unit`, and the factor to its unit: 1 where a suffix is of it."""
-    keys = spellings(name, unit)
-    key = next((key for key, factor in keys.items() if factor == 1.0), next(iter(keys)))
-    return key, 1.0 / keys[key]
-
-
-def unit_of(key: str, name: str, unit: str) -> tuple[str, float]:
-    """The unit in which `key` gives the quantity `name`, in FMI spelling, and its factor to `unit`."""
-    suffix = key.removeprefix(name).removeprefix("_")
-    return suffix.replace("_per_", "/").replace("per_", "1/") or unit, spellings(name, unit)[key]
+def declared_key(name: str, unit: str) -> Key:
+    """The key of a parameter in the file of an FMU: in the unit that the FMU declares, if a suffix names it."""
+    si, to_si = si_unit(unit)
+    suffixes = (suffix for suffix, factor in SUFFIXES.get(si, {}).items() if factor == to_si)
+    return next((_key(name, suffix, 1.0) for suffix in suffixes), key_of(name, unit))
 
 
 def conversion(source: str, target: str) -> float | None:
@@ -131,9 +139,12 @@ def conversion(source: str, target: str) -> float | None:
     return 1.0 if source == target and is_undefined else None
 
 
-def missing_suffix(name: str, unit: str) -> str | None:
-    """The error in using the plain `name` as a key for a quantity in `unit`, or None."""
-    if not is_known(unit):
-        return None
-    *firsts, last = spellings(name, unit)
-    return f"{name} is {QUANTITIES[si_unit(unit)[0]]}; write {', '.join(firsts)} or {last}"
+def _key(name: str, suffix: str, factor: float) -> Key:
+    return Key(f"{name}_{suffix}", _unit(suffix), factor)
+
+
+def parts_of(key: str) -> tuple[str, str]:
+    """Name and unit of a key, "" if it has none; `_min` ends the least of something, not a time."""
+    suffixes = (suffix for own in SUFFIXES.values() for suffix in own if key.endswith(f"_{suffix}") and suffix != "min")
+    suffix = max(suffixes, key=len, default="")
+    return (key.removesuffix(f"_{suffix}"), _unit(suffix)) if suffix else (key, "")

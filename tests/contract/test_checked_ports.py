@@ -11,8 +11,8 @@ import pytest
 
 from inkloop.component import Job, Ports
 from inkloop.components import catalog, devices
-from inkloop.components.bench import Bench
 from inkloop.components.fmu_parameters import FORMS
+from inkloop.components.kind import Bench
 from inkloop.testing import job
 from support.fmus.amplifier import build
 

@@ -24,8 +24,7 @@ from inkloop.limits import KIB, MIB
 from inkloop.tables.part_images import StackTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.schema import Process
-from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import PartError
+from inkloop.tables.shapes import Grid, PartError
 from support import meshes
 from support.examples import examples
 from support.long_proofs import rest_is_long

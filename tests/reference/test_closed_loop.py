@@ -10,7 +10,7 @@ from benchmarks import closed_loop
 from benchmarks.prints import LAYERS_KNOWN, Case
 
 from inkloop.component import Job, Status
-from inkloop.components.presets import PRESETS
+from inkloop.components.fmu_parameters import PRESETS
 from inkloop.scenario.file import Scenario
 from inkloop.units import M_PER_UM, UM_PER_M
 from inkloop_controller.controllers import LayerMpcController

@@ -8,8 +8,9 @@ import xarray as xr
 from inkloop.component import Job
 from inkloop.components import catalog
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.master.wiring import check, contract_connections
+from inkloop.master.wiring import check
 from inkloop.results.recorder import Recorder
 
 SECOND = 1_000_000_000

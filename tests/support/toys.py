@@ -9,8 +9,8 @@ import numpy as np
 from inkloop.component import Job, Port, Status, Values
 from inkloop.contract import contract_ports
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result
 
@@ -54,6 +54,13 @@ class FunctionComponent:
 
     def terminate(self) -> None:
         self.log.append("terminate")
+
+
+class Resumable(FunctionComponent):
+    """Has no state."""
+
+    def restore(self, state: bytes) -> None:
+        assert state == b""
 
 
 class ToyController:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario

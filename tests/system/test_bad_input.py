@@ -51,7 +51,7 @@ def half_written(folder: Path) -> list[str]:
 AMPLIFIER = "amplifier3.fmu"
 PRESS = '[[events]]\nport = "lamp.x"\naction = "override"\nat_layer = 1\n'  # nothing happens before the first layer
 TWO = (
-    lamp(AMPLIFIER, "gain = 10.0")
+    lamp(AMPLIFIER, 'mode = "squared"')
     + f'[components.other]\nkind = "Fmu"\nfile = "{AMPLIFIER}"\n'
     + wire("lamp.y", "other.x")
 )
@@ -99,7 +99,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (lamp(AMPLIFIER, "gain = 11"), "components.lamp.gain is 11; expected a number in 0 .. 10"),
         (lamp(AMPLIFIER) + PRESS + "value_um = -1.0\n", "lamp failed at t = 1 s, after layer 1: x: fmi3SetFloat64"),
         (
-            TWO + PRESS + "value_m = 1e308\n",
+            TWO + PRESS + "value_um = 1e308\n",
             "lamp failed at t = 1 s, after layer 1: output y is inf in cell (0,)",
         ),
     ],

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.adapter import Adapter

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from can.io import BLFWriter
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.commands.options import overrides_of
 from inkloop.printing.run import print_part

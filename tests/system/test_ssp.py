@@ -19,7 +19,8 @@ from pyssp_standard.standard import ModelicaStandard
 
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
-from inkloop.exchange.ssp import archive, maestro, omsimulator, osp, ssd
+from inkloop.exchange.ssp import omsimulator, ssd
+from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, maestro_tables, osp_structure
 from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.fmu import describe
@@ -66,7 +67,7 @@ def exported(folder: Path, version: str, text: str = TEXT) -> tuple[Path, System
     fmus = folder / f"fmus-{version}"
     fmus.mkdir()
     system = system_of(scenario_in(folder, text), VERSIONS[version], fmus)
-    archive.write(system, version, folder / f"block-{version}.ssp")
+    ssd.write(system, version, folder / f"block-{version}.ssp")
     return folder / f"block-{version}.ssp", system
 
 
@@ -241,7 +242,7 @@ def amplified(tmp_path: Path) -> Scenario:
 def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: Scenario, tmp_path: Path) -> None:
     (tmp_path / "block.toml").write_text((tmp_path / "block.toml").read_text() + "offset_um = -1.5\n")
     system = system_of(Scenario.load(tmp_path / "block.toml"), "2", tmp_path)
-    archive.write(system, "1.0", tmp_path / "two.ssp")
+    ssd.write(system, "1.0", tmp_path / "two.ssp")
     read_ssd(str(tmp_path / "two.ssp"))
     again = scenario_of(tmp_path / "two.ssp")
     assert again.connections == [
@@ -253,7 +254,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
 
 
 def test_files_of_libcosim_state_gain_and_offset_of_each_element(amplified: Scenario, tmp_path: Path) -> None:
-    root = ET.fromstring(osp.structure(system_of(amplified, "2", tmp_path)))
+    root = ET.fromstring(osp_structure(system_of(amplified, "2", tmp_path)))
     begin = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
     lines = root.findall(f"{begin}Functions/{begin}LinearTransformation")
     assert [(line.get("factor"), line.get("offset")) for line in lines] == [("2.5", "4e-06")] * 3
@@ -274,8 +275,8 @@ def test_files_of_libcosim_state_gain_and_offset_of_each_element(amplified: Scen
 
 def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
     system = system_of(scenario_in(tmp_path), "2", tmp_path)
-    tables = maestro.tables(system)
-    model = tables[maestro.MULTI_MODEL]
+    tables = maestro_tables(system)
+    model = tables[MULTI_MODEL]
     known = {
         f"{{{part.name}}}.{part.name}.{scalar}": variable.causality
         for part in system.parts
@@ -287,7 +288,7 @@ def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
     assert sum(len(ends) for ends in model["connections"].values()) == 5 * 30 + 4
     assert {known[name] for name in model["parameters"]} == {"parameter"}
     assert model["parameters"]["{controller}.controller.mask[1,1]"] is False
-    assert tables[maestro.CONFIGURATION]["algorithm"] == {"type": "fixed-step", "size": 1.0}
+    assert tables[CONFIGURATION]["algorithm"] == {"type": "fixed-step", "size": 1.0}
 
 
 def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -142,8 +142,7 @@ def test_lab_takes_public_names_only() -> None:
 
 
 def test_master_knows_no_layer() -> None:
-    """`wiring` connects the ports of the layer contract by their names; stepping and ending know none."""
-    own = [name for name in modules() if is_below(name, "inkloop.master") and name != "inkloop.master.wiring"]
+    own = [name for name in modules() if is_below(name, "inkloop.master")]
     assert not offenders(own, ["inkloop.contract", "inkloop.course", "inkloop.results", "inkloop.fmu"])
 
 

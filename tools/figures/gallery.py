@@ -10,7 +10,7 @@ from typing import Any
 
 from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, write_json
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.components.devices import KINDS
 from inkloop.report import PNG, run_report

@@ -14,8 +14,8 @@ from rich.text import Text
 
 from inkloop.bench.commands import job_of_printer, mapping_of
 from inkloop.components import devices
-from inkloop.components.bench import Bench
 from inkloop.components.catalog import MAPPED
+from inkloop.components.kind import Bench
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable

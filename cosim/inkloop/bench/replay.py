@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from inkloop.components import devices
 from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.files import temporary_folder
-from inkloop.printing.device_log import live_words
+from inkloop.printing.on_devices import live_words
 from inkloop.printing.run import new_run_folder, print_part, scenario_of_run
 from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
@@ -34,9 +34,8 @@ SAME, DIFFERS = 0, 1
 def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:
     """Print again from the log and report differences; returns the exit code. Raises ResultError, ScenarioError."""
     folder: Path = options.run
-    scenario = _scenario(folder, overrides, options.log)
-    log = scenario.tables.bench.channel
     with ExitStack() as stack:
+        scenario = stack.enter_context(_scenario(folder, overrides, options.log))
         if options.out:
             place = new_run_folder(options.out, folder.name)
         else:
@@ -52,9 +51,8 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: T
     console.result(same=not found, differences=found)
     if found:
         return DIFFERS
-    summary = (
-        f"{_layers(again.dataset) if again else '0 layers'} replayed: every request of the master is that of {log}"
-    )
+    done, log = _layers(again.dataset) if again else "0 layers", scenario.tables.bench.channel
+    summary = f"{done} replayed: every request of the master is that of {log}"
     if recorded:
         summary += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
     console.sentence(summary)
@@ -89,17 +87,19 @@ def _layers(run: xr.Dataset) -> str:
     return f"{count} layer{'' if count == 1 else 's'}"
 
 
-def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None) -> Scenario:
+@contextmanager
+def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None) -> Iterator[Scenario]:
     """The scenario of a run, on the bus of its log. Raises ResultError where there is nothing to replay."""
-    scenario = scenario_of_run(folder, overrides)
-    kinds = {table.kind for table in scenario.tables.components.values()}
+    with scenario_of_run(folder, overrides) as scenario:
+        kinds = {table.kind for table in scenario.tables.components.values()}
+        log = other_log or folder / scenario.tables.bench.traffic_log
     if kinds.isdisjoint(devices.KINDS):
         raise ResultError(f"{folder}: no component of this run is a device; what was not on a bus cannot be replayed")
-    log = other_log or folder / scenario.tables.bench.traffic_log
     if not log.is_file():
         raise ResultError(f"{folder}: there is no traffic log {log}; name one with --log (bench.traffic_log writes it)")
     on_the_log = {"bench.interface": "replay", "bench.channel": str(log), "bench.traffic_log": ""}
-    return scenario_of_run(folder, {**overrides, **on_the_log})
+    with scenario_of_run(folder, {**overrides, **on_the_log}) as scenario:
+        yield scenario
 
 
 def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:

@@ -6,7 +6,7 @@ import argparse
 import shutil
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -149,8 +149,8 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
     from inkloop.scenario import packaged
-    from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
+    from inkloop.scenario.packaged import classes_from
 
     path = packaged.resolve(options.scenario)
     if reason := packaged.hint(path):
@@ -189,20 +189,20 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     return overrides
 
 
-def whole_number(text: str) -> int:
-    """The value of an option. Raises ArgumentTypeError."""
-    try:
-        return int(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"is {text!r}; expected a whole number") from error
+def _reader(kind: Callable[[str], float], expected: str) -> Callable[[str], float]:
+    """A reader of an option that says what it expects."""
+
+    def read(text: str) -> float:
+        try:
+            return kind(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"is {text!r}; expected {expected}") from error
+
+    return read
 
 
-def number(text: str) -> float:
-    """The value of an option. Raises ArgumentTypeError."""
-    try:
-        return float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number, without a unit") from error
+number = _reader(float, "a number, without a unit")
+whole_number = _reader(int, "a whole number")
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -220,6 +220,14 @@ def screen(options: argparse.Namespace) -> Terminal:
     from inkloop.report.terminal import Terminal
 
     return Terminal(quiet=options.quiet, verbose=options.verbose, as_json=options.json)
+
+
+def show_written(options: argparse.Namespace, path: Path) -> int:
+    """Show that a file was written; the exit code."""
+    terminal = screen(options)
+    terminal.sentence(f"wrote {path}")
+    terminal.result(file=path)
+    return 0
 
 
 def show_error(error: InkloopError, options: argparse.Namespace, raised: Exception | None = None) -> None:

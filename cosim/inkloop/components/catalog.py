@@ -13,10 +13,9 @@ from typing import Any
 
 from inkloop.component import Component, Job
 from inkloop.components import devices, plain_plant
-from inkloop.components.bench import Bench
 from inkloop.components.fmu_kind import FmuFile, FmuModel
 from inkloop.components.fmu_parameters import CONTROLLER
-from inkloop.components.kind import Checked, Kind
+from inkloop.components.kind import Bench, Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
 from inkloop.components.python_class import ADAPTERS, PythonClass
 from inkloop.components.shadow import options as shadow_options

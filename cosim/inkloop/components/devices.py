@@ -15,9 +15,8 @@ from typing import Any, ClassVar, cast
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Job
-from inkloop.components.bench import Bench, load
 from inkloop.components.fmu_parameters import parse_model
-from inkloop.components.kind import Checked
+from inkloop.components.kind import Bench, Checked, load
 
 __all__ = ["KINDS"]
 

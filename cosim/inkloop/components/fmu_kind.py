@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import ClassVar
 
 from inkloop.component import Component, Job, Port, Ports
-from inkloop.components.bench import Bench
 from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, parse_file, parse_model
-from inkloop.components.kind import Checked
+from inkloop.components.kind import Bench, Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
 from inkloop.errors import FmuError
 from inkloop.files import temporary_folder
 from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
-from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.export import INTERVALS, export_fmu, find_fmu
 
 

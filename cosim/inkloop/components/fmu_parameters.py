@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,13 +16,12 @@ from inkloop.components.job_parameters import (
     region_parameters,
 )
 from inkloop.components.port_tables import OPTION
-from inkloop.components.presets import PRESETS, preset_of
 from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import INTERVALS, find_fmu
 from inkloop.suggest import nearest
-from inkloop.tables.quantities import scaled
-from inkloop.units import missing_suffix, spellings, unit_of
+from inkloop.tables.messages import other_unit, scaled
+from inkloop.units import Key, declared_key, key_of
 
 JOB_PARAMETERS = "job_parameters"
 """Option: whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU with these
@@ -32,6 +31,18 @@ FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
 CONTROLLER = "LayerController"
 """The model that plans the layers."""
+
+
+PRESETS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "ProfileSensor": {
+        # line laser of Lu, Zheng, Mishra 2015, Fig. 17; repeatability taken as the standard deviation of a reading
+        "laser": {"noise_std": 1e-6, "resolution": 0.1e-6, "scan_duration": 6.0},
+        # optical profilometer of Wu, Chiu 2024: resolution along z; its noise is not given, the duration assumed
+        "zeta-20": {"resolution": 0.04e-6, "scan_duration": 6.0},
+        "exact": {"scan_duration": 0.0},
+    }
+}
+"""Model -> preset -> parameter -> value; what is not named keeps the model's default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +80,7 @@ def parse_file(description: FmuDescription, job: Job, options: Mapping[str, obje
     """The options of `kind = "Fmu"` for the FMU that its `file` names."""
     use_job_parameters = options.get(JOB_PARAMETERS) is not False
     own = _without(options, *_FILE_KEYS)
-    return parse(description, job, own, _FILE_KEYS, use_job_parameters=use_job_parameters)
+    return parse(description, job, own, _FILE_KEYS, use_job_parameters=use_job_parameters, key_of=declared_key)
 
 
 def values_of_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:
@@ -88,10 +99,11 @@ def parse(
     *,
     defaults: Mapping[str, object] | None = None,
     use_job_parameters: bool = True,
+    key_of: Callable[[str, str], Key] = key_of,
 ) -> Parsed:
     """The options of an FMU by its own description. other_keys: options that are no parameters, to suggest.
 
-    defaults: values of parameters that neither the job nor an option gives.
+    defaults: values of parameters that neither the job nor an option gives; key_of: the key of a name and its unit.
     """
     known = description.parameters
     from_job = parameters_from_job(job) if use_job_parameters else {}
@@ -112,25 +124,19 @@ def parse(
         and not variable.is_structural
         and (factor := factor_from_job(name, variable))
     }
-    keys = {
-        key: (variable, factor)
-        for variable in known.values()
-        for key, factor in spellings(variable.name, variable.unit).items()
-    }
-    written: dict[str, str] = {}
+    keys = {key.text: (variable, key) for variable in known.values() for key in [key_of(variable.name, variable.unit)]}
+    written: dict[str, Key] = {}
     given: dict[str, object] = {}
-    for key, value in options.items():
-        if key not in keys:
-            plain = missing_suffix(key, known[key].unit) if key in known else None
-            listed = [next(iter(spellings(name, known[name].unit))) for name in known]
-            advice = nearest(key, (*keys, *other_keys), listed=(*listed, *other_keys))
-            errors.append(plain or f"{key} is no option of {description.name}; {advice}")
+    for option, value in options.items():
+        if option not in keys:
+            plain = other_unit(option, value, keys)
+            errors.append(
+                plain or f"{option} is no option of {description.name}; {nearest(option, (*keys, *other_keys))}"
+            )
             continue
-        variable, factor = keys[key]
-        if variable.name in written:
-            errors.append(f"{key} and {written[variable.name]} give the same value; keep one")
+        variable, key = keys[option]
         written[variable.name] = key
-        given[variable.name] = scaled(value, factor)
+        given[variable.name] = scaled(value, key.factor)
         if not variable.is_size:
             parameters[variable.name] = given[variable.name]
         elif isinstance(value, int):
@@ -140,7 +146,7 @@ def parse(
     except FmuError as error:
         return Parsed(description, parameters, structural, {}, {}, [*errors, f"kind: {error}"])
     for name, key in written.items():
-        errors += _value_errors(known[name], key, given[name], options[key], sizes)
+        errors += _value_errors(known[name], key, given[name], options[key.text], sizes)
     values: dict[str, NDArray[Any]] = {}
     for name, number in parameters.items():
         try:
@@ -151,14 +157,13 @@ def parse(
     return Parsed(description, parameters, structural, sizes, values, errors)
 
 
-def _value_errors(variable: Variable, key: str, value: object, found: object, sizes: Mapping[str, int]) -> list[str]:
+def _value_errors(variable: Variable, key: Key, value: object, found: object, sizes: Mapping[str, int]) -> list[str]:
     """The error of a value, given as `found` in the unit of its key."""
-    written = variable.in_unit(*unit_of(key, variable.name, variable.unit))
-    for checked, number in ((written, found), (variable, value)):
+    for checked, number in ((variable.in_unit(key.unit, key.factor), found), (variable, value)):
         try:
             checked.convert(number, sizes)
         except ValueError as error:
-            return [f"{key} {error}" + (f" ({variable.description})" if variable.description else "")]
+            return [f"{key.text} {error}" + (f" ({variable.description})" if variable.description else "")]
     return []
 
 
@@ -192,3 +197,15 @@ def _without_python_options(options: Mapping[str, object]) -> tuple[dict[str, ob
             "that sets alpha between steps"
         )
     return left, errors
+
+
+def preset_of(model: str, name: object) -> tuple[Mapping[str, float], list[str]]:
+    """Values of a model's preset (none without a name), and the error of a wrong name."""
+    presets = PRESETS.get(model, {})
+    if name is None:
+        return {}, []
+    if not presets:
+        return {}, [f"preset is {name!r}; {model} has no presets"]
+    if not isinstance(name, str) or name not in presets:
+        return {}, [f"preset is {name!r}; expected one of {', '.join(presets)}"]
+    return presets[name], []

@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Values
-from inkloop.components.bench import Bench
-from inkloop.components.kind import Check, Checked
+from inkloop.components.kind import Bench, Check, Checked
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
 from inkloop.errors import ComponentError
 from inkloop.suggest import nearest

@@ -23,8 +23,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from inkloop.component import MEMBERS, Component, Job, Ports
-from inkloop.components.bench import Bench, load
-from inkloop.components.kind import Checked
+from inkloop.components.kind import Bench, Checked, load
 from inkloop.errors import ScenarioError, message_of, own_line
 from inkloop.suggest import near, nearest
 from inkloop.tables.messages import sentence

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.files import is_full, reason_of, temporary_folder
-from inkloop.fmu.archive_member import UNREADABLE
 from inkloop.fmu.description import FmuDescription
-from inkloop.fmu.reading import describe
+from inkloop.fmu.reading import UNREADABLE, describe
 from inkloop.limits import unpacked_error
 from inkloop.suggest import nearest
 from inkloop.units import S_PER_NS

@@ -1,4 +1,4 @@
-"""Read modelDescription.xml through FMPy's parser.
+"""Read modelDescription.xml through FMPy's parser, also of FMUs in an .ssp: `system.ssp/resources/plant.fmu`.
 
 The structured scalars of FMI 2 (`height[1,1]`, `height[1,2]`, ...) become one variable `height` of shape (nx, ny), and
 the dimensions of an FMI 3 array keep the names of the structural parameters that set them.
@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from inkloop.errors import FmuError
+from inkloop.files import reason_of, temporary_folder
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, Variable
 from inkloop.limits import memory_error, size_text, unpacked_error
@@ -159,3 +162,31 @@ def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -
         items=first.items,
         description=first.description,
     )
+
+
+SUFFIX = ".ssp"
+UNREADABLE = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""Errors of reading a damaged or encrypted archive; NotImplementedError is a RuntimeError."""
+
+
+@contextmanager
+def fmu_file(path: Path) -> Iterator[Path]:
+    """The file that `path` names, a copy of it where that leads into an .ssp. Raises FmuError, by `path`."""
+    archive = next((folder for folder in path.parents if folder.suffix == SUFFIX and folder.is_file()), None)
+    if archive is None:
+        yield path
+        return
+    with temporary_folder("ssp") as folder:
+        copy = folder / path.name
+        try:
+            with zipfile.ZipFile(archive) as packed:
+                if reason := unpacked_error(packed):
+                    raise FmuError(f"{archive}: {reason}")
+                copy.write_bytes(packed.read(path.relative_to(archive).as_posix()))
+        except (KeyError, *UNREADABLE) as error:
+            cause = reason_of(error) if isinstance(error, OSError) else str(error)
+            raise FmuError(f"{path}: cannot be read: {cause}") from error
+        try:
+            yield copy
+        except FmuError as error:
+            raise FmuError(str(error).replace(str(copy), str(path))) from error

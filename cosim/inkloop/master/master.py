@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.interrupt import deferred
-from inkloop.master.outputs import checked_output
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import Course, Observer, SavedPoint, StopReason
-from inkloop.master.wiring import Connection, check, feeds, without_start
+from inkloop.master.wiring import Connection, check, checked_output, feeds, initial_order, without_start
 from inkloop.units import S_PER_NS
 
 __all__ = ["Master", "Turns"]
@@ -91,7 +90,6 @@ class Master:
         """Initialize, step and terminate; returns the stop reason. Raises ComponentError.
 
         resume: the point to resume from, the start if None.
-
         "time_max": this time is over. "interrupted": Ctrl-C; all observers saw the last communication point. Any other
         is a reason of the course.
         """
@@ -147,7 +145,7 @@ class Master:
         return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
 
     def _initialize(self) -> None:
-        order = self._initial_order()
+        order = initial_order(self._feeds)
         for k, name in enumerate(order):
             if reason := without_start(name, self._feeds, self._outputs, order[:k]):
                 raise ComponentError(reason)
@@ -232,16 +230,6 @@ class Master:
                 value = checked_output(port, outputs, must_be_finite)
             checked[key] = value
         return checked
-
-    def _initial_order(self) -> list[str]:
-        """Sources before their targets; in a loop, the order of the scenario."""
-        waiting = list(self._components)
-        order = []
-        while waiting:
-            free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in self._feeds[n]))
-            order.append(next(free, waiting[0]))
-            waiting.remove(order[-1])
-        return order
 
     def _end(self, time_ns: int, time_max_ns: int | None, interrupted: Callable[[], bool]) -> StopReason | None:
         """The reason why the run ends here, None if it does not."""

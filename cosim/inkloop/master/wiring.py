@@ -1,30 +1,19 @@
-"""Connections between components: those of the layer contract, and their errors."""
+"""Connections between components, their errors, and the values that travel on them."""
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import HasPorts, Port, Values, is_shadow
-from inkloop.contract import (
-    CONTROLLER,
-    HEIGHT,
-    LAYERS_FOLLOWED,
-    LAYERS_PRINTED,
-    PRINTER,
-    PROFILER,
-    REQUIRED_INPUTS,
-    SIGNALS,
-)
+from inkloop.component import HasPorts, Port, Values
+from inkloop.errors import ComponentError
 from inkloop.suggest import nearest
 from inkloop.units import conversion, is_known
-
-EXAMPLES = {CONTROLLER: "LayerMpc", PRINTER: "LayerDeposition", PROFILER: "ProfileSensor"}
-"""Role -> an example of its kinds."""
 
 
 @dataclass(frozen=True)
@@ -76,21 +65,6 @@ class Transfer:
         return arrived
 
 
-def contract_connections(components: Mapping[str, HasPorts]) -> list[Connection]:
-    """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
-
-    An input with several such components is left open; `check` asks which one is meant. A component that scans a shadow
-    takes the layers of the shadow, which may be a step behind the printer's.
-    """
-    wires = []
-    for name, component in components.items():
-        for port in component.inputs:
-            sources = _sources(components, name, port.name)
-            if len(sources) == 1:
-                wires.append(Connection(sources[0], f"{name}.{port.name}"))
-    return [_use_shadow_counter(wire, wires, components) for wire in wires]
-
-
 def feeds(
     components: Mapping[str, HasPorts], connections: Sequence[Connection]
 ) -> dict[str, list[tuple[str, str, str, Transfer]]]:
@@ -123,6 +97,16 @@ def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready:
     return None
 
 
+def initial_order(feeds: Feeds) -> list[str]:
+    """Components for initialization: sources before their targets; in a loop, the order of the scenario."""
+    waiting, order = list(feeds), list[str]()
+    while waiting:
+        free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in feeds[n]))
+        order.append(next(free, waiting[0]))
+        waiting.remove(order[-1])
+    return order
+
+
 def check(components: Mapping[str, HasPorts], connections: Sequence[Connection]) -> list[str]:
     """Every error of the wiring, one sentence each; empty if the loop may run."""
     inputs, outputs = (
@@ -140,28 +124,7 @@ def check(components: Mapping[str, HasPorts], connections: Sequence[Connection])
                 f"{connection.target} is fed twice, by {fed[connection.target]} and {connection.source}; keep one"
             )
         fed[connection.target] = connection.source
-    return errors + list(_open_inputs(components, fed))
-
-
-def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> Iterator[str]:
-    for name, component in components.items():
-        for port in component.inputs:
-            place = f"{name}.{port.name}"
-            if place in fed:
-                continue
-            sources = _sources(components, name, port.name)
-            if len(sources) > 1:
-                yield f"{place} may come from {' or '.join(sources)}; choose one under [[connections]]"
-            elif port.name in REQUIRED_INPUTS.difference(getattr(component, "optional_inputs", ())):
-                yield (
-                    f"{place} is not connected: no other component has an output {port.name}; "
-                    f"add {_giver_of(port.name)}, or name a source under [[connections]]"
-                )
-
-
-def _giver_of(signal: str) -> str:
-    role = SIGNALS[signal].giver if signal in SIGNALS else None
-    return f'a {role}, e.g. [components.{role}] with kind = "{EXAMPLES[role]}"' if role in EXAMPLES else "one that has"
+    return errors
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
@@ -201,27 +164,6 @@ def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, er
     return None
 
 
-def _use_shadow_counter(
-    wire: Connection, wires: Sequence[Connection], components: Mapping[str, HasPorts]
-) -> Connection:
-    component, port = wire.target_parts
-    if port != LAYERS_PRINTED:
-        return wire
-    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, HEIGHT)]
-    shadow = next((name for name in surfaces if is_shadow(components[name])), None)
-    return wire if shadow is None else Connection(f"{shadow}.{LAYERS_FOLLOWED}", wire.target)
-
-
-def _sources(components: Mapping[str, HasPorts], target: str, port: str) -> list[str]:
-    having = [
-        name
-        for name, component in components.items()
-        if name != target and any(output.name == port for output in component.outputs)
-    ]
-    real = [name for name in having if not is_shadow(components[name])]
-    return [f"{name}.{port}" for name in real or having]
-
-
 def _parts(place: str) -> tuple[str, str]:
     component, _, port = place.partition(".")
     return component, port
@@ -233,3 +175,25 @@ def _is_float(port: Port) -> bool:
 
 def _shape(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape)) or "a scalar"
+
+
+def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:
+    """Its value among `outputs`, read-only, in the declared shape and type. Raises ComponentError."""
+    if port.name not in outputs:
+        raise ComponentError(f"output {port.name} was declared but not returned")
+    value = np.asarray(outputs[port.name])
+    if value.shape != port.shape:
+        raise ComponentError(f"output {port.name} has shape {value.shape}, declared {port.shape}")
+    if value.dtype != port.dtype:
+        if not np.can_cast(value.dtype, port.dtype, "same_kind"):
+            raise ComponentError(f"output {port.name} is {value.dtype}, declared {port.dtype}")
+        value = value.astype(port.dtype)
+    if must_be_finite and not (np.isfinite(value).all() if value.shape else isfinite(value)):
+        cell = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
+        raise ComponentError(
+            f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"
+        )
+    if value.flags.writeable:
+        value = value.view()
+        value.flags.writeable = False  # consumers share it
+    return value

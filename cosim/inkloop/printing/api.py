@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.errors import require
-from inkloop.printing.run import checked_run_folder, log_devices, origin_of, print_part
+from inkloop.printing.on_devices import log_devices
+from inkloop.printing.run import checked_run_folder, origin_of, print_part
 from inkloop.report import picture_formats
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
-from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 
 
 def run(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inkloop.component import Values, is_device
+from inkloop.contract import MEASURED_HEIGHT
 from inkloop.course.events import Event, Manipulator
 from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ResultError
@@ -22,7 +23,7 @@ from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, STOPPED, UNFINISHED, Result, saving
 from inkloop.results.surface import with_parameters
 from inkloop.scenario.file import Scenario
-from inkloop.units import NS_PER_S
+from inkloop.units import NS_PER_S, UM_PER_M
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -180,3 +181,42 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
     marked = dataset.assign(modified=variable("modified", ("layer",), np.array(modified), "1"))
     return marked.assign_attrs(events="\n".join(map(str, events)))
+
+
+KINDS = ("LayerMpc", "LayerController")
+ALPHA = 0.8  # for both, if none is given
+HORIZON_MAX = 5
+
+
+def check_first_layer(scenario: Scenario, result: Result) -> None:
+    """Raises ComponentError where nothing was printed although half a layer lacks, and alpha or horizon can be raised.
+
+    A part that is lower, or that the first scan shows already, needs no layer.
+    """
+    if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1 or MEASURED_HEIGHT not in result.dataset:
+        return
+    for name, table in scenario.tables.components.items():
+        larger = " or ".join(_larger(table.options)) if table.kind in KINDS else ""
+        if not larger:
+            continue
+        job, scan = scenario.job(name), result.dataset[MEASURED_HEIGHT].values[0]
+        missing = float(np.nanmean((job.target_height - scan)[job.mask]))
+        if missing > 0.5 * max(ink.layer_height for ink in job.inks):
+            raise ComponentError(
+                f"{name}: nothing was printed with {_words(table.options)}, although {missing * UM_PER_M:.3g} µm lack "
+                "on average: a first layer costs more in standard deviation, of weight 1 - alpha, than it gains in "
+                f"mean error, of weight alpha; choose {larger}"
+            )
+
+
+def _words(options: Mapping[str, Any]) -> str:
+    shown = {"alpha": ALPHA, **options}
+    return ", ".join(f"{name} = {shown[name]}" for name in ("alpha", "horizon", "finish") if name in shown)
+
+
+def _larger(options: Mapping[str, Any]) -> Iterator[str]:
+    """A larger alpha, a longer horizon, as far as there are any; a schedule of alpha may always be larger."""
+    if options.get("alpha", ALPHA) != 1.0:
+        yield "a larger alpha"
+    if (options.get("horizon") or HORIZON_MAX) < HORIZON_MAX:
+        yield "a longer horizon"

@@ -5,22 +5,19 @@ from __future__ import annotations
 import gc
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from rich.progress import Progress, TaskID
 
 from inkloop.components import devices
-from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ResultError
 from inkloop.files import RUNS, reason_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
-from inkloop.printing.device_log import live_words
-from inkloop.printing.first_layer import check_first_layer
-from inkloop.printing.listening import check_listening
-from inkloop.printing.print import Print
+from inkloop.printing.on_devices import log_devices
+from inkloop.printing.print import Print, check_first_layer
 from inkloop.report import PNG
 from inkloop.report.terminal import Terminal, decimals
 from inkloop.results.checkpoint import remove_layers
@@ -37,6 +34,7 @@ from inkloop.results.result import (
     read_record,
 )
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 from inkloop.units import MS_PER_S, UM_PER_M
 
 __all__ = ["INTERRUPTED", "new_run_folder", "origin_of", "print_part"]
@@ -111,7 +109,7 @@ def origin_of(scenario: Scenario, *, compare: bool) -> dict[str, Any]:
     return {"scenario_file": source, "compare": compare, "part_sha256": scenario.part_sha256}
 
 
-def scenario_file(folder: Path) -> Path:
+def _scenario_file(folder: Path) -> Path:
     """The file that the run in `folder` was started from. Raises ResultError."""
     record = read_record(folder)
     if "scenario_file" not in record:
@@ -119,9 +117,12 @@ def scenario_file(folder: Path) -> Path:
     return Path(record["scenario_file"])
 
 
-def scenario_of_run(folder: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """The scenario as the run in `folder` began it. Raises ResultError, ScenarioError."""
-    return Scenario.load(folder / SCENARIO_FILE, overrides, source=scenario_file(folder))
+@contextmanager
+def scenario_of_run(folder: Path, overrides: Mapping[str, Any] | None = None) -> Iterator[Scenario]:
+    """The scenario as the run in `folder` began it; its classes are found. Raises ResultError, ScenarioError."""
+    source = _scenario_file(folder)
+    with classes_from(source.parent):
+        yield Scenario.load(folder / SCENARIO_FILE, overrides, source=source)
 
 
 def print_part(
@@ -190,16 +191,6 @@ def _advice(result: Result, advice: str) -> str:
 def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
     """Locks a comparison run too; the lock on `folder`, which holds it, is taken already."""
     return nullcontext() if place == folder else sole_writer(place)
-
-
-def log_devices(scenario: Scenario, console: Terminal, folder: Path) -> AbstractContextManager[None]:
-    """Shows messages of devices, if there are any. Raises ComponentError if their emulated bus is not running."""
-    kinds = {table.kind for table in scenario.tables.components.values()}
-    if not kinds.isdisjoint(devices.KINDS):
-        check_listening(scenario)
-    elif MAP_FOLDER not in kinds:
-        return nullcontext()
-    return live_words(console, folder)
 
 
 def _is_finished(place: Path) -> bool:

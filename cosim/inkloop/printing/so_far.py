@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 from inkloop.contract import HEIGHT
 from inkloop.errors import ResultError
 from inkloop.files import reason_of
-from inkloop.printing.device_log import LOG_FILE
-from inkloop.printing.run import scenario_file, scenario_of_run
+from inkloop.printing.on_devices import LOG_FILE
+from inkloop.printing.run import scenario_of_run
 from inkloop.report.page.live import Feed
 from inkloop.report.run_report import load_runs
 from inkloop.results import array_file
@@ -24,7 +24,6 @@ from inkloop.results.checkpoint import layer_files
 from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
-from inkloop.scenario.class_path import classes_from
 
 Stamp: TypeAlias = tuple[int, int, int]
 """State of a file: its inode, its length, and the time of its last change."""
@@ -32,9 +31,9 @@ Stamp: TypeAlias = tuple[int, int, int]
 
 def feed_of(folder: Path) -> Feed:
     """The content of a run folder for the live page. Raises ResultError, ScenarioError."""
-    with classes_from(scenario_file(folder).parent):
-        scenario = scenario_of_run(folder)
-    return Feed(RunFolder(folder), partial(state_of, folder), folder / LOG_FILE, scenario.footprint.layers)
+    with scenario_of_run(folder) as scenario:
+        layers = scenario.footprint.layers
+    return Feed(RunFolder(folder), partial(state_of, folder), folder / LOG_FILE, layers)
 
 
 def state_of(folder: Path) -> str:
@@ -74,18 +73,14 @@ class RunFolder:
         stamps = _stamps(place)
         if place not in self._known or self._known[place][0] != stamps:
             is_running = read_record(place).get("stop_reason") == "running"
-            self._known[place] = stamps, _so_far(place, self._folder) if is_running else Result.load(place)
+            self._known[place] = stamps, _so_far(place) if is_running else Result.load(place)
         return self._known[place][1]
 
 
-def _so_far(place: Path, main: Path) -> Result | None:
-    """The layers of a run that has not ended, None before the first; their maps stay on disk until they are used.
-
-    main: folder of the run that it is, or is compared with.
-    """
-    with classes_from(scenario_file(main).parent):
-        scenario = scenario_of_run(place)
-    recorder, taken = Recorder(scenario.job(), scenario.ports), list[Mapping[str, Any]]()
+def _so_far(place: Path) -> Result | None:
+    """The layers of a run that has not ended, None before the first; their maps stay on disk until they are used."""
+    with scenario_of_run(place) as scenario:
+        recorder, taken = Recorder(scenario.job(), scenario.ports), list[Mapping[str, Any]]()
     for path in layer_files(place):
         try:
             with array_file.opened(path) as rows:

@@ -12,9 +12,9 @@ from inkloop.component import BoolMap, HasPorts, Port
 from inkloop.contract import LAYER_COMMAND
 from inkloop.course.events import Event, find_port
 from inkloop.suggest import nearest
-from inkloop.tables.quantities import read_quantities
+from inkloop.tables.messages import read_quantities
 from inkloop.tables.schema import EventTable
-from inkloop.units import NS_PER_S, conversion, spellings
+from inkloop.units import NS_PER_S, conversion, key_of
 
 
 def read_events(
@@ -76,8 +76,9 @@ class _Reader:
         if value is None and per_layer is not None:
             value = np.zeros((), dtype=port.dtype)
         if value is None and table.action != "reset" and not errors and "value" not in values:
-            expected = next(iter(spellings("value", port.unit)))
-            self.errors.append(f"{expected} is missing; add what to {table.action} {table.port} with")
+            self.errors.append(
+                f"{key_of('value', port.unit).text} is missing; add what to {table.action} {table.port} with"
+            )
         moment = None if table.at_time_s is None else round(table.at_time_s * NS_PER_S)
         return Event(table.port, table.action, table.at_layer, moment, value, per_layer, self._cells())
 

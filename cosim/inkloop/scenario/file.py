@@ -31,8 +31,7 @@ from inkloop.tables.ink_file import merge_ink_file, names_ink_file
 from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
 from inkloop.tables.schema import ComponentTable, ScenarioFile
-from inkloop.tables.shapes import PartTable
-from inkloop.tables.solid import PartError, Solid
+from inkloop.tables.shapes import PartError, PartTable, Solid
 from inkloop.units import MM_PER_M, UM_PER_M
 
 __all__ = ["Scenario"]

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from inkloop.components import catalog, devices
-from inkloop.components.fmu_parameters import FORMS
-from inkloop.components.presets import PRESETS
+from inkloop.components.fmu_parameters import FORMS, PRESETS
 from inkloop.fmu import Variable, describe
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.tables.schema import ScenarioFile
-from inkloop.units import spellings
+from inkloop.units import key_of
 
 Schema = dict[str, Any]
 JSON_TYPES = {"f": "number", "b": "boolean", "i": "integer", "u": "integer"}
@@ -57,13 +56,13 @@ def _by_kind(table: Schema, options: dict[str, Schema]) -> Schema:
 
 
 def _model_options(model: str) -> Schema:
-    """Options of one of our FMUs: its parameters under every spelling of their unit, the form, and the preset."""
+    """Options of one of our FMUs: its parameters, the form, and the preset."""
     properties: Schema = {"fmi": {"enum": list(FORMS), "description": "form of the FMU"}}
     if model in PRESETS:
         properties["preset"] = {"enum": list(PRESETS[model]), "description": "instrument; other keys win over it"}
     for variable in describe(find_fmu(model, FORMS[0])).parameters.values():
-        for key, factor in spellings(variable.name, variable.unit).items():
-            properties[key] = _variable(variable, factor)
+        key = key_of(variable.name, variable.unit)
+        properties[key.text] = _variable(variable, key.factor)
     return {"properties": properties}
 
 

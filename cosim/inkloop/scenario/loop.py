@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from inkloop.component import Component, HasPorts, Ports
-from inkloop.components.bench import Bench
-from inkloop.components.kind import Checked
+from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
-from inkloop.master.wiring import Connection, check, contract_connections
+from inkloop.course.wiring import contract_connections, open_inputs
+from inkloop.master.wiring import Connection, check
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
-from inkloop.tables.quantities import read_quantities
+from inkloop.tables.messages import read_quantities
 from inkloop.tables.schema import BenchTable, ComponentTable, ConnectionTable, ScenarioFile
 
 
@@ -69,7 +69,8 @@ def _connected(tables: list[ConnectionTable], ports: Mapping[str, HasPorts]) -> 
     if mixed := mix_errors(ports):  # what they leave unconnected is no error of its own
         return [], errors + mixed
     connections = explicit + wires
-    return connections, errors + check(ports, connections) + shadow_errors(ports, connections)
+    errors += [*check(ports, connections), *open_inputs(ports, connections)]
+    return connections, errors + shadow_errors(ports, connections)
 
 
 def _connection(place: str, table: ConnectionTable, ports: Mapping[str, HasPorts], errors: list[str]) -> Connection:

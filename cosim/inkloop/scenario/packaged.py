@@ -1,12 +1,17 @@
-"""The scenarios that are installed with inkloop, by name: `inkloop run cylinder` needs no file."""
+"""Places: scenarios that are installed with inkloop, by name, and classes that a scenario names as "module:Class"."""
 
 from __future__ import annotations
 
 import importlib.util
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from inkloop.files import read_toml_text
 from inkloop.suggest import near
+
+__all__ = ["classes_from"]
 
 PACKAGE = "inkloop.scenarios"
 
@@ -40,3 +45,17 @@ def hint(path: Path) -> str | None:
     close = [str(beside)] if beside.is_file() else near(path.name, scenarios())
     meant = f"did you mean {' or '.join(close)}? " if close else ""
     return f"is neither a file nor a scenario of inkloop; {meant}`inkloop new --list` lists them"
+
+
+@contextmanager
+def classes_from(folder: Path) -> Iterator[None]:
+    """Within the block a kind "module:Class" is also looked for in `folder`."""
+    place = str(folder.resolve())
+    if place in sys.path:
+        yield
+        return
+    sys.path.append(place)
+    try:
+        yield
+    finally:
+        sys.path.remove(place)

@@ -25,8 +25,7 @@ from inkloop.tables.part_images import HeightMapTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.schema import ScenarioFile
-from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import PartError, Solid
+from inkloop.tables.shapes import Grid, PartError, Solid
 from inkloop.units import M_PER_UM, MM_PER_M, UM_PER_M
 
 MESHES = (".stl", ".obj", ".ply", ".3mf")

@@ -22,8 +22,7 @@ from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
 from inkloop.tables.job import Target, is_supported
 from inkloop.tables.schema import ScenarioFile
-from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import Bounds, Solid
+from inkloop.tables.shapes import Bounds, Grid, Solid
 from inkloop.units import UM_PER_M
 
 SIDE = 9

@@ -17,11 +17,8 @@ from tomlkit.items import Table as TomlTable
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Table
-from inkloop.units import SUFFIXES
 
 __all__ = ["InkFile"]
-
-_ENDINGS = [f"_{suffix}" for suffixes in SUFFIXES.values() for suffix in suffixes]
 
 
 class DropletTable(Table):
@@ -62,8 +59,7 @@ def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
             _fill(ink, material, droplet.model_dump())
     for table in _component_tables(document):
         for key, value in found.models.get(str(table.get("kind")), {}).items():
-            if _quantity(key) not in {_quantity(own) for own in table}:
-                table[key] = value
+            table.setdefault(key, value)
     if isinstance(ink, TomlTable):
         ink.comment(f"from {name}")
     return []
@@ -101,8 +97,3 @@ def _component_tables(document: tomlkit.TOMLDocument) -> Iterator[MutableMapping
         components = place.get("components") if isinstance(place, MutableMapping) else None
         if isinstance(components, MutableMapping):
             yield from (table for table in components.values() if isinstance(table, MutableMapping))
-
-
-def _quantity(key: str) -> str:
-    """A key without the unit at its end."""
-    return next((key.removesuffix(ending) for ending in _ENDINGS if key.endswith(ending)), key)

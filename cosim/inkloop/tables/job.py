@@ -14,7 +14,7 @@ from inkloop.contract import PassOrder
 from inkloop.geometry import Columns, cell_centers, resting, support_below
 from inkloop.geometry.overhang import GAP_M
 from inkloop.tables.schema import Inks, InkTable, ScenarioFile
-from inkloop.tables.solid import Solid
+from inkloop.tables.shapes import Solid
 
 FAR_M = 1.0
 """Replaces an infinite end of a region of ink."""
@@ -107,7 +107,7 @@ def component_seed(seed: int, component: str) -> int:
 
 def _height_start(tables: ScenarioFile) -> FloatMap | None:
     grid, table = tables.grid, tables.substrate
-    return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
+    return None if table is None else table.height(grid.nx, grid.ny, grid.pitch, tables.seed)
 
 
 def inks_of(inks: Inks, count: int) -> tuple[Ink, ...]:

@@ -12,8 +12,18 @@ from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
-from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
-from inkloop.tables.solid import Bounds, PartError, Solid, nothing
+from inkloop.tables.shapes import (
+    Bounds,
+    CuboidTable,
+    CylinderTable,
+    Grid,
+    PartError,
+    PipeJunctionTable,
+    Solid,
+    StaircaseTable,
+    Table,
+    nothing,
+)
 
 
 class CombineTable(Table):

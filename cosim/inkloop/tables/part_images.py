@@ -19,9 +19,8 @@ from inkloop.metrology.folder_watch import name_errors, numbered_files
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration, cell_means
-from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
+from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.tables.slices import Slices
-from inkloop.tables.solid import Bounds, PartError, Solid
 from inkloop.units import M_PER_UM
 
 NUMBER = "n"

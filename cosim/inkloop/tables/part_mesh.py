@@ -13,8 +13,7 @@ from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, Placement, bounds, walls_on_centers
 from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns, painted
 from inkloop.geometry.mesh_file import read_bodies
-from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
-from inkloop.tables.solid import Bounds, PartError, Solid
+from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.units import UM_PER_M
 
 COARSE = 0.01

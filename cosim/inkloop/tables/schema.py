@@ -14,30 +14,10 @@ from inkloop.component import Ink
 from inkloop.tables import bench_faults
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part
-from inkloop.tables.shapes import Grid, Length, Position, Table
-from inkloop.tables.substrate import Substrate
+from inkloop.tables.shapes import Grid, Length, SubstrateTable, Table
 from inkloop.units import M_PER_UM
 
 __all__ = ["Inks", "Process"]
-
-
-class SubstrateTable(Table):
-    """`[substrate]`: the surface to print on, over its lowest cell; only the printer knows it."""
-
-    tilt_x: Position = Field(default=0.0, description="slope along x")
-    tilt_y: Position = Field(default=0.0, description="slope along y")
-    step_um: Position = Field(default=0.0, description="height of a step up, along the middle of the grid in x")
-    wave_um: float = Field(default=0.0, ge=0.0, allow_inf_nan=False, description="amplitude of an egg-box wave")
-    wavelength_um: Length = Field(default=5000.0, description="wavelength of the wave along x and along y")
-    roughness_um: float = Field(
-        default=0.0, ge=0.0, allow_inf_nan=False, description="standard deviation of a cell, drawn from the seed"
-    )
-
-    @property
-    def substrate(self) -> Substrate:
-        """The surface in SI."""
-        lengths = (self.step_um, self.wave_um, self.wavelength_um, self.roughness_um)
-        return Substrate(self.tilt_x, self.tilt_y, *(length * M_PER_UM for length in lengths))
 
 
 class Support(Table):

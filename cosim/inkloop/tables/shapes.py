@@ -1,22 +1,65 @@
-"""`[grid]` and `[part]` of the scenario file: the cells, and the shape to print."""
+"""`[grid]`, the formulas of `[part]`, and `[substrate]`: the cells, what a part comes to on them, what it stands on."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
-from inkloop.tables.solid import Bounds, Solid
+from inkloop.component import FloatMap
+from inkloop.geometry import TOLERANCE_M, Columns, Cuboid, Cylinder, PipeJunction, Shape, Staircase, cell_centers
 from inkloop.units import M_PER_UM
 
 __all__ = ["Length", "Position", "Table"]
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 PITCH_MIN_UM = 1.0  # no head is that fine (assumed); a smaller number was meant in other units
+_ROUGHNESS_STREAM = 1  # added to the seed, so that no component shares the stream
 Position = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Bounds(NamedTuple):
+    """The box around a part in the plane [m], in coordinates of the grid."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A part on the grid of a scenario.
+
+    region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each.
+    """
+
+    shape: Shape
+    bounds: Bounds
+    region: Columns | None = None
+    remarks: tuple[str, ...] = ()
+
+    def columns(self, nx: int, ny: int, pitch: float) -> Columns:
+        """The shape over the cells of the grid; columns are taken as they are."""
+        return self.shape if isinstance(self.shape, Columns) else Columns.of_shape(self.shape, nx, ny, pitch)
+
+
+class PartError(Exception):
+    """A part that cannot be made; `errors` holds one sentence each, with the key of `[part]` in front."""
+
+    def __init__(self, errors: Sequence[str]) -> None:
+        self.errors = tuple(errors)
+        super().__init__("; ".join(self.errors))
+
+
+def nothing(nx: int, ny: int, pitch: float) -> Columns:
+    """No material on any cell."""
+    return Columns(nx, ny, pitch, np.zeros(nx * ny + 1, np.int64), np.zeros(0), np.zeros(0))
 
 
 class Table(BaseModel):
@@ -131,3 +174,28 @@ class PipeJunctionTable(PartTable):
             height=self.height_um * M_PER_UM,
         )
         return self._solid(shape, grid, math.inf, math.inf)
+
+
+class SubstrateTable(Table):
+    """`[substrate]`: the surface to print on, over its lowest cell; only the printer knows it."""
+
+    tilt_x: Position = Field(default=0.0, description="slope along x")
+    tilt_y: Position = Field(default=0.0, description="slope along y")
+    step_um: Position = Field(default=0.0, description="height of a step up, along the middle of the grid in x")
+    wave_um: float = Field(default=0.0, ge=0.0, allow_inf_nan=False, description="amplitude of an egg-box wave")
+    wavelength_um: Length = Field(default=5000.0, description="wavelength of the wave along x and along y")
+    roughness_um: float = Field(
+        default=0.0, ge=0.0, allow_inf_nan=False, description="standard deviation of a cell, drawn from the seed"
+    )
+
+    def height(self, nx: int, ny: int, pitch: float, seed: int) -> FloatMap:
+        """(nx, ny) heights over the lowest cell [m]; roughness is normal, white, and drawn from `seed`."""
+        x, y = cell_centers(nx, ny, pitch)
+        x, y = x - (nx - 1) / 2 * pitch, y - (ny - 1) / 2 * pitch
+        per_length = 2.0 * np.pi / (self.wavelength_um * M_PER_UM)
+        surface = self.tilt_x * x + self.tilt_y * y
+        surface += np.where(x > TOLERANCE_M, self.step_um * M_PER_UM, 0.0)
+        surface += self.wave_um * M_PER_UM * np.cos(per_length * x) * np.cos(per_length * y)
+        roughness = self.roughness_um * M_PER_UM
+        surface += roughness * np.random.default_rng([seed, _ROUGHNESS_STREAM]).standard_normal((nx, ny))
+        return np.asarray(surface - surface.min(), dtype=np.float64)

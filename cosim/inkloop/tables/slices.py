@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.geometry.layer_runs import Labels, columns_of_layers
-from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import Bounds, PartError, Solid
+from inkloop.tables.shapes import Bounds, Grid, PartError, Solid
 
 EDGE = 1e-6
 """Share of the pitch within which a wall counts as being on the centres of cells."""

@@ -60,7 +60,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Identify, show and write; the exit code."""
-    from inkloop.scenario.class_path import classes_from
+    from inkloop.scenario.packaged import classes_from
     from inkloop_lab.identify import command
 
     options.pictures = formats_of(options)

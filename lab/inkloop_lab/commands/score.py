@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Print on all plants, and show the scores; the exit code."""
-    from inkloop.scenario.class_path import classes_from
+    from inkloop.scenario.packaged import classes_from
 
     require("matplotlib", "inkloop score")
     from inkloop_lab.score import command

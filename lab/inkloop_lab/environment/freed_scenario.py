@@ -13,8 +13,8 @@ import tomlkit
 from inkloop.components import catalog, devices
 from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, VALID, has_port
 from inkloop.errors import ScenarioError
-from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 from inkloop_lab.policies.policy import MASK, TARGET, ActionCode, free_seat
 
 FREE = f"{free_seat.__module__}:{free_seat.__name__}"

@@ -17,8 +17,8 @@ from inkloop.errors import InkloopError, missing, require
 from inkloop.master.master import Master, Turns
 from inkloop.master.roles import StopReason
 from inkloop.results.metrics import surface_error
-from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 from inkloop.units import NS_PER_S, UM_PER_M
 from inkloop_lab.environment.freed_scenario import FreedScenario, spaces
 from inkloop_lab.environment.surface_frame import frame

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from inkloop.components import devices
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
-from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 from inkloop.tables.messages import sentence
 from inkloop_lab.sweep.sampling import (
     BALANCED,

@@ -22,8 +22,8 @@ from inkloop.printing.run import origin_of, print_part
 from inkloop.results import checkpoint
 from inkloop.results.lock import sole_writer, writer_of
 from inkloop.results.result import RUN_FILE, STOPPED, UNFINISHED, Result, read_record
-from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.packaged import classes_from
 
 FAILED, INTERRUPTED = "failed", "interrupted"
 OWNER_S = 10.0

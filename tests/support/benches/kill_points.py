@@ -19,7 +19,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part, scenario_of_run
@@ -111,8 +111,8 @@ def begin(path: Path, folder: Path, channel: str) -> None:
 def session(folder: Path) -> Result | InkloopError:
     """Print on, from wherever the folder is."""
     try:
-        scenario = scenario_of_run(folder)
-        return print_part(scenario, folder=folder, notes={"scenario_file": scenario.source, "compare": False})
+        with scenario_of_run(folder) as scenario:
+            return print_part(scenario, folder=folder, notes={"scenario_file": scenario.source, "compare": False})
     except InkloopError as error:
         return error
 
@@ -199,7 +199,7 @@ FORKING = multiprocessing.get_context("forkserver")
 FORKING.set_forkserver_preload(
     [
         "inkloop.cli",
-        "inkloop.bench.emulation",
+        "inkloop.bench.commands",
         "inkloop_controller.controllers",
         "inkloop_hardware.devices.printer",
         "h5py",

@@ -21,7 +21,7 @@ import can
 import numpy as np
 import pytest
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench.commands import emulation_of
 from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from inkloop.exchange.ssp import archive, maestro
-from inkloop.exchange.ssp.command import write_folder
+from inkloop.exchange.ssp import ssd
+from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, write
 from inkloop.exchange.ssp.system import System, Wire
 from inkloop.master.wiring import Transfer
 from support.masters.java_programs import MAESTRO
@@ -28,11 +28,9 @@ CSV, MAT = "outputs.csv", "results.mat"
 def by_maestro(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its rows. Java prints the shortest decimals that read back as the same number: the text loses no bit."""
     files, system = folder / "maestro", system if system.wires else _with_a_wire(system)
-    write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files)
+    write(replace(system, stop_s=TIME_MAX_S), "maestro", files)
     words = ("import", "sg1", "--interpret", "-output=out", "--fmu-search-path=.")
-    output = MAESTRO.run(
-        "org.intocps.maestro.Main", *words, maestro.CONFIGURATION, maestro.MULTI_MODEL, folder=files
-    ).stdout
+    output = MAESTRO.run("org.intocps.maestro.Main", *words, CONFIGURATION, MULTI_MODEL, folder=files).stdout
     if not (files / "out" / CSV).is_file():
         causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", output, re.MULTILINE)
         raise RuntimeError("; ".join(causes or output.splitlines()[-1:]))
@@ -60,7 +58,7 @@ def _rows_of_csv(path: Path, part: str, names: Sequence[str]) -> Iterator[tuple[
 
 def by_omsimulator(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its communication points. Raises RuntimeError with its errors."""
-    archive.write(replace(system, stop_s=TIME_MAX_S), "1.0", folder / "loop.ssp")
+    ssd.write(replace(system, stop_s=TIME_MAX_S), "1.0", folder / "loop.ssp")
     points = round(TIME_MAX_S / system.step_s)
     options = (f"--stopTime={points * system.step_s}", f"--intervals={points}", "--stripRoot=true")
     done = subprocess.run(

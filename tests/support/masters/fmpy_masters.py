@@ -12,7 +12,7 @@ import numpy as np
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssv
 
-from inkloop.exchange.ssp import archive
+from inkloop.exchange.ssp import ssd
 from inkloop.exchange.ssp.system import Part, System
 from support.masters.loops import TIME_MAX_S, Loop
 
@@ -80,7 +80,7 @@ def by_calls(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterat
 def by_simulate_ssp(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """FMPy's own runner of an .ssp; rows hold what the outputs are after the step."""
     path = folder / "block.ssp"
-    archive.write(system, "1.0", path)
+    ssd.write(system, "1.0", path)
     values = _parameters(path, folder)
     rows = simulate_ssp(str(path), stop_time=TIME_MAX_S, step_size=system.step_s, parameter_set=values)
     for row in rows:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.exchange.ssp import osp
+from inkloop.exchange.ssp import folder as files
 from inkloop.exchange.ssp.system import System
 from support.masters.file_masters import by_maestro, by_omsimulator
 from support.masters.fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
@@ -65,7 +65,7 @@ def _libcosim(loop: Loop, system: System, algorithm: str, folder: Path) -> Itera
     from libcosimpy.CosimObserver import CosimObserver
 
     log_output_level(CosimLogLevel.ERROR)
-    (folder / osp.FILE).write_bytes(osp.structure(system))
+    (folder / files.OSP_FILE).write_bytes(files.osp_structure(system))
     execution = CosimExecution.from_osp_config_file(osp_path=str(folder))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer=observer)

@@ -89,16 +89,6 @@ def test_loaded_scenario_prints_with_further_overrides() -> None:
     assert inkloop.run(scenario, run={"layers_max": 1}).metrics()["layers"] == 1
 
 
-def test_errors_name_keys_and_no_options_of_the_command_line() -> None:
-    with pytest.raises(inkloop.ScenarioError) as caught:
-        inkloop.load(CUBOID, {"components": {"contrller": {"alpha": 1.0}}}, seed="x")
-    assert caught.value.errors[0] == (
-        "components.contrller.alpha: there is no components.contrller; did you mean components.controller?"
-    )
-    assert caught.value.errors[1].startswith("seed is 'x'")
-    assert "--set" not in str(caught.value)
-
-
 def test_result_takes_no_overrides(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="is a run folder, whose result takes no overrides; found seed"):
         inkloop.load(tmp_path, seed=7)

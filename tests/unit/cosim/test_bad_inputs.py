@@ -18,7 +18,7 @@ MAPS = '[components.profiler]\nkind = "MapFolder"\nfolder = "scans"\nunit = "um"
 
 SCENARIO_ERRORS = {
     "key misspelt": ("alpha = 0.8", "alhpa = 0.8", "components.controller.alhpa is not a key of this table; did you m"),
-    "key in another unit": ("height_um = 22.8", "height_mm = 0.0228", "part.height_mm is not a key of this table; did"),
+    "key in another unit": ("height_um = 22.8", "height_mm = 0.0228", "height_mm is in mm; write height_um = 22.8"),
     "key without unit": ("height_um = 22.8", "height = 22.8", "part.height_um is missing; add it (height of"),
     "kind misspelt": ('"LayerMpc"', '"LayerMcp"', "components.controller.kind is 'LayerMcp'; did you mean LayerMpc?"),
     "option too large": ("variation = 0.2", "variation = 20", "variation is 20; expected a number in 0.0 .. 1.0"),
@@ -51,7 +51,7 @@ SCENARIO_ERRORS = {
     "port of a connection": ("[grid]", '[[connections]]\nsource = "printer.hight"\ntarget = "profiler.height"\n[grid]',
                              "printer.hight: printer has no output 'hight'; did you mean height?"),
     "port of an event": ("[grid]",
-                         '[[events]]\nport = "printer.hight"\naction = "bias"\nat_layer = 1\nvalue_m = 1e-6\n[grid]',
+                         '[[events]]\nport = "printer.hight"\naction = "bias"\nat_layer = 1\nvalue_um = 1.0\n[grid]',
                          "events.[0].port is 'printer.hight': printer has no port 'hight'; did you mean height?"),
     "action of an event": ("[grid]", '[[events]]\nport = "printer.height"\naction = "bais"\nat_layer = 1\n[grid]',
                            "events.[0].action is 'bais'; expected 'override', 'bias' or 'reset'"),

@@ -24,8 +24,8 @@ from inkloop.contract import (
     pass_colour,
     pass_colours,
 )
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError
-from inkloop.master.wiring import contract_connections
 from inkloop.tables import schema
 from inkloop.testing import job
 from inkloop_controller.baseline_planners import OpenLoop

@@ -5,17 +5,33 @@ continues.
 from __future__ import annotations
 
 import os
+import pickle
+import signal
 import stat
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from inkloop import files
 from inkloop.component import Component
 from inkloop.course.layer_course import LayerCourse
-from inkloop.files import TomlError, read_toml_text, replaced, toml_tables, write_text
+from inkloop.course.wiring import contract_connections
+from inkloop.errors import ScenarioError
+from inkloop.files import (
+    OWNER_FILE,
+    TomlError,
+    read_toml_text,
+    remove_abandoned,
+    replaced,
+    temporary_folder,
+    toml_tables,
+    write_text,
+)
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result
@@ -47,11 +63,12 @@ def test_durable_file_is_synced_renamed_and_its_folder_synced(tmp_path: Path, ha
     write_text(tmp_path / "a.txt", "a", durable=True)
     assert happenings == ["file", "rename", "folder"]
     assert (tmp_path / "a.txt").read_text() == "a"
-
-
-def test_other_files_are_not_waited_for(tmp_path: Path, happenings: list[str]) -> None:
-    write_text(tmp_path / "a.txt", "a")
+    happenings.clear()
+    write_text(tmp_path / "b.txt", "b")  # not waited for
+    with pytest.raises(ValueError, match="no"), replaced(tmp_path / "c.txt", durable=True):
+        raise ValueError("no")
     assert happenings == ["rename"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "b.txt"]
 
 
 @pytest.mark.parametrize("name", ["file/a.txt", "file/folder/a.txt"])
@@ -59,13 +76,6 @@ def test_file_in_the_way_of_a_folder_is_named(name: str, tmp_path: Path) -> None
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot be made: a file is in the way; name another place"):
         write_text(tmp_path / name, "a")
-
-
-def test_file_that_failed_is_neither_synced_nor_there(tmp_path: Path, happenings: list[str]) -> None:
-    with pytest.raises(ValueError, match="no"), replaced(tmp_path / "a.txt", durable=True):
-        raise ValueError("no")
-    assert happenings == []
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_run_folder_is_on_the_disk_before_the_run_begins(tmp_path: Path, happenings: list[str]) -> None:
@@ -100,10 +110,6 @@ def test_checkpoints_of_devices_outlive_a_power_failure(devices: bool, tmp_path:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b'title = "a"\nname = "h\xf6he"\n', "line 2 is not UTF-8; byte 0xf6 is 'ö' in an older encoding of Windows"),
-        ('title = "a"\n'.encode("utf-16"), "the file is UTF-16; save it as UTF-8"),
-        ("[part]\nheight_µm = 3.0\n".encode(), "line 2, `height_µm = 3.0`: a key without quotes has no 'µ'; write um"),
-        (b"[grid]\nnx = 3\nnx = 5\n", "line 3, `nx = 5`: this key or table is there already"),
         (b'title = "a"\ntitle = "b"\n', 'line 2, `title = "b"`: this key or table is there already'),
         (b"[grid]\nnx = \n", "line 2, `nx =`: "),
         (b'title = "a\n', 'line 1, `title = "a`: '),
@@ -116,6 +122,69 @@ def test_invalid_toml_is_explained_with_its_line(content: bytes, message: str, t
     assert str(caught.value).startswith(f"is not TOML: {message}")
 
 
-def test_byte_order_mark_is_skipped(tmp_path: Path) -> None:
-    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbfnx = 3\r\n")
-    assert toml_tables(read_toml_text(tmp_path / "a.toml")) == {"nx": 3}
+def test_error_of_a_scenario_passes_between_processes() -> None:
+    error = ScenarioError("part.toml", ["grid.nx is 0; needs at least 1", "ink is missing"])
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is ScenarioError
+    assert str(error).splitlines() == ["part.toml: 2 errors", *(f"  - {one}" for one in error.errors)]
+    assert str(ScenarioError("part.toml", error.errors[:1])).splitlines()[0] == "part.toml: 1 error"
+    assert (copy.source, copy.errors, str(copy)) == (error.source, error.errors, str(error))
+
+
+HOLD = """
+import sys
+from inkloop.files import temporary_folder
+with temporary_folder("fmu") as folder:
+    (folder / "model.so").write_text("binary")
+    print(folder, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    return tmp_path
+
+
+def test_folder_is_empty_and_goes_at_the_end_however_it_ends(place: Path) -> None:
+    with temporary_folder("fmu") as folder:
+        assert list(folder.iterdir()) == []
+        (folder / OWNER_FILE).write_text("a member of an archive may have any name")
+    assert list(place.iterdir()) == []
+    with pytest.raises(KeyError), temporary_folder("fmu"):
+        raise KeyError
+    assert list(place.iterdir()) == []
+
+
+def test_folder_of_a_killed_process_is_removed_and_that_of_a_living_one_stays(place: Path) -> None:
+    killed, living = (
+        subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    )
+    folders = [Path(process.stdout.readline().strip()) for process in (killed, living)]
+    assert all((folder / "model.so").exists() for folder in folders)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    with temporary_folder("run") as own:
+        assert not folders[0].exists()
+        assert folders[1].exists()
+        assert own.exists()
+        assert remove_abandoned(place) == []
+    living.communicate("")
+    assert list(place.iterdir()) == []
+
+
+def test_what_is_not_surely_abandoned_stays(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    others = [place / name for name in ("inkloop-fmu-1-x", f"inkloop-fmu-{os.getpid()}-x", "inkloop-tests", "a-b-1-c")]
+    for folder in others:
+        folder.mkdir()
+    for folder in others[1:]:
+        (folder / OWNER_FILE).touch()
+    assert remove_abandoned(place) == []  # without a lock file, of this process, of another name
+    (others[0] / OWNER_FILE).touch()
+    monkeypatch.setattr(files, "take_lock", lambda file: (_ for _ in ()).throw(OSError("no locks here")))
+    assert remove_abandoned(place) == []
+    monkeypatch.undo()
+    assert remove_abandoned(place) == [others[0]]

@@ -3,46 +3,56 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from inkloop import units
-from inkloop.units import QUANTITIES, SUFFIXES, UNITS, defined_unit, key_of, missing_suffix, spellings, unit_of
+from inkloop.tables.messages import other_unit
+from inkloop.units import QUANTITIES, SUFFIXES, UNITS, declared_key, defined_unit, key_of
 from support.places import ROOT
-from support.source_tree import modules, parsed
+from support.source_tree import parsed
+
+INCH = defined_unit("inch", {"m": 1}, 0.0254, 0.0)
 
 
-def test_key_carries_its_unit() -> None:
-    assert spellings("pitch", "m") == {"pitch_um": 1e-6, "pitch_mm": 1e-3, "pitch_nm": 1e-9, "pitch_m": 1.0}
-    assert spellings("duration", "s")["duration_ms"] == 1e-3
-    assert spellings("droplet_volume", "m3")["droplet_volume_pl"] == 1e-15
-    assert spellings("speed", "m/s")["speed_mm_per_s"] == 1e-3
-    assert spellings("gain", "1/m") == {"gain_per_um": 1e6, "gain_per_mm": 1e3, "gain_per_m": 1.0}
+@pytest.mark.parametrize(
+    ("unit", "key", "declared"),
+    [
+        ("m", ("x_um", "um", 1e-6), ("x_m", "m", 1.0)),
+        ("mm", ("x_um", "um", 1e-3), ("x_mm", "mm", 1.0)),
+        (INCH, ("x_um", "um", 1e-6 / 0.0254), ("x_um", "um", 1e-6 / 0.0254)),
+        ("1/m", ("x_per_um", "1/um", 1e6), ("x_per_m", "1/m", 1.0)),
+        ("m/s", ("x_um_per_s", "um/s", 1e-6), ("x_m_per_s", "m/s", 1.0)),
+        ("s", ("x_s", "s", 1.0), ("x_s", "s", 1.0)),
+        ("m3", ("x_pl", "pl", 1e-15), ("x_m3", "m3", 1.0)),
+        ("V", ("x", "V", 1.0), ("x", "V", 1.0)),
+        ("1", ("x", "1", 1.0), ("x", "1", 1.0)),
+    ],
+)
+def test_quantity_has_one_key_with_its_unit(unit: str, key: tuple[object, ...], declared: tuple[object, ...]) -> None:
+    """In a scenario the unit of the quantity, of a parameter in a file of an FMU the one that it declares."""
+    assert key_of("x", unit) == key
+    assert declared_key("x", unit) == declared
 
 
-def test_length_without_a_unit_is_an_error() -> None:
-    assert missing_suffix("pitch", "m") == "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"
-    assert missing_suffix("variation", "1") is None
-    assert spellings("variation", "1") == {"variation": 1.0}
-    assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
-
-
-def test_exponents_of_the_base_units_are_those_that_the_name_of_the_unit_shows() -> None:
-    for name, exponents in units.BASE_UNITS.items():
-        above, _, below = name.partition("/")
-        shown = {part.rstrip("23"): sign * int(part.lstrip("mrads") or 1)
-                 for part, sign in ((above, 1), (below, -1)) if part not in ("", "1")}  # fmt: skip
-        assert exponents == shown, name
-
-
-def test_key_states_the_unit_of_its_number() -> None:
-    assert unit_of("pitch_um", "pitch", "m") == ("um", 1e-6)
-    assert unit_of("speed_mm_per_s", "speed", "m/s") == ("mm/s", 1e-3)
-    assert unit_of("gain_per_um", "gain", "1/m") == ("1/um", 1e6)
-    assert unit_of("variation", "variation", "1") == ("1", 1.0)
+@pytest.mark.parametrize(
+    ("key", "value", "error"),
+    [
+        ("pitch_mm", 0.3, "pitch_mm is in mm; write pitch_um = 300"),
+        ("pitch_mm", [[0.1, 2], [3, 4]], "pitch_mm is in mm; write pitch_um = [[100, 2000],\n [3000, 4000]]"),
+        ("pitch_mm", "wide", "pitch_mm is in mm; write pitch_um"),
+        ("pitch", 250, "pitch is a length; write pitch_um"),
+        ("cure_s", 0.1, "cure_s is in s; write cure_ms = 100"),
+        ("gain_per_mm", 4.0, "gain_per_mm is in 1/mm; write gain_per_um = 0.004"),
+        ("pitch_ms", 1.0, None),
+        ("share", 1.0, None),
+        ("pich_um", 1.0, None),
+    ],
+)
+def test_other_unit_is_answered_with_the_key_and_the_converted_value(key: str, value: object, error: str) -> None:
+    assert other_unit(key, value, ("pitch_um", "cure_ms", "gain_per_um", "share_min", "alpha")) == error
 
 
 FACTORS = {10.0**exponent for exponent in (-18, -15, -12, -9, -6, -3, 3, 6, 9, 12, 15, 18)}
@@ -103,26 +113,6 @@ def test_factors_between_units_stand_in_one_module() -> None:
     assert [name for name in NO_FACTORS if not found[name]] == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "x = 1e6 * y",
-        "x = f'{y * 1e3:g} ms'",
-        "UM = 1e-6\nx = y / UM",
-        "MS, S = 1000, 1\nx = y // MS",
-        "x = {'um': 1e-6}",
-        "x = ('time, ms', 1e3)",
-    ],
-)
-def test_factors_are_found(line: str) -> None:
-    assert list(own_factors(ast.parse(line)))
-
-
-@pytest.mark.parametrize("line", ["LIMIT_M = 1e-9\nx = y < LIMIT_M", "x = y + 1e-12", "x = {'side': 1000}"])
-def test_tolerances_and_sizes_are_no_factors(line: str) -> None:
-    assert not list(own_factors(ast.parse(line)))
-
-
 def test_factors_of_both_directions_agree() -> None:
     """Both are written out: a product with one and a quotient by the other differ in the last bit."""
     for one, other in (
@@ -140,45 +130,6 @@ def test_factors_of_both_directions_agree() -> None:
     assert lengths["in"] == units.M_PER_INCH
 
 
-@pytest.mark.parametrize(
-    ("unit", "key", "factor"),
-    [("um", "x_um", 1.0), ("V", "x", 1.0), (defined_unit("inch", {"m": 1}, 0.0254, 0.0), "x_um", 25400.0)],
-)
-def test_key_of_a_unit_gives_it_back(unit: str, key: str, factor: float) -> None:
-    assert key_of("x", unit) == (key, pytest.approx(factor, rel=1e-14, abs=0.0))
-    assert spellings("x", unit)[key] * factor == pytest.approx(1.0, rel=1e-14, abs=0.0)
-
-
-KEY_OR_INPUT = re.compile(r"--\w+-um|1/um|nm[,|]\s?um|um, mm|write um")
-"""Where `um` is what a user types, or a unit of FMI."""
-PAPERS = "inkloop_lab"
-"""Its tables are pages in Markdown and LaTeX."""
-
-
-MICROMETRE = re.compile(r"(?<![\w.-])um\b")
-
-
-def prose_with_um(tree: ast.Module) -> list[str]:
-    """Strings of a module, not its docstrings, in which a micrometre is not written as µm."""
-    bodies = [getattr(node, "body", None) for node in ast.walk(tree)]
-    blocks = [body for body in bodies if isinstance(body, list)]
-    docstrings = {id(line.value) for body in blocks for line in body if isinstance(line, ast.Expr)}
-    strings = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docstrings]
-    prose = [KEY_OR_INPUT.sub("", node.value) for node in strings if isinstance(node.value, str) and node.value != "um"]
-    return [text for text in prose if MICROMETRE.search(text)]
-
-
-def test_messages_and_tables_write_micrometres_as_they_are_printed() -> None:
-    found = {
-        name: prose
-        for name, path in modules().items()
-        if not name.startswith(PAPERS) and "um" in path.read_text("utf-8") and (prose := prose_with_um(parsed(path)))
-    }
-    assert found == {}
-    example = ast.parse('"""5 um."""\nerror = f"is {x:g} um high; write --pitch-um"')
-    assert prose_with_um(example) == [" um high; write "]
-
-
 def test_units_are_written_as_in_fmi_and_known_by_their_size() -> None:
     """Sizes by the prefixes of SI; a litre is 1e-3 m3, a turn 360 deg."""
     prefix = {"u": 1e-6, "m": 1e-3, "n": 1e-9}
@@ -194,3 +145,28 @@ def test_units_are_written_as_in_fmi_and_known_by_their_size() -> None:
     assert set(UNITS) == set(expected)
     for unit, (si, factor) in expected.items():
         assert UNITS[unit] == (si, pytest.approx(factor, rel=1e-12, abs=0.0)), unit
+
+
+@pytest.mark.parametrize(
+    ("line", "converts"),
+    [
+        ("x = f'{y * 1e3:g} ms'", True),
+        ("UM = 1e-6\nx = y / UM", True),
+        ("MS, S = 1000, 1\nx = y // MS", True),
+        ("x = {'um': 1e-6}", True),
+        ("x = ('time, ms', 1e3)", True),
+        ("LIMIT_M = 1e-9\nx = y < LIMIT_M", False),
+        ("x = {'side': 1000}", False),
+    ],
+)
+def test_factors_are_told_from_tolerances_and_sizes(line: str, converts: bool) -> None:
+    assert bool(list(own_factors(ast.parse(line)))) == converts
+
+
+def test_exponents_of_the_base_units_are_those_that_the_name_of_the_unit_shows() -> None:
+    assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
+    for name, exponents in units.BASE_UNITS.items():
+        above, _, below = name.partition("/")
+        shown = {part.rstrip("23"): sign * int(part.lstrip("mrads") or 1)
+                 for part, sign in ((above, 1), (below, -1)) if part not in ("", "1")}  # fmt: skip
+        assert exponents == shown, name

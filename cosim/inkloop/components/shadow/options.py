@@ -8,8 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Component, Job, Ports
-from inkloop.components.bench import Bench
-from inkloop.components.kind import Check, Checked
+from inkloop.components.kind import Bench, Check, Checked
 from inkloop.components.plain_plant import PlainPlant, wrapped_ports
 from inkloop.components.shadow.replica import checked_inputs
 from inkloop.components.shadow.shadow import Shadow, shadow_ports

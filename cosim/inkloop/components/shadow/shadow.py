@@ -6,6 +6,7 @@ import io
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal
 from zipfile import BadZipFile
 
@@ -13,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, Component, FloatMap, Job, Port, Status, Values
-from inkloop.components.shadow.comparison import Divergence, ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
 from inkloop.contract import (
     HEIGHT,
@@ -31,10 +31,39 @@ from inkloop.contract import (
 from inkloop.errors import ComponentError
 from inkloop.units import UM_PER_M
 
-_LOG = logging.getLogger("inkloop.components.shadow.shadow")
+_LOG = logging.getLogger(__name__)
 _SAME_M = 1e-9  # a plant on another start surface than it was given differs by more (assumed)
 
 SCAN_INPUTS = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Root mean squares over the part [m]; NaN where no cell can be compared.
+
+    growth: of the height added since the scan before, over cells seen in both; surface: of the heights, over cells
+    seen. Growth distinguishes a device that fails from one that is slightly off in every layer, and needs no datum.
+    """
+
+    growth: float = math.nan
+    surface: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class ScannedLayer:
+    """One layer as measured and as the model has it: (nx, ny) heights [m], `valid` the cells that were measured."""
+
+    measured: FloatMap
+    valid: BoolMap
+    surface: FloatMap
+
+    def divergence(self, before: ScannedLayer | None, mask: BoolMap) -> Divergence:
+        """Against the scan before it (None: there is none), over the cells of `mask` (nx, ny)."""
+        error, seen = self.measured - self.surface, self.valid & mask
+        if before is None:
+            return Divergence(surface=_rms(error[seen]))
+        both = seen & before.valid
+        return Divergence(_rms((error - (before.measured - before.surface))[both]), _rms(error[seen]))
 
 
 class Shadow:
@@ -200,3 +229,19 @@ def shadow_ports(plant_inputs: tuple[Port, ...], shape: tuple[int, int]) -> tupl
         *contract_ports(shape, STATUS),
     )
     return inputs, outputs
+
+
+def start_surface(assumed: FloatMap, measured: FloatMap, valid: BoolMap) -> FloatMap:
+    """The start surface: the scan of layer 0, and on cells that it did not see `assumed`, raised by its mean
+    difference.
+
+    All (nx, ny), heights [m]; `assumed` itself where no cell was seen.
+    """
+    if not valid.any():
+        return assumed
+    offset = float(np.median((measured - assumed)[valid]))
+    return np.where(valid, measured, assumed + offset)
+
+
+def _rms(differences: FloatMap) -> float:
+    return float(np.sqrt(np.square(differences).mean())) if differences.size else math.nan

@@ -1,9 +1,12 @@
-"""Write LayerJob.fmu: its parameters, description and documentation."""
+"""Write LayerJob.fmu: its parameters (resources/job.bin), description and documentation."""
 
 from __future__ import annotations
 
+import argparse
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any, Literal
@@ -12,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop import __version__
-from inkloop.exchange.job import job_file
-from inkloop.exchange.job.baking import Bake
-from inkloop.exchange.job.job_file import Section
+from inkloop.errors import missing
+from inkloop.exchange.job.baking import Bake, bake
 from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
 from inkloop.fmu_writer.export import INTERVALS, find_fmu, job_template
+from inkloop.report.terminal import Terminal
+from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
 
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
@@ -38,7 +42,7 @@ def write(
     form, job = FORMS[fmi], bake.job
     members = unpack(job_template(form))
     model = definition_in(members)
-    content = job_file.to_bytes(job.nx, job.ny, _sections(model, bake))
+    content = to_bytes(job.nx, job.ny, _sections(model, bake))
     sizes = {"nx": job.nx, "ny": job.ny, INTERVALS: bake.intervals}
     starts = {**bake.own, **sizes}
     begun = replace(model, variables=tuple(replace(v, start=starts.get(v.name, v.start)) for v in model.variables))
@@ -53,7 +57,7 @@ def write(
         members[PICTURE] = target_picture(job, bake.title)
     baked = Baked(
         starts=bake.own,
-        mark=job_file.check_sum(content),
+        mark=check_sum(content),
         description=f"{bake.title}: {model.description}",
         step_size=bake.own["layer_period"],
         stop_time=bake.stop_s,
@@ -92,3 +96,55 @@ def _shown(value: NDArray[Any]) -> str:
     if value.ndim == 0:
         return str(value.item())
     return f"{' x '.join(map(str, value.shape))} values, {value.min()} to {value.max()}"
+
+
+MAGIC = b"InkJob\r\n"
+LAYOUT = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The parameters of one model that are not its start values: in SI, maps (nx, ny), enumerations as numbers."""
+
+    model: ModelDefinition
+    values: Mapping[str, NDArray[Any]]
+
+
+def to_bytes(nx: int, ny: int, sections: Sequence[Section]) -> bytes:
+    """The content of resources/job.bin, as fmus/layer_job/job_file.c reads it: all numbers little-endian.
+
+    sections: of job, printer, profiler, controller.
+    """
+    checked = struct.pack("<QQ", nx, ny) + b"".join(_section_bytes(section) for section in sections)
+    return MAGIC + struct.pack("<II", LAYOUT, zlib.crc32(checked)) + checked
+
+
+def check_sum(content: bytes) -> str:
+    """Identifies this file, 8 hexadecimal digits; the token of its FMU ends with it."""
+    return f"{struct.unpack_from('<I', content, 12)[0]:08x}"
+
+
+def _section_bytes(section: Section) -> bytes:
+    numbers = {variable.name: number for number, variable in enumerate(section.model.variables)}
+    head = struct.pack("<32s16sQ", section.model.name.encode(), section.model.fingerprint.encode(), len(section.values))
+    return head + b"".join(_parameter(numbers[name], value) for name, value in section.values.items())
+
+
+def _parameter(number: int, value: NDArray[Any]) -> bytes:
+    return struct.pack("<QQ", number, value.size) + np.ascontiguousarray(value, "<f8").tobytes()
+
+
+def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
+    """Write the file and describe it; returns the exit code. Raises ScenarioError, FmuError."""
+    baked = bake(scenario)
+    out = options.out or Path(f"{Path(scenario.source).stem}.fmu")
+    without_picture = missing("matplotlib", "the picture of the target")
+    write(baked, options.fmi, out, platforms=options.platforms, picture=not without_picture)
+    models = ", ".join(model for model, _ in baked.parts.values())
+    console.sentence(f"wrote {out}: {models} in one block, a layer each {baked.own['layer_period']:g} s")
+    if without_picture:
+        console.sentence(f"  left out of it: {without_picture}")
+    if scenario.tables.run.time_max_s is not None:
+        console.sentence("  time_max_s is not in it: the importer decides when it stops")
+    console.result(file=out)
+    return 0

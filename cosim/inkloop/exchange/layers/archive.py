@@ -23,7 +23,7 @@ from inkloop.exchange.layers import bitmap
 from inkloop.exchange.layers.patterns import Patterns
 from inkloop.files import new_folder, write_text
 from inkloop.report.terminal import Terminal
-from inkloop.tables import layer_manifest
+from inkloop.tables import part_layers as layer_manifest
 from inkloop.units import PL_PER_M3, UM_PER_M
 
 SUFFIXES: Mapping[str, str] = {"tiff": ".tif", "png": ".png", "bmp": ".bmp"}

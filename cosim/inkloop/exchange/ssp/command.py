@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from inkloop.errors import ScenarioError
-from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
+from inkloop.exchange.ssp import VERSIONS, folder, ssd
 from inkloop.exchange.ssp.system import System, system_of
-from inkloop.files import new_folder, temporary_folder, write_text
+from inkloop.files import temporary_folder
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.report.terminal import Terminal
@@ -21,16 +20,16 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
     """Write the system and print the remaining steps; returns the exit code. Raises ScenarioError, FmuError."""
     fmi = _fmi(options)
     stem = Path(scenario.source).stem
-    with temporary_folder("export") as folder:
-        system = system_of(scenario, fmi, Path(folder))
+    with temporary_folder("export") as place:
+        system = system_of(scenario, fmi, place)
         if options.platforms is not None:
             _set_platforms(system, options.platforms)
         if options.to == "ssp":
             out = options.out or Path(f"{stem}.ssp")
-            archive.write(system, options.ssp, out)
+            ssd.write(system, options.ssp, out)
         else:
             out = options.out or Path(f"{stem}-{options.to}")
-            write_folder(system, options.to, out)
+            folder.write(system, options.to, out)
     notes, next_line = system.notes(), next_step(options.to, out, system.step_s)
     console.sentence(f"wrote {out}: {', '.join(part.name for part in system.parts)}")
     for note in notes:
@@ -46,7 +45,7 @@ def next_step(to: str, out: Path, step_s: float) -> str:
     return {
         "ssp": f"inkloop run {out} prints it; in another tool import it, communication step {step_s:g} s",
         "osp": f"libcosimpy: CosimExecution.from_osp_config_file(osp_path={str(out)!r}), then simulate_until",
-        "maestro": f"cd {out} && {jar} {maestro.CONFIGURATION} {maestro.MULTI_MODEL}",
+        "maestro": f"cd {out} && {jar} {folder.CONFIGURATION} {folder.MULTI_MODEL}",
     }[to]
 
 
@@ -66,19 +65,3 @@ def _set_platforms(system: System, platforms: Sequence[str]) -> None:
         members = unpack(part.file)
         if DEFINITION in members:
             pack(part.file, with_platforms(members, str(part.description.fmi), platforms))
-
-
-def write_folder(system: System, to: str, out: Path) -> None:
-    """Write the FMUs of a system and, in the same new folder, the files of "osp" or "maestro"; all of them or nothing.
-
-    Raises ScenarioError, FileExistsError if `out` exists.
-    """
-    if to == "osp":
-        texts = {osp.FILE: osp.structure(system).decode()}
-    else:
-        texts = {name: json.dumps(table, indent=1) + "\n" for name, table in maestro.tables(system).items()}
-    with new_folder(out) as folder:
-        for part in system.parts:  # libcosim sets no enumerations
-            start_values.write(part, folder / f"{part.name}.fmu", enumerations=to != "maestro")
-        for name, text in texts.items():
-            write_text(folder / name, text)

@@ -19,17 +19,17 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop.components.fmu_parameters import JOB_PARAMETERS
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.exchange.ssp import joined_connections, parameter_values
-from inkloop.exchange.ssp.archive import SCENARIO, STRUCTURE
-from inkloop.exchange.ssp.names import SSD, member_of
+from inkloop.exchange.ssp import contents
+from inkloop.exchange.ssp.contents import SSD, member_of
+from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
 from inkloop.fmu import FmuDescription, describe
-from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
+from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import unpacked_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
-from inkloop.tables.quantities import scaled
-from inkloop.units import key_of
+from inkloop.tables.messages import scaled
+from inkloop.units import declared_key
 
 _FMU = "application/x-fmu-sharedlibrary"
 __all__ = ["SUFFIX", "scenario_of"]
@@ -54,12 +54,12 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
                 raise ScenarioError(str(path), [f"{STRUCTURE} has no System"])
             sources = _sources(system, archive, errors)
             known = _described(path, sources, errors)
-            values = parameter_values.read(system, archive, known, errors)
+            values = contents.parameters(system, archive, known, errors)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except UNREADABLE as error:
         raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
-    connections = joined_connections.read(system, known, errors)
+    connections = contents.connections(system, known, errors)
     if errors := errors or _grid_errors(known, text, overrides or {}, job):
         raise ScenarioError(str(path), errors)
     source = job or path
@@ -160,8 +160,8 @@ def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[
     """Parameters as options of a scenario, under the keys of their units."""
     options = {}
     for name, value in values.items():
-        key, factor = key_of(name, description.variables[name].unit)
-        options[key] = scaled(value, factor)
+        key = declared_key(name, description.variables[name].unit)
+        options[key.text] = scaled(value, 1.0 / key.factor)
     return options
 
 

@@ -6,13 +6,16 @@ Schemas: https://ssp-standard.org. Both versions share their namespaces.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from inkloop import __version__
 from inkloop.exchange.ssp import omsimulator
 from inkloop.exchange.ssp.system import Part, System
+from inkloop.files import replaced
 from inkloop.fmu import Variable
 from inkloop.fmu_writer.description import add, to_bytes
 from inkloop.units import BASE_UNITS, is_known, si_unit
@@ -161,3 +164,20 @@ def _add_units(root: ET.Element, prefix: str, used: Iterable[str]) -> None:
     for unit in known:
         si, factor = si_unit(unit)
         add(add(units, "ssc:Unit", name=unit), "ssc:BaseUnit", **BASE_UNITS[si], factor=factor)
+
+
+STRUCTURE = "SystemStructure.ssd"
+SCENARIO = "extra/org.inkloop/scenario.toml"
+"""Path of the embedded scenario, with the content that an .ssd cannot express: the part, the run, components
+outside."""
+
+
+def write(system: System, version: str, out: Path) -> None:
+    """Write the system to `out`, whole or not at all; version: of SSP, "1.0" or "2.0"."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replaced(out) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(STRUCTURE, description(system, version))
+        archive.writestr(PARAMETERS, parameters(system, version))
+        archive.writestr(SCENARIO, system.scenario_text)
+        for part in system.parts:
+            archive.write(part.file, f"resources/{part.name}.fmu")

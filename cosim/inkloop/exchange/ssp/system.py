@@ -17,7 +17,7 @@ from inkloop.components.port_tables import OPTION as PORTS
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp import omsimulator
 from inkloop.fmu import FmuDescription, Variable, describe
-from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.export import INTERVALS, export_fmu
 from inkloop.master.wiring import Connection, Transfer
 from inkloop.scenario.file import Scenario

@@ -1,28 +1,35 @@
-"""From a scenario to the emulator in place of its printer and profiler, and messages where that is impossible."""
+"""The bench of a scenario: its emulator, one action on it, and what a replay reports."""
 
 from __future__ import annotations
 
 import sys
 import types
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from inkloop.bench.emulation import emulation_of
+from inkloop.bench import commands
+from inkloop.bench.commands import emulation_of
+from inkloop.bench.replay import differences
 from inkloop.cli import main
 from inkloop.component import Job, Port, Values
 from inkloop.components import catalog
-from inkloop.components.bench import Bench
 from inkloop.components.devices import KINDS
-from inkloop.components.fmu_parameters import parse_model
+from inkloop.components.kind import Bench
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.printing.listening import check_listening, local_port
+from inkloop.printing.on_devices import check_listening, local_port
+from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 from inkloop.testing import job
-from support.benches.bench_run import BLOCK, FMUS, TWO_INKS, write
+from inkloop_hardware.devices import commands as actions
+from support.benches.bench_run import FMUS, TWO_INKS, write
+from support.places import SCENARIOS
 
 
 @pytest.mark.parametrize("overrides", [{}, FMUS], ids=["devices", "FMUs"])
@@ -35,13 +42,8 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str
     assert found["printer_seed"] == scenario.job("printer").seed
     assert found["sensor_seed"] == scenario.job("profiler").seed
     assert emulation_of(scenario).surface is None
-
-
-def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), {"substrate.wave_um": 3.0})
-    surface = emulation_of(scenario).surface
-    assert surface is not None
-    np.testing.assert_array_equal(surface, scenario.job("printer").height_start)
+    uneven = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0})
+    np.testing.assert_array_equal(emulation_of(uneven).surface, uneven.job("printer").height_start)
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
@@ -88,20 +90,6 @@ def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
         assert of_device == of_model
 
 
-def test_passes_of_the_printers_own_table_are_those_of_the_device() -> None:
-    options: dict[str, Any] = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}
-    values = parse_model("LayerDeposition", job(), options).values
-    assert [int(values[name]) for name in options] == [4, 2, 3]
-
-
-def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), {"bench.channel": "/dev/no-such-adapter"})
-    components = scenario.build(tmp_path)
-    printer, profiler = components["printer"], components["profiler"]
-    assert printer._rig is profiler._rig  # type: ignore[attr-defined]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["block.toml"]
-
-
 def test_traffic_of_a_resumed_run_does_not_replace_that_of_its_first_part(tmp_path: Path) -> None:
     names = []
     for _ in range(3):
@@ -139,17 +127,44 @@ def test_device_of_a_third_party_is_given_the_rig_of_its_loop(monkeypatch: pytes
     assert catalog.make("blowers:Blower", job(), {"speed": 2.0}, bench).rig is bench.rig  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(
-    ("line", "word"),
-    [
-        ("bitrate = 5", "bench.bitrate is 5"),
-        ('traffic_log = "a.txt"', "bench.traffic_log is 'a.txt'"),
-        ("cure_ms = 0", "bench.cure_ms is 0"),
-        ("chanel = 1", "bench.chanel is not a key of this table; did you mean channel?"),
-    ],
-)
-def test_fault_of_the_bench_table_is_named(line: str, word: str, tmp_path: Path) -> None:
-    text = BLOCK.replace("bitrate = 500000\ncure_ms = 2", line)
-    with pytest.raises(ScenarioError) as refused:
-        Scenario.load(write(tmp_path, text))
-    assert word in str(refused.value)
+def test_dry_run_takes_the_passes_of_the_printer_and_the_light_of_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may stand in the table of the printer alone."""
+    given: list[tuple[Job, int]] = []
+
+    def dry_run(rig: Any, job: Job, *, cure_ms: int) -> list[str]:
+        given.append((job, cure_ms))
+        return ["done"]
+
+    monkeypatch.setattr(actions, "dry_run", dry_run)
+    monkeypatch.setattr(commands, "Bench", lambda table: Mock(rig=nullcontext()))
+    monkeypatch.setattr(commands, "check_listening", Mock())
+    monkeypatch.setattr(commands, "live_words", lambda *_: nullcontext())
+    options = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 1}
+    overrides = {f"components.printer.{name}": value for name, value in options.items()}
+    scenario = Scenario.load(SCENARIOS / "bench.toml", {**overrides, "bench.cure_ms": 70})
+    commands.act(scenario, "dry-run", Mock())
+    ((job, cure_ms),) = given
+    assert (job.passes, job.pass_order, job.pass_rotation, cure_ms) == (4, 2, 1, 70)
+
+
+def run(layers: int = 3) -> Result:
+    """A run with a cell that was never measured."""
+    height = np.arange(layers * 6, dtype=np.float64).reshape(layers, 2, 3)
+    height[:, 1, 2] = np.nan
+    dims = ("layer", "x", "y")
+    return Result(
+        xr.Dataset({"pattern": (dims, np.ones((layers, 2, 3), np.int32)), "measured_height": (dims, height)}), {}
+    )
+
+
+def test_replay_that_differs_is_reported_with_layer_and_cell_or_as_too_short() -> None:
+    again = run()
+    assert differences(run(), again) == []
+    again.dataset["pattern"].values[1:, 0, 1] = 2
+    again.dataset["pattern"].values[2, 1, 0] = 0
+    again.dataset["measured_height"].values[2, 1, 2] = 1.0
+    patterns, scans = differences(run(), again)
+    assert "from layer 1 on: 1 cells, the first is (0, 1), 1 in the run and 2 in the replay" in patterns
+    assert "from layer 2 on: 1 cells, the first is (1, 2), nan in the run and 1 in the replay" in scans
+    assert differences(run(3), run(2)) == ["the replay has 1 layer, the run 2 layers"]
+    assert differences(run(2), run(3)) == []

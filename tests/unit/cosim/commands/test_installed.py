@@ -75,7 +75,7 @@ def test_no_package_replaces_a_command_of_inkloop(tmp_path: Path, capsys: pytest
 def test_own_commands_look_for_no_package(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("inkloop.commands.installed.entry_points", None)
+    monkeypatch.setattr("inkloop.cli.entry_points", None)
     assert shown(["validate", str(tmp_path / "absent.toml")], capsys)[0] == 1
     assert shown(["--version"], capsys)[0] == 0
     with pytest.raises(TypeError):

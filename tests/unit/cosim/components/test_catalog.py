@@ -3,14 +3,16 @@ from __future__ import annotations
 import sys
 import types
 from importlib.metadata import EntryPoint, EntryPoints
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 from inkloop.component import Component, Job, Port, Values
 from inkloop.components import catalog
+from inkloop.components.devices import job_with_overrides
 from inkloop.errors import ScenarioError
+from inkloop.testing import job as small_job
 from support.toys import toy_job
 
 
@@ -66,7 +68,7 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
         ({"sped": 1.0}, "sped is not a key of this table; did you mean speed?"),
         ({"speed": "fast"}, "speed is 'fast'; expected a number"),
         ({"blades": 2.5}, "blades is 2.5; expected a whole number"),
-        ({"blades": True}, "blades is True; expected a whole number"),
+        ({"speed": -1.0}, "speed is -1; a fan turns forwards"),
         ({"mode": "auto"}, "mode is 'auto'; expected 'on' or 'off'"),
     ],
 )
@@ -76,20 +78,18 @@ def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, objec
         catalog.make("Fan", toy_job(), options)
 
 
-def test_all_errors_are_reported_at_once() -> None:
-    assert len(catalog.check("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3}).errors) == 3
-
-
-def test_refusal_of_a_constructor_is_an_error_of_the_scenario() -> None:
-    with pytest.raises(ScenarioError, match="speed is -1; a fan turns forwards"):
-        catalog.make("Fan", toy_job(), {"speed": -1.0})
-
-
-def test_unknown_kind_is_answered_with_the_nearest() -> None:
-    assert catalog.check("LayerMpcc", toy_job(), {}).errors == ["kind is 'LayerMpcc'; did you mean LayerMpc?"]
-
-
-@pytest.mark.parametrize("kind", ["workshop:Fam", "workshops:Fan"])
-def test_class_that_cannot_be_loaded_is_an_error(kind: str) -> None:
-    (error,) = catalog.check(kind, toy_job(), {}).errors
-    assert error.startswith(f"kind is '{kind}', which cannot be loaded: ")
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, (1, 1, 0)),
+        ({"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}, (4, 2, 3)),
+        ({"passes": 4, "pass_order": 1}, (4, 1, 0)),
+    ],
+)
+def test_passes_of_the_options_win_over_those_of_the_job(
+    options: dict[str, Any], expected: tuple[int, int, int]
+) -> None:
+    job = small_job(6, 5)
+    found = job_with_overrides(job, options)
+    assert (found.passes, found.pass_order, found.pass_rotation) == expected
+    assert (found.nx, found.ny, found.pitch, found.inks) == (job.nx, job.ny, job.pitch, job.inks)

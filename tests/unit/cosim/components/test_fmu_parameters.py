@@ -9,7 +9,8 @@ import pytest
 
 from inkloop.component import Job
 from inkloop.components import catalog, fmu_parameters
-from inkloop.fmu import FmuComponent, FmuDescription, Variable
+from inkloop.components.fmu_parameters import PRESETS
+from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import build
 from support.toys import toy_job
@@ -52,14 +53,6 @@ def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters.
     return fmu_parameters.parse(PRINTER, job or toy_job(), options, ())
 
 
-def test_parameters_of_the_job_need_no_options() -> None:
-    job = toy_job(nx=6, ny=4)
-    parsed = parse({}, job)
-    assert parsed.errors == []
-    assert parsed.structural == {"nx": 6, "ny": 4}
-    assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
-
-
 def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
     variables = {
         "pitch": parameter("pitch", "mm"),
@@ -68,6 +61,9 @@ def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
         "pass_order": parameter("pass_order"),
         "passes": parameter("passes", type="Int32"),
     }
+    own = parse({}, job := toy_job(nx=6, ny=4))
+    assert (own.errors, own.structural) == ([], {"nx": 6, "ny": 4})
+    assert own.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
     sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
     foreign = replace(PRINTER, variables={**variables, **sizes})
     job = toy_job()
@@ -85,8 +81,9 @@ def test_value_of_the_job_that_the_fmu_cannot_take_is_an_error() -> None:
 
 
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
-    parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
-    assert parsed.errors == []
+    for kind in ("per_layer", "per droplet", 3):
+        parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_s": 1.5, "variation": 0.2, "variation_kind": kind})
+        assert parsed.errors == []
     assert parsed.parameters["pitch"] == pytest.approx(250e-6, rel=1e-9, abs=0.0)
     assert parsed.parameters["layer_duration"] == 1.5
     assert parsed.parameters["variation"] == 0.2
@@ -106,7 +103,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"pitch": 1e-4}, "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"),
+        ({"pitch": 1e-4}, "pitch is a length; write pitch_um"),
         ({"pich_um": 1.0}, "pich_um is no option of Printer; did you mean pitch_um?"),
         ({"variation": 2}, "variation is 2; expected a number in 0 .. 1 (largest share missing)"),
         (
@@ -114,29 +111,13 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
             "variation_kind is 'per_cell'; expected one of 'per droplet' (1), 'per_layer' (3)",
         ),
         ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
-        ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm and pitch_um give the same value; keep one"),
+        ({"pitch_mm": 0.25}, "pitch_mm is in mm; write pitch_um = 250"),
         ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [um]"),
         ({"nx": "many"}, "nx is 'many'; expected a whole number"),
     ],
 )
 def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], message: str) -> None:
     assert parse(options).errors == [message]
-
-
-def test_enumeration_goes_by_name_or_number() -> None:
-    for value in ("per_layer", "per droplet", 3):
-        assert parse({"variation_kind": value}).errors == []
-
-
-@pytest.mark.compiled
-def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
-    path = build(tmp_path, 3)
-    part = catalog.make("Fmu", toy_job(), {"file": str(path), "gain": 3.0, "n": 2})
-    assert isinstance(part, FmuComponent)
-    part.initialize(0, {})
-    outputs = part.do_step(0, 1, {"x": np.array([1.0, 2.0])})
-    np.testing.assert_array_equal(outputs["y"], [3.0, 6.0])
-    part.terminate()
 
 
 @pytest.mark.compiled
@@ -147,20 +128,6 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
     path.write_bytes(bytes(content))
     (error,) = catalog.check("Fmu", toy_job(), {"file": str(path)}).errors
     assert error.startswith(f"file is {str(path)!r}, which cannot be unpacked, it is damaged: bad CRC-32 of binaries/")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "file is missing; name the .fmu file"),
-        (
-            {"file": "nowhere.fmu"},
-            "file: nowhere.fmu: cannot be read: No such file or directory; give its path from the scenario's folder",
-        ),
-    ],
-)
-def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], message: str) -> None:
-    assert catalog.check("Fmu", toy_job(), options).errors == [message]
 
 
 @pytest.mark.parametrize(
@@ -185,7 +152,39 @@ def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
     assert not catalog.check("Fmu", toy_job(), options).errors
     for asked in (True, False):
         assert not catalog.check("Fmu", toy_job(), options | {"job_parameters": asked}).errors
-    found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_um": -1.0}).errors
+        given = fmu_parameters.parse_file(
+            describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {"job_parameters": asked}
+        )
+        assert ("seed" in given.parameters) == asked
+    found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_m": -1.0}).errors
     assert found[0] == "job_parameters is 'no'; expected true or false"
-    assert found[1].startswith("noise_std_um is -1")
+    assert found[1].startswith("noise_std_m is -1")
+    (found,) = catalog.check("Fmu", toy_job(), options | {"noise_std_um": 2.0}).errors
+    assert found == "noise_std_um is in um; write noise_std_m = 2e-06"
     assert list(catalog.check("Fmu", toy_job(), {}).errors) == ["file is missing; name the .fmu file"]
+
+
+def test_parameters_of_every_preset_are_parameters_of_its_model() -> None:
+    for model, presets in PRESETS.items():
+        known = describe(find_fmu(model, "fmi3")).parameters
+        for values in presets.values():
+            assert set(values) <= set(known)
+
+
+def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
+    options = {"preset": "laser", "noise_std_um": 3.0}
+    parameters = fmu_parameters.parse_model("ProfileSensor", toy_job(), options).parameters
+    assert parameters["noise_std"] == pytest.approx(3e-6, rel=1e-9, abs=0.0)
+    assert parameters["resolution"] == PRESETS["ProfileSensor"]["laser"]["resolution"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "preset", "message"),
+    [
+        ("ProfileSensor", "lasr", "preset is 'lasr'; expected one of laser, zeta-20, exact"),
+        ("ProfileSensor", 3, "preset is 3; expected one of laser, zeta-20, exact"),
+        ("LayerDeposition", "laser", "preset is 'laser'; LayerDeposition has no presets"),
+    ],
+)
+def test_preset_that_there_is_not_is_an_error(kind: str, preset: object, message: str) -> None:
+    assert catalog.check(kind, toy_job(), {"preset": preset}).errors == [message]

@@ -54,11 +54,6 @@ def inputs(job: Job, command: int, dots: int = 1) -> Values:
     return {"pattern": pattern, "layer_command": np.asarray(command, np.int32), "temperature": np.asarray(310.0)}
 
 
-def test_both_ports_that_are_not_there_are_named() -> None:
-    with pytest.raises(ValueError, match=r"pattern_input is 'dot', .*; height_output is 'surfaces'"):
-        PlainPlant(toy_job(), Heap(toy_job()), pattern_input="dot", height_output="surfaces")
-
-
 @pytest.mark.parametrize("check", CONTRACT_CHECKS)
 def test_plain_plant_of_python_keeps(check: ContractCheck) -> None:
     check(lambda: heap(toy_job())[1])
@@ -69,70 +64,6 @@ def test_plain_plant_of_python_keeps(check: ContractCheck) -> None:
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
 def test_plain_plant_of_a_foreign_fmu_keeps(check: ContractCheck, fmi: int, tmp_path: Path) -> None:
     check(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
-
-
-def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
-    job = toy_job()
-    plant, part = heap(job)
-    start = part.initialize(0, inputs(job, 4))
-    assert int(start["layers_printed"]) == 4
-    printed = [
-        int(part.do_step(k * SECOND, SECOND, inputs(job, command))["layers_printed"])
-        for k, command in enumerate([4, 5, 5, 5, 6])
-    ]
-    assert printed == [4, 5, 5, 5, 6]
-    assert plant.times == [(0, SECOND), (SECOND, SECOND)]
-
-
-def test_surface_arrives_in_metres_and_other_ports_are_handed_through() -> None:
-    job = toy_job()
-    _, part = heap(job)
-    part.initialize(0, inputs(job, 0))
-    outputs = part.do_step(0, SECOND, inputs(job, 1))
-    np.testing.assert_allclose(outputs["height"], DROPLET, rtol=1e-12)
-    assert float(outputs["fumes"]) == 310.0
-
-
-@pytest.mark.parametrize("command", [2, -1])
-def test_command_out_of_order_is_refused_and_prints_nothing(command: int) -> None:
-    job = toy_job()
-    plant, part = heap(job)
-    part.initialize(0, inputs(job, 0))
-    with pytest.raises(ComponentError, match=f"layer_command is {command} after layer 0; needs 0 or 1"):
-        part.do_step(0, SECOND, inputs(job, command))
-    assert plant.times == []
-
-
-def test_plant_without_save_is_reported() -> None:
-    _, part = heap(toy_job())
-    with pytest.raises(ComponentError, match="the plant cannot save its state"):
-        part.save()
-
-
-@pytest.mark.parametrize(
-    ("ports", "message"),
-    [
-        ({"pattern_input": "dot"}, "pattern_input is 'dot', which the plant does not have; did you mean dots"),
-        ({"height_output": "fumes"}, r"height_output is 'fumes' of shape \(\); needs 4 x 3 values"),
-    ],
-)
-def test_port_that_does_not_fit_is_named(ports: dict[str, str], message: str) -> None:
-    job = toy_job()
-    with pytest.raises(ValueError, match=message):
-        PlainPlant(job, Heap(job), **{"pattern_input": "dots", "height_output": "surface", **ports})
-
-
-@pytest.mark.parametrize(
-    ("outputs", "message"),
-    [
-        ([Port("height", "K", (4, 3))], r"which is in \[K\]; needs a length"),
-        ([Port("height", "m", (4, 3)), Port("layers_printed")], "plant has layers_printed of its own"),
-    ],
-)
-def test_plant_that_is_none_is_refused(outputs: list[Port], message: str) -> None:
-    plant = FunctionComponent(inputs=[Port("pattern", shape=(4, 3))], outputs=outputs)
-    with pytest.raises(ValueError, match=message):
-        PlainPlant(toy_job(), plant)
 
 
 @pytest.mark.compiled
@@ -160,3 +91,38 @@ def test_error_of_the_scenario_is_reported(changes: dict[str, object], message: 
     assert any(error.startswith(message) for error in catalog.check("PlainPlant", FLAT, options).errors)
     with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*error"):
         catalog.make("PlainPlant", FLAT, options)
+
+
+def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
+    job = toy_job()
+    plant, part = heap(job)
+    assert int(part.initialize(0, inputs(job, 4))["layers_printed"]) == 4
+    for command in (6, 3):
+        with pytest.raises(ComponentError, match=f"layer_command is {command} after layer 4; needs 4 or 5"):
+            part.do_step(0, SECOND, inputs(job, command))
+    found = [part.do_step(k * SECOND, SECOND, inputs(job, command)) for k, command in enumerate([4, 5, 5, 5, 6])]
+    assert [int(values["layers_printed"]) for values in found] == [4, 5, 5, 5, 6]
+    assert plant.times == [(0, SECOND), (SECOND, SECOND)]
+    np.testing.assert_allclose(found[1]["height"], DROPLET, rtol=1e-12)  # in metres
+    assert float(found[1]["fumes"]) == 310.0  # handed through
+    with pytest.raises(ComponentError, match="the plant cannot save its state"):
+        part.save()
+
+
+@pytest.mark.parametrize(
+    ("outputs", "ports", "message"),
+    [
+        (
+            [],
+            {"pattern_input": "dot", "height_output": "top"},
+            "pattern_input is 'dot', .*; height_output is 'top', wh",
+        ),
+        ([Port("height")], {}, r"height_output is 'height' of shape \(\); needs 4 x 3 values"),
+        ([Port("height", "K", (4, 3))], {}, r"which is in \[K\]; needs a length"),
+        ([Port("height", "m", (4, 3)), Port("layers_printed")], {}, "plant has layers_printed of its own"),
+    ],
+)
+def test_plant_that_is_none_is_refused(outputs: list[Port], ports: dict[str, str], message: str) -> None:
+    plant = FunctionComponent(inputs=[Port("pattern", shape=(4, 3))], outputs=outputs)
+    with pytest.raises(ValueError, match=message):
+        PlainPlant(toy_job(), plant, **ports)

@@ -55,12 +55,6 @@ def test_calibration_reads_the_same_both_ways() -> None:
     np.testing.assert_allclose(coming.from_fmu(volts), MAP * 1e-6, atol=1e-18)
 
 
-def test_unit_of_the_fmu_is_converted() -> None:
-    mapped = the_one([], [Port("z", "mm", (2, 3))], {"height": "z"})
-    np.testing.assert_allclose(mapped.from_fmu({"z": MAP}), MAP * 1e-3, rtol=1e-15)
-    assert (mapped.port.unit, mapped.port.shape) == ("m", (2, 3))
-
-
 def test_counters_of_real_numbers_must_be_whole() -> None:
     mapped = the_one([], [Port("n")], {"layers_printed": "n"})
     assert mapped.from_fmu({"n": np.asarray(3.0)}).dtype == np.int32
@@ -111,28 +105,23 @@ def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
     assert given["height"]["z"][0, 0] == pytest.approx(10.0, rel=1e-9, abs=0.0)
 
 
-def test_offset_alone_needs_a_real_variable_too() -> None:
-    option = {"pattern": {"variable": "U", "offset": 0.5}}
-    (error,) = mapped_ports([Port("U", shape=(2, 3), dtype="int32")], [], JOB, option)[2]
-    assert error.endswith("is 'U' of type int32; a unit, gain or offset needs a real one")
+MAP_OF_M = Port("z", "m", (2, 3))
 
 
-def test_unit_of_a_signal_without_unit_is_an_error() -> None:
-    (error,) = mapped_ports([Port("dose", shape=(2, 3))], [], JOB, {"pattern": {"variable": "dose", "unit": "m"}})[2]
-    assert error.startswith("ports.pattern.unit is 'm', but this signal is a number without unit; leave it out")
-
-
-def test_scalars_that_are_joined_are_named_by_what_they_are_joined_to() -> None:
-    (error,) = mapped_ports([], [Port("z", "m", (2, 3))], JOB, {"height": "z[{i},{j}]"})[2]
-    assert error.endswith("so 'z[1,1]', which is no input or output of the FMU; its scalars are joined, write 'z'")
-
-
-def test_variable_behind_two_ports_or_next_to_its_own_name_is_an_error() -> None:
-    outputs = [Port("z", "m", (2, 3)), Port("height", "m", (2, 3))]
-    assert "two ports" in mapped_ports([], outputs[:1], JOB, {"height": "z", "measured_height": "z"})[2][0]
-    assert "also has a variable of that name" in mapped_ports([], outputs, JOB, {"height": "z"})[2][0]
-
-
-def test_template_that_does_not_distinguish_cells_is_an_error() -> None:
-    errors = mapped_ports([], [Port("z1"), Port("z2")], JOB, {"height": "z{i}"})[2]
-    assert "one name for several of 2 x 3 cells; write both {i} and {j}, or {n}" in errors[0]
+@pytest.mark.parametrize(
+    ("outputs", "option", "message"),
+    [
+        ([Port("z", shape=(2, 3), dtype="int32")], {"pattern": {"variable": "z", "offset": 0.5}}, "needs a real one"),
+        ([Port("z", shape=(2, 3))], {"pattern": {"variable": "z", "unit": "m"}}, "but this signal is a number without"),
+        (
+            [MAP_OF_M],
+            {"height": "z[{i},{j}]"},
+            "so 'z[1,1]', which is no input or output of the FMU; its scalars are j",
+        ),
+        ([MAP_OF_M], {"height": "z", "measured_height": "z"}, "stands behind two ports"),
+        ([MAP_OF_M, Port("height", "m", (2, 3))], {"height": "z"}, "also has a variable of that name"),
+        ([Port("z1"), Port("z2")], {"height": "z{i}"}, "one name for several of 2 x 3 cells; write both {i} and {j}"),
+    ],
+)
+def test_mapping_that_is_none_is_an_error(outputs: list[Port], option: dict[str, Any], message: str) -> None:
+    assert message in mapped_ports([], outputs, JOB, option)[2][0]

@@ -1,26 +1,21 @@
-"""The Reference FMUs of the Modelica Association run, or are refused with a message.
+"""Descriptions with the traits of the Reference FMUs of the Modelica Association are read, or refused with a message.
 
-Their binaries are in no package registry: here stand descriptions with the traits that are theirs alone. With
-INKLOOP_REFERENCE_FMUS=FOLDER the FMUs below a folder are run too, against FMPy.
+Their binaries are in no package registry.
 """
 
 from __future__ import annotations
 
-import os
 import zipfile
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 
 from inkloop.components import catalog
-from inkloop.errors import ComponentError, FmuError
-from inkloop.fmu import FmuComponent, describe
+from inkloop.errors import FmuError
+from inkloop.fmu import describe
 from inkloop.testing import job
 
-FOLDER = os.environ.get("INKLOOP_REFERENCE_FMUS", "")
-STEP_NS, STEPS = 100_000_000, 20
 _DIMENSIONS = "".join(
     f'<UInt64 name="{name}" valueReference="{number}" causality="structuralParameter" variability="tunable" start="3"/>'
     for number, name in enumerate("mnr", start=1)
@@ -78,65 +73,17 @@ def test_description_is_read_and_only_the_binary_is_missing(name: str, tmp_path:
     assert "which holds binaries for none, this machine needs" in error
 
 
-def test_scheduled_execution_is_refused(tmp_path: Path) -> None:
+def test_traits_of_the_reference_fmus_are_understood(tmp_path: Path) -> None:
     with pytest.raises(FmuError, match=r"Clocks\.fmu: offers scheduled execution only; export it for co-simulation"):
         describe(described(tmp_path, "Clocks"))
-
-
-def test_switch_is_an_option_and_no_size(tmp_path: Path) -> None:
-    description = describe(described(tmp_path, "Roberts"))
-    assert description.default_sizes == {}
-    *_, error = catalog.check("Fmu", job(), {"file": str(description.path), "dae": 1}).errors
+    switch = describe(described(tmp_path, "Roberts"))
+    assert switch.default_sizes == {}
+    *_, error = catalog.check("Fmu", job(), {"file": str(switch.path), "dae": 1}).errors
     assert error == "dae is 1; expected true or false"
-
-
-def test_start_values_of_state_space_are_those_of_its_description(tmp_path: Path) -> None:
-    description = describe(described(tmp_path, "StateSpace"))
-    variables, sizes = description.variables, description.default_sizes
+    arrays = describe(described(tmp_path, "StateSpace"))
+    variables, sizes = arrays.variables, arrays.default_sizes
     assert variables["u"].port(sizes).start_value().tolist() == [1.0, 2.0, 3.0]
     np.testing.assert_array_equal(variables["A"].port(sizes).start_value(), np.eye(3))
-
-
-def test_whole_number_beyond_floating_point_stays_exact(tmp_path: Path) -> None:
-    description = describe(described(tmp_path, "Feedthrough"))
-    (start,) = (port.start_value() for port in description.ports("input", {}) if port.name == "b")
-    assert int(start) == 2**64 - 1
-
-
-@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
-def test_reference_fmus_give_what_fmpy_gets_or_are_refused() -> None:
-    files = sorted(Path(FOLDER).rglob("*.fmu"))
-    assert files
-    refused = {}
-    for path in files:
-        try:
-            part = FmuComponent(path)
-        except FmuError as error:
-            refused[path.stem] = str(error)
-            continue
-        inputs = {port.name: port.start_value() for port in part.inputs}
-        values = part.initialize(0, inputs)
-        for step in range(STEPS):
-            values = part.do_step(step * STEP_NS, STEP_NS, inputs)
-        part.terminate()
-        seconds = STEPS * STEP_NS * 1e-9
-        expected = fmpy.simulate_fmu(
-            str(path), start_time=0.0, step_size=0.1, output_interval=0.1, stop_time=seconds, fmi_type="CoSimulation"
-        )[-1]
-        for name, value in values.items():
-            np.testing.assert_array_equal(value, np.asarray(expected[name], value.dtype), err_msg=f"{path} {name}")
-    assert {name: error.rpartition(": ")[2] for name, error in refused.items()} == (
-        {"Clocks": "offers scheduled execution only; export it for co-simulation"} if "Clocks" in refused else {}
-    )
-
-
-@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
-def test_stair_ends_the_simulation_after_ten_seconds() -> None:
-    for path in sorted(Path(FOLDER).rglob("Stair.fmu")):
-        part = FmuComponent(path)
-        part.initialize(0, {})
-        for step in range(9):
-            part.do_step(step * 10**9, 10**9, {})
-        with pytest.raises(ComponentError, match="the FMU asks to end the simulation"):
-            part.do_step(9 * 10**9, 10**9, {})
-        part.terminate()
+    ports = describe(described(tmp_path, "Feedthrough")).ports("input", {})
+    (start,) = (port.start_value() for port in ports if port.name == "b")
+    assert int(start) == 2**64 - 1  # exact beyond floating point

@@ -13,7 +13,7 @@ from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
 from inkloop.testing import job
-from inkloop.units import conversion, spellings
+from inkloop.units import conversion
 from support.fmus.amplifier import altered, build
 from support.toys import FunctionComponent
 
@@ -68,25 +68,6 @@ def test_definition_of_the_fmu_decides(folder: Path, fmi: int, unit: str, metres
     assert conversion(found, "m") == metres
     assert conversion("m", found) == 1.0 / metres
     assert conversion(found, "s") is None
-    assert spellings("x", found)["x_m"] == 1.0 / metres
-
-
-def test_quantities_that_inkloop_does_not_know_are_converted_too(folder: Path) -> None:
-    pascal, hectopascal = (unit_of_x(folder, 3, unit) for unit in ("Pa", "hPa"))
-    assert conversion(hectopascal, pascal) == 100.0
-    assert conversion(pascal, "Pa") == 1.0
-    assert conversion(hectopascal, "m") is None
-
-
-def test_unit_with_an_offset_is_not_converted_by_a_factor(folder: Path) -> None:
-    celsius, kelvin = (unit_of_x(folder, 3, unit) for unit in ("degC", "K"))
-    assert conversion(celsius, kelvin) is None
-    assert conversion(celsius, celsius) == 1.0
-
-
-def test_unit_without_definition_goes_by_its_name(folder: Path) -> None:
-    assert conversion(unit_of_x(folder, 3, "step"), "step") == 1.0
-    assert conversion(unit_of_x(folder, 3, "m"), "mm") == 1.0 / 1e-3
 
 
 @BOTH
@@ -144,3 +125,14 @@ def test_start_of_a_mapped_port_is_in_its_unit(folder: Path) -> None:
     port = next(port for port in part.inputs if port.name == "thickness")
     np.testing.assert_allclose(port.start_value(), [0.0254, 0.0508, 0.0762], rtol=1e-15)
     part.terminate()
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "factor"),
+    [("hPa", "Pa", 100.0), ("hPa", "", None), ("degC", "K", None), ("degC", "degC", 1.0), ("step", "step", 1.0)],
+)
+def test_other_quantities_are_converted_by_their_definition(
+    folder: Path, source: str, target: str, factor: float | None
+) -> None:
+    found, other = unit_of_x(folder, 3, source), unit_of_x(folder, 3, target) if target else "m"
+    assert conversion(found, other) == factor

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import fmpy
 import numpy as np
@@ -40,32 +39,6 @@ def test_fixed_fmu_has_as_many_cells_as_asked_for(fmi, tmp_path) -> None:
         assert [d.start for d in found["height"].dimensions] == [3, 2]
 
 
-def test_unknown_model_is_answered_with_those_there_are(tmp_path) -> None:
-    known = "LayerController, LayerDeposition, ProfileSensor"
-    with pytest.raises(FmuError, match=rf"no FMU 'Deposition' .*; did you mean .*\? Models there: {known}"):
-        export_fmu("Deposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(("nx", "ny"), [(0, 3), (3, 0), (-1, 3)])
-def test_grid_without_cells_is_refused(nx, ny, tmp_path) -> None:
-    with pytest.raises(FmuError, match=f"{nx} x {ny} cells; expected at least 1 x 1"):
-        export_fmu("ProfileSensor", fmi="2", nx=nx, ny=ny, fixed=True, out=tmp_path / "it.fmu")
-
-
-def test_form_that_is_not_built_is_refused() -> None:
-    with pytest.raises(FmuError, match="'fmi1'; expected one of fmi3, fmi3-fixed, fmi2"):
-        find_fmu("LayerDeposition", "fmi1")
-
-
-def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
-    with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.export"):
-        export_fmu("ProfileSensor", fmi="2", nx=32, ny=32, fixed=True, out=tmp_path / "it.fmu")
-        assert not caplog.messages
-        export_fmu("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
-    assert "1056 scalars per map" in caplog.text
-
-
 def test_fmi_2_grid_that_many_tools_cannot_read_is_refused_unless_forced(tmp_path, monkeypatch) -> None:
     out = tmp_path / "it.fmu"
     message = r"400 x 400 cells has a modelDescription\.xml of about 175 MiB.* 2\.98 GiB .*use FMI 3.*--force"
@@ -79,43 +52,6 @@ def test_fmi_2_grid_that_many_tools_cannot_read_is_refused_unless_forced(tmp_pat
     assert export_fmu("ProfileSensor", fmi="2", nx=5, ny=2, out=out, force=True) == out
 
 
-def test_message_of_a_missing_set_gives_a_remedy(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
-    with pytest.raises(FmuError, match="models there: none"):
-        find_fmu("LayerDeposition")
-
-
-def test_archive_that_is_none_is_named(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
-    (tmp_path / "fmi3").mkdir()
-    (tmp_path / "fmi3" / "LayerDeposition.fmu").write_text("no archive")
-    with pytest.raises(FmuError, match=r"LayerDeposition\.fmu: is not a readable FMU"):
-        export_fmu("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
-
-
-def test_set_that_was_built_by_another_version_is_not_exported_and_the_message_gives_a_remedy(
-    tmp_path, monkeypatch
-) -> None:
-    members = unpack(find_fmu("LayerDeposition", "fmi2"))
-    fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
-    older = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
-    (tmp_path / "fmi2").mkdir()
-    pack(tmp_path / "fmi2" / "LayerDeposition.fmu", {**members, "modelDescription.xml": older})
-    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
-    with pytest.raises(FmuError, match=r"LayerDeposition: .* built from other sources .*; run make"):
-        export_fmu("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
-    assert not (tmp_path / "it.fmu").exists()
-
-
-def test_fmu_of_two_builds_is_refused_with_a_remedy(tmp_path) -> None:
-    members = unpack(find_fmu("LayerDeposition", "fmi2"))
-    fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
-    other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
-    pack(tmp_path / "it.fmu", {**members, "modelDescription.xml": other})
-    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it again"):
-        FmuComponent(tmp_path / "it.fmu").initialize(0, {})
-
-
 def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     text = DEFINITION.read_text()
     model = definition.load(text, DEFINITION)
@@ -123,33 +59,6 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     other = definition.load(text.replace("max = 2, terminal", "max = 3, terminal"), DEFINITION)
     assert model.fingerprint == same.fingerprint != other.fingerprint
     assert model.token({"nx": 4, "ny": 5}, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
-
-
-def test_maps_that_lie_along_no_structural_parameter_are_an_error() -> None:
-    text = DEFINITION.read_text()
-    along = 'shape = "grid", along = "nz"'
-    with pytest.raises(
-        FmuError, match="height_start: along is 'nz'; a grid may name a structural parameter after nx, ny"
-    ):
-        definition.load(
-            text.replace(
-                'height_start = { causality = "parameter", shape = "grid"',
-                f'height_start = {{ causality = "parameter", {along}',
-            ),
-            DEFINITION,
-        )
-
-
-def test_every_error_of_a_definition_is_reported() -> None:
-    text = DEFINITION.read_text()
-    text = text.replace('terminal = "command"', 'terminal = "nowhere"').replace('declared = "PassOrder", ', "")
-    text = text.replace('initial_from = "layer_command"', 'initial_from = "gone"')
-    with pytest.raises(FmuError) as caught:
-        definition.load(text, "it.toml")
-    message = str(caught.value)
-    assert message.startswith("it.toml: 5 errors")
-    for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
-        assert part in message
 
 
 def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
@@ -162,7 +71,56 @@ def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
     assert "roller_step" not in header
 
 
-def test_only_a_scalar_parameter_is_emulated() -> None:
-    text = DEFINITION.read_text().replace('initial_from = "height_start", description', 'emulated = "h", description')
-    with pytest.raises(FmuError, match=r"height: is emulated; only a scalar parameter of type real"):
+def test_set_that_is_missing_damaged_or_of_another_build_is_named_with_a_remedy(tmp_path, monkeypatch) -> None:
+    fmi: Literal["2", "3"]
+    with pytest.raises(FmuError, match="'fmi1'; expected one of fmi3, fmi3-fixed, fmi2"):
+        find_fmu("LayerDeposition", "fmi1")
+    members = unpack(find_fmu("LayerDeposition", "fmi2"))
+    fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
+    older = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
+    pack(tmp_path / "fmi2" / "LayerDeposition.fmu", {**members, "modelDescription.xml": older})
+    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it again"):
+        FmuComponent(tmp_path / "fmi2" / "LayerDeposition.fmu").initialize(0, {})
+    (tmp_path / "fmi3").mkdir()
+    (tmp_path / "fmi3" / "LayerDeposition.fmu").write_text("no archive")
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
+    for fmi, message in (
+        ("2", "LayerDeposition: .* built from other sources .*; run make"),
+        ("3", "is not a readable"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            export_fmu("LayerDeposition", fmi=fmi, nx=3, ny=3, out=tmp_path / "it.fmu")
+    assert not (tmp_path / "it.fmu").exists()
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path / "none"))
+    with pytest.raises(FmuError, match="models there: none"):
+        find_fmu("LayerDeposition")
+
+
+def test_every_error_of_a_definition_is_reported() -> None:
+    text = DEFINITION.read_text()
+    for old, new in (
+        ('terminal = "command"', 'terminal = "nowhere"'),
+        ('declared = "PassOrder", ', ""),
+        ('initial_from = "layer_command"', 'initial_from = "gone"'),
+        ('initial_from = "height_start", description', 'emulated = "h", description'),
+        (
+            'height_start = { causality = "parameter", shape = "grid"',
+            'height_start = { causality = "parameter", shape = "grid", along = "nz"',
+        ),
+        ('seed = { causality = "parameter"', 'seed = { causality = "output"'),
+    ):
+        assert old in text, old
+        text = text.replace(old, new)
+    with pytest.raises(FmuError) as caught:
         definition.load(text, "it.toml")
+    message = str(caught.value)
+    assert message.startswith("it.toml: ")
+    for part in (
+        "pattern: terminal is 'nowhere'",
+        "pass_order: declared is None",
+        "layers_printed: initial_from is",
+        "height: is emulated; only a scalar parameter of type real",
+        "height_start: along is 'nz'; a grid may name a structural parameter after nx, ny",
+        "variables must come in the order",
+    ):
+        assert part in message

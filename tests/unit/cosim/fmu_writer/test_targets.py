@@ -106,26 +106,6 @@ def test_each_of_several_binaries_is_packed_into_the_folder_of_its_platform(form
     assert found == {f"binaries/{name}": platforms for name, platforms in expected[form].items()}
 
 
-def test_commands_of_a_file_are_run_one_after_the_other(tmp_path: Path) -> None:
-    """Each has what it would have alone; a word may contain spaces."""
-    models = ("layer_deposition", "profile_sensor")
-    commands = [
-        [
-            "variables",
-            "--definition",
-            str(ROOT / "fmus" / name / "variables.toml"),
-            "--out",
-            str(tmp_path / f"a {name}"),
-        ]
-        for name in models
-    ]
-    (tmp_path / "commands.txt").write_text("\n\n".join(map("\n".join, commands)) + "\n\n", encoding="utf-8")
-    assert archive.main(["each", str(tmp_path / "commands.txt")]) == 0
-    for name in models:
-        assert (tmp_path / f"a {name}" / f"{name}_variables.c").is_file()
-        assert f'#include "{name}_variables.h"' in (tmp_path / f"a {name}" / "fmu_model.c").read_text("utf-8")
-
-
 def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Binaries that are there need no compiler."""
     monkeypatch.setitem(sys.modules, cross.COMPILER, None)
@@ -138,14 +118,3 @@ def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "it.fmu"
     assert main(["export", "fmu", "ProfileSensor", "--platforms", NATIVE, "--out", str(path)]) == 0
     assert describe(path).platforms == (NATIVE,)
-
-
-def test_missing_compiler_is_named_with_its_package(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, cross.COMPILER, None)
-    other = next(name for name in TARGETS if name not in describe(find_fmu("ProfileSensor", "fmi3")).platforms)
-    words = ["export", "fmu", "ProfileSensor", "--platforms", f"{NATIVE}, {other}", "--out", str(tmp_path / "it.fmu")]
-    assert main(words) == 1
-    assert "needs the package ziglang: pip install 'inkloop[cross]'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []

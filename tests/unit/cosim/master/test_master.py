@@ -10,13 +10,13 @@ import pytest
 from inkloop.component import Port, Status, Values
 from inkloop.course.events import Event
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.outputs import checked_output
-from inkloop.master.wiring import Connection, contract_connections
+from inkloop.master.wiring import Connection, checked_output
 from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
-from support.toys import FunctionComponent, toy_job, toy_loop
+from support.toys import FunctionComponent, Resumable, toy_job, toy_loop
 
 SECOND = 1_000_000_000
 
@@ -64,44 +64,12 @@ def test_gauss_seidel_passes_the_newest_outputs_and_jacobi_those_of_the_last_poi
         assert trace.values == expected
 
 
-def test_outputs_of_the_start_time_reach_the_consumer_before_the_first_step() -> None:
-    """Outputs of initialize, not the start value of the port: the source is initialized before those that it feeds."""
-    source = FunctionComponent(
-        outputs=[Port("y", start=3.0)],
-        start=lambda values: {"y": np.asarray(7.0)},
-        step=lambda time_ns, step_ns, values: {"y": np.asarray(8.0)},
-    )
-    trace = Trace("b.y")
-    Master({"b": follower(), "a": source}, [Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=1)
-    assert trace.values[0] == 7.0
-
-
-def test_start_value_stands_in_where_initialization_goes_in_a_circle() -> None:
-    parts = {"a": follower(start=1.0), "b": follower(start=5.0)}
-    trace = Trace("a.y")
-    Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=0)
-    assert trace.values == [5.0]
-
-
-def test_communication_points_are_exact_multiples_of_the_step() -> None:
-    trace = Trace("a.y")
-    Master({"a": counter()}, [], step_ns=SECOND // 10, observers=[trace]).run(time_max_ns=SECOND)
-    assert trace.times == [k * SECOND // 10 for k in range(11)]
-
-
 def test_slow_component_steps_every_so_often_and_holds_in_between() -> None:
     slow = counter()
     trace = Trace("slow.y")
     Master({"slow": slow}, [], step_ns=10, every={"slow": 3}, observers=[trace]).run(time_max_ns=60)
     assert trace.values == [0, 0, 0, 1, 1, 1, 2]
     assert slow.log[1:-1] == ["do_step 0 30", "do_step 30 30"]
-
-
-class Resumable(FunctionComponent):
-    """Has no state."""
-
-    def restore(self, state: bytes) -> None:
-        assert state == b""
 
 
 def test_slow_component_of_a_resumed_run_steps_when_it_would_have() -> None:
@@ -123,15 +91,6 @@ def test_resumed_run_begins_with_time_and_outputs_of_its_checkpoint() -> None:
     assert master.run(time_max_ns=60, resume=point) == "time_max"
     assert trace.times == [40, 50, 60]
     assert trace.values == [6.0, 14.0, 18.0]
-
-
-def test_component_that_cannot_be_restored_is_named() -> None:
-    parts = {"good": Resumable(outputs=[Port("y")]), "bad": Resumable(outputs=[Port("y")])}
-    outputs: dict[str, Values] = {name: {"y": np.asarray(0.0)} for name in parts}
-    point = Checkpoint(40, 0, outputs, {"good": b"", "bad": b"of another"})
-    with pytest.raises(ComponentError, match=r"^bad could not be restored: AssertionError"):
-        Master(parts, [], step_ns=10).run(time_max_ns=90, resume=point)
-    assert [part.log[-1] for part in parts.values()] == ["terminate"] * 2
 
 
 def test_steps_below_one_are_refused_at_once() -> None:
@@ -189,65 +148,12 @@ def test_event_of_an_input_begins_with_the_command_that_reaches_it(algorithm: Al
     assert got == expected
 
 
-def test_only_the_status_of_the_controller_ends_a_print() -> None:
-    """A device that is done with its own work is not the end of the print."""
-    done = FunctionComponent(
-        outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.DONE))}
-    )
-    assert (
-        Master({"printer": done}, [], step_ns=1, course=LayerCourse({"printer": done})).run(time_max_ns=3) == "time_max"
-    )
-    assert len(done.log) == 5
-
-
 def test_loop_that_starts_from_a_map_with_a_hole_is_refused() -> None:
     hole = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]])
     ports: dict[str, Any] = {"inputs": [Port("x", shape=(2, 3))], "outputs": [Port("y", shape=(2, 3), start=hole)]}
     parts = {"a": FunctionComponent(**ports), "b": FunctionComponent(**ports)}
     with pytest.raises(ComponentError, match=r"^a\.x stands in a loop with b\.y, which has no start value"):
         Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)
-
-
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
-@pytest.mark.parametrize("step_ns", [SECOND // 3, SECOND, 5 * SECOND, 40 * SECOND])
-@pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 6 * SECOND)])
-def test_same_layers_whatever_the_master_and_its_step(
-    algorithm: Algorithm, step_ns: int, durations: tuple[int, int]
-) -> None:
-    job = toy_job(layers=5)
-    parts = toy_loop(job, *durations)
-    recorder = Recorder(job, parts)
-    master = Master(
-        parts,
-        contract_connections(parts),
-        step_ns=step_ns,
-        algorithm=algorithm,
-        observers=[recorder],
-        course=LayerCourse(parts, layers_max=100),
-    )
-    assert master.run() == "done"
-    printed = recorder.dataset()
-    assert printed.sizes["layer"] == 6
-    np.testing.assert_array_equal(printed.height[-1], job.target_height)
-    np.testing.assert_array_equal(printed.measured_height, printed.height)
-    np.testing.assert_array_equal(printed.estimated_height, printed.height)
-    np.testing.assert_array_equal(printed.pattern[1:], np.broadcast_to(job.mask, (5, *job.mask.shape)))
-
-
-@pytest.mark.parametrize(("algorithm", "steps_per_layer"), [("gauss-seidel", 1), ("jacobi", 3)])
-def test_steps_per_layer_are_those_of_the_contract(algorithm: Algorithm, steps_per_layer: int) -> None:
-    parts = toy_loop(toy_job())
-    trace = Trace("printer.layers_printed")
-    Master(
-        parts,
-        contract_connections(parts),
-        step_ns=1,
-        algorithm=algorithm,
-        observers=[trace],
-        course=LayerCourse(parts, layers_max=4),
-    ).run()
-    first = [trace.values.index(layer) for layer in (1, 2, 3)]
-    assert np.diff(first).tolist() == [steps_per_layer] * 2
 
 
 def test_run_ends_at_the_limit_that_comes_first() -> None:
@@ -266,17 +172,6 @@ def test_run_ends_at_the_limit_that_comes_first() -> None:
     assert end(layers_max=30) == ("done", 5)
 
 
-def test_fault_of_a_component_ends_the_run() -> None:
-    broken = FunctionComponent(
-        outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.FAULT))}
-    )
-    assert (
-        Master({"printer": broken}, [], step_ns=1, course=LayerCourse({"printer": broken})).run(time_max_ns=100)
-        == "fault"
-    )
-    assert broken.log == ["initialize", "do_step 0 1", "terminate"]
-
-
 def test_run_without_an_end_is_refused() -> None:
     with pytest.raises(ScenarioError, match="time_max_s"):
         Master({"a": counter()}, [], step_ns=1, course=LayerCourse({"a": counter()}, layers_max=3)).run()
@@ -285,71 +180,6 @@ def test_run_without_an_end_is_refused() -> None:
         Master(parts, contract_connections(parts), step_ns=1, course=LayerCourse(parts)).run()
     with pytest.raises(ScenarioError, match="nothing ends this run"):
         Master(parts, contract_connections(parts), step_ns=1).run()
-
-
-def test_every_component_is_terminated_once_when_one_fails_to_initialize() -> None:
-    def refuse(values: Values) -> Values:
-        raise ValueError("nozzle cover is on")
-
-    good, bad, late = counter(), FunctionComponent(start=refuse), counter()
-    with pytest.raises(ComponentError, match="bad could not be initialized: ValueError: nozzle cover is on"):
-        Master({"good": good, "bad": bad, "late": late}, [], step_ns=1).run(time_max_ns=1)
-    assert [part.log.count("terminate") for part in (good, bad, late)] == [1, 1, 1]
-
-
-class Sticky(FunctionComponent):
-    """Cannot be terminated."""
-
-    def terminate(self) -> None:
-        raise OSError("device is gone")
-
-
-def test_every_component_is_terminated_even_if_terminating_fails() -> None:
-    good = counter()
-    with pytest.raises(ComponentError, match=r"sticky could not be terminated: .*device is gone"):
-        Master({"good": good, "sticky": Sticky()}, [], step_ns=1).run(time_max_ns=1)
-    assert good.log[-1] == "terminate"
-
-
-def test_failing_to_terminate_does_not_hide_why_the_run_ended() -> None:
-    def refuse(values: Values) -> Values:
-        raise ValueError("nozzle cover is on")
-
-    with pytest.raises(ComponentError, match="sticky could not be initialized: ValueError: nozzle cover is on") as told:
-        Master({"sticky": Sticky(start=refuse)}, [], step_ns=1).run(time_max_ns=1)
-    (note,) = told.value.__notes__
-    assert note.startswith("sticky could not be terminated: OSError: device is gone")
-
-
-def test_failure_names_component_time_and_layer() -> None:
-    parts = toy_loop(toy_job())
-    profiler_step = parts["profiler"].do_step
-
-    def fail_late(time_ns: int, step_ns: int, inputs: Values) -> Values:
-        if time_ns >= 2 * SECOND:
-            raise RuntimeError("laser is off")
-        return profiler_step(time_ns, step_ns, inputs)
-
-    parts["profiler"].do_step = fail_late
-    with pytest.raises(ComponentError, match=r"profiler failed at t = 2 s, after layer 2: RuntimeError: laser is off"):
-        Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=5)).run()
-
-
-def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
-    spoilt = np.zeros((2, 3))
-    spoilt[1, 2] = np.nan
-    source = FunctionComponent(outputs=[Port("height", "m", (2, 3))], step=lambda *_: {"height": spoilt})
-    sink = FunctionComponent(inputs=[Port("height", "m", (2, 3))])
-    with pytest.raises(ComponentError, match=r"source failed at t = 0 s: output height is nan in cell \(1, 2\)"):
-        Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
-            time_max_ns=1
-        )
-    source = FunctionComponent(outputs=[Port("height", "m")], step=lambda *_: {"height": np.asarray(-np.inf)})
-    sink = FunctionComponent(inputs=[Port("height", "m")])
-    with pytest.raises(ComponentError, match=r"source failed at t = 0 s: output height is -inf$"):
-        Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
-            time_max_ns=1
-        )
 
 
 def test_array_that_its_source_changes_and_gives_again_is_checked_again() -> None:
@@ -417,32 +247,6 @@ def test_consumer_cannot_change_what_its_source_gave() -> None:
         Master(parts, [Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)
 
 
-def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
-    job = toy_job()
-    parts = toy_loop(job)
-    printer_step = parts["printer"].do_step
-
-    def interrupt_at_three(time_ns: int, step_ns: int, inputs: Values) -> Values:
-        if time_ns == 3 * SECOND:
-            signal.raise_signal(signal.SIGINT)
-        return printer_step(time_ns, step_ns, inputs)
-
-    parts["printer"].do_step = interrupt_at_three
-    recorder = Recorder(job, parts)
-    handler = signal.getsignal(signal.SIGINT)
-    master = Master(
-        parts,
-        contract_connections(parts),
-        step_ns=SECOND,
-        observers=[recorder],
-        course=LayerCourse(parts, layers_max=5),
-    )
-    assert master.run() == "interrupted"
-    assert recorder.layers == 3
-    assert np.isfinite(recorder.dataset().measured_height).all()
-    assert signal.getsignal(signal.SIGINT) is handler
-
-
 class StoppingController(Resumable):
     """Stops from the second of its steps on, until it is told that a person has looked."""
 
@@ -473,40 +277,124 @@ def test_run_ends_where_its_controller_has_stopped(algorithm: Algorithm) -> None
     assert (controller.told, kept, controller.log[-1]) == ([False, False], [("stopped", 20)], "terminate")
 
 
-def test_controller_without_a_reason_to_stop_is_not_stopped() -> None:
-    parts = {"a": StoppingController(with_reason=False)}
-    assert Master(parts, [], step_ns=10, course=LayerCourse(parts)).run(time_max_ns=100) == "time_max"
-
-
 @pytest.mark.parametrize("every", [1, 3])
-def test_controller_of_a_resumed_run_is_told_once_that_a_person_has_looked(every: int) -> None:
+@pytest.mark.parametrize("reason", [64, 0])
+def test_controller_of_a_run_that_was_stopped_is_told_once_that_a_person_has_looked(reason: int, every: int) -> None:
     controller = StoppingController()
-    outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(64, np.int32)}
+    outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(reason, np.int32)}
     point = Checkpoint(0, 1, {"controller": outputs}, {"controller": b""})
     parts = {"controller": controller}
     course = LayerCourse(parts)
     master = Master(parts, [], step_ns=10 // every, every={"controller": every}, course=course)
     assert master.run(time_max_ns=10 * every, resume=point) == "time_max"
-    assert controller.told[0]
+    assert controller.told[0] == (reason > 0)
     assert not any(controller.told[1:])
 
 
-def test_controller_of_a_run_that_was_not_stopped_is_not_told() -> None:
-    controller = StoppingController()
-    outputs = {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(0, np.int32)}
-    point = Checkpoint(20, 1, {"controller": outputs}, {"controller": b""})
-    parts = {"controller": controller}
-    Master(parts, [], step_ns=10, course=LayerCourse(parts)).run(time_max_ns=50, resume=point)
-    assert controller.told == [False] * 3
+def loop_of(parts: dict[str, Any], layers_max: int = 100, **options: Any) -> Master:
+    """The toys as the layer contract connects them."""
+    course = LayerCourse(parts, layers_max=layers_max)
+    return Master(parts, contract_connections(parts), **{"step_ns": SECOND, **options}, course=course)
 
 
-def test_wall_time_is_split_without_remainder() -> None:
-    parts = toy_loop(toy_job())
-    master = Master(parts, contract_connections(parts), step_ns=SECOND, course=LayerCourse(parts, layers_max=5))
-    master.run()
+def test_consumer_gets_the_outputs_of_initialize_and_in_a_circle_start_values() -> None:
+    """The source is initialized before those that it feeds, whatever the order of the scenario."""
+    source = FunctionComponent(outputs=[Port("y", start=3.0)], start=lambda values: {"y": np.asarray(7.0)})
+    trace = Trace("b.y")
+    Master({"b": follower(), "a": source}, [Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=1)
+    assert trace.values[0] == 7.0
+    parts, trace = {"a": follower(start=1.0), "b": follower(start=5.0)}, Trace("a.y")
+    Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=0)
+    assert trace.values == [5.0]
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("step_ns", [SECOND // 3, SECOND, 5 * SECOND, 40 * SECOND])
+@pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 6 * SECOND)])
+def test_same_layers_whatever_the_master_and_its_step(
+    algorithm: Algorithm, step_ns: int, durations: tuple[int, int]
+) -> None:
+    job = toy_job(layers=5)
+    parts = toy_loop(job, *durations)
+    recorder = Recorder(job, parts)
+    master = loop_of(parts, step_ns=step_ns, algorithm=algorithm, observers=[recorder])
+    assert master.run() == "done"
+    printed = recorder.dataset()
+    assert printed.sizes["layer"] == 6
+    np.testing.assert_array_equal(printed.height[-1], job.target_height)
+    np.testing.assert_array_equal(printed.measured_height, printed.height)
+    np.testing.assert_array_equal(printed.estimated_height, printed.height)
+    np.testing.assert_array_equal(printed.pattern[1:], np.broadcast_to(job.mask, (5, *job.mask.shape)))
     wall = master.wall_s
     assert set(wall) == {*parts, "observers", "master", "total"}
-    assert wall["total"] == pytest.approx(
-        sum(seconds for name, seconds in wall.items() if name != "total"), rel=1e-9, abs=0.0
-    )
     assert min(wall.values()) >= 0
+    assert 2 * wall["total"] == pytest.approx(sum(wall.values()), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(("status", "reason", "calls"), [(Status.DONE, "time_max", 5), (Status.FAULT, "fault", 3)])
+def test_fault_of_any_component_ends_a_print_and_done_that_of_the_controller_alone(
+    status: Status, reason: str, calls: int
+) -> None:
+    part = FunctionComponent([], [Port("status", dtype="int32")], lambda *_: {"status": np.asarray(int(status))})
+    course = LayerCourse({"printer": part})
+    assert Master({"printer": part}, [], step_ns=1, course=course).run(time_max_ns=3) == reason
+    assert len(part.log) == calls
+
+
+class Sticky(FunctionComponent):
+    """Cannot be terminated."""
+
+    def terminate(self) -> None:
+        raise OSError("device is gone")
+
+
+def test_components_are_terminated_once_whatever_fails() -> None:
+    """A failure of that does not hide why the run ended."""
+
+    def refuse(values: Values) -> Values:
+        raise ValueError("nozzle cover is on")
+
+    good, sticky, late = counter(), Sticky(start=refuse), counter()
+    with pytest.raises(ComponentError, match="sticky could not be initialized: ValueError: nozzle cover is on") as told:
+        Master({"good": good, "sticky": sticky, "late": late}, [], step_ns=1).run(time_max_ns=1)
+    assert [part.log.count("terminate") for part in (good, late)] == [1, 1]
+    (note,) = told.value.__notes__
+    assert note.startswith("sticky could not be terminated: OSError: device is gone")
+    good = counter()
+    with pytest.raises(ComponentError, match=r"sticky could not be terminated: .*device is gone"):
+        Master({"good": good, "sticky": Sticky()}, [], step_ns=1).run(time_max_ns=1)
+    assert good.log[-1] == "terminate"
+
+
+def failing(time_ns: int, own: Any, fail: Any) -> Any:
+    """A step that fails from a time on."""
+
+    def step(begin_ns: int, step_ns: int, inputs: Values) -> Values:
+        if begin_ns >= time_ns:
+            fail()
+        found: Values = own(begin_ns, step_ns, inputs)
+        return found
+
+    return step
+
+
+def test_failure_names_component_time_and_layer() -> None:
+    def fail() -> None:
+        raise RuntimeError("laser is off")
+
+    parts = toy_loop(toy_job())
+    parts["profiler"].do_step = failing(2 * SECOND, parts["profiler"].do_step, fail)
+    with pytest.raises(ComponentError, match=r"profiler failed at t = 2 s, after layer 2: RuntimeError: laser is off"):
+        loop_of(parts).run()
+
+
+def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
+    parts = toy_loop(toy_job())
+    interrupt = iter([lambda: signal.raise_signal(signal.SIGINT)])
+    parts["printer"].do_step = failing(3 * SECOND, parts["printer"].do_step, lambda: next(interrupt)())
+    recorder = Recorder(toy_job(), parts)
+    handler = signal.getsignal(signal.SIGINT)
+    assert loop_of(parts, 5, observers=[recorder]).run() == "interrupted"
+    assert recorder.layers == 3
+    assert np.isfinite(recorder.dataset().measured_height).all()
+    assert signal.getsignal(signal.SIGINT) is handler

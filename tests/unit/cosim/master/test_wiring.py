@@ -6,59 +6,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port
-from inkloop.master.wiring import Connection, Transfer, check, contract_connections, feeds
-from support.toys import FunctionComponent, toy_job, toy_loop
-
-
-def test_contract_wires_the_loop_completely() -> None:
-    parts = toy_loop(toy_job())
-    wires = contract_connections(parts)
-    assert len(wires) == sum(len(part.inputs) for part in parts.values())
-    assert Connection("controller.pattern", "printer.pattern") in wires
-    assert check(parts, wires) == []
-
-
-def test_input_with_two_possible_sources_is_asked_about() -> None:
-    job = toy_job()
-    parts = toy_loop(job) | {"shadow": toy_loop(job)["printer"]}
-    errors = check(parts, contract_connections(parts))
-    assert "profiler.height may come from printer.height or shadow.height; choose one under [[connections]]" in errors
-
-
-class Follower(FunctionComponent):
-    is_shadow = True
-
-
-def test_printer_goes_before_its_shadow() -> None:
-    loop = toy_loop(toy_job())
-    follower = Follower(outputs=[*loop["printer"].outputs, Port("layers_followed", dtype="int32")])
-    parts = {"shadow": follower, **loop}
-    assert Connection("printer.height", "profiler.height") in contract_connections(parts)
-    del parts["printer"]
-    assert Connection("shadow.height", "profiler.height") in contract_connections(parts)
-    assert Connection("shadow.layers_followed", "profiler.layers_printed") in contract_connections(parts)
-    assert Connection("shadow.layers_followed", "controller.layers_printed") not in contract_connections(parts)
-
-
-def test_component_does_not_feed_itself() -> None:
-    parts = {"a": FunctionComponent(inputs=[Port("y")], outputs=[Port("y")])}
-    assert contract_connections(parts) == []
-
-
-def test_contract_input_that_a_component_calls_optional_may_stay_open() -> None:
-    class Modest(FunctionComponent):
-        optional_inputs = frozenset({"pattern"})
-
-    ports = [Port("pattern", "1", (2, 3), "int32"), Port("layer_command", dtype="int32")]
-    (error,) = check({"printer": Modest(inputs=ports)}, [])
-    assert error == (
-        "printer.layer_command is not connected: no other component has an output layer_command; "
-        'add a controller, e.g. [components.controller] with kind = "LayerMpc", or name a source under [[connections]]'
-    )
-
-
-def test_offset_alone_changes_a_value() -> None:
-    assert fed(Connection("a.y", "b.x", offset=2.0), "m", "m", 3.0) == 5.0
+from inkloop.master.wiring import Connection, Transfer, check, feeds
+from support.toys import FunctionComponent
 
 
 def test_shape_that_differs_is_no_matter_of_gains() -> None:
@@ -68,29 +17,6 @@ def test_shape_that_differs_is_no_matter_of_gains() -> None:
         "a.y gives 3 x 2, b.x takes 2 x 3: same shape needed",
         "a.y gives float64, b.x takes float32: same type needed",
     ]
-
-
-def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:
-    parts = {
-        "printer": FunctionComponent(inputs=[Port("pattern", "1", (2, 2), "int32")]),
-        "fan": FunctionComponent(inputs=[Port("speed", "m/s")]),
-    }
-    (error,) = check(parts, [])
-    assert error.startswith("printer.pattern is not connected: no other component has an output pattern")
-
-
-@pytest.mark.parametrize(
-    ("port", "message"),
-    [
-        (Port("y", "s"), "a.y gives [s], b.x takes [m]: same quantity needed"),
-        (Port("y", "m", (3,)), "a.y gives 3, b.x takes a scalar"),
-        (Port("y", "m", dtype="int32"), "a.y gives int32, b.x takes float64"),
-    ],
-)
-def test_mismatch_is_named_with_both_sides(port: Port, message: str) -> None:
-    parts = {"a": FunctionComponent(outputs=[port]), "b": FunctionComponent(inputs=[Port("x", "m")])}
-    (error,) = check(parts, [Connection("a.y", "b.x")])
-    assert error.startswith(message)
 
 
 @pytest.mark.parametrize(("source", "target"), [("%", "1"), ("degC", "K"), ("m", "V")])
@@ -115,55 +41,12 @@ def test_unknown_end_is_answered_with_the_nearest_known(connection: Connection, 
     assert check(parts, [connection]) == [message]
 
 
-def test_input_is_fed_once() -> None:
-    parts = {"a": FunctionComponent(outputs=[Port("y"), Port("z")]), "b": FunctionComponent(inputs=[Port("x")])}
-    (error,) = check(parts, [Connection("a.y", "b.x"), Connection("a.z", "b.x")])
-    assert error.startswith("b.x is fed twice, by a.y and a.z")
-
-
-def test_gain_makes_no_length_of_a_time() -> None:
-    parts = {"a": FunctionComponent(outputs=[Port("y", "s")]), "b": FunctionComponent(inputs=[Port("x", "m")])}
-    assert check(parts, [Connection("a.y", "b.x", gain=2.0)]) == ["a.y gives [s], b.x takes [m]: same quantity needed"]
-
-
 def fed(connection: Connection, source: str, target: str, value: float) -> float:
     parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
     assert check(parts, [connection]) == []
     ((port, component, output, transfer),) = feeds(parts, [connection])["b"]
     assert (port, component, output) == ("x", "a", "y")
     return float(transfer(np.asarray(value)))
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "given", "expected"),
-    [
-        ("m", "um", 2e-6, 2.0),
-        ("mm", "um", 3.0, 3000.0),
-        ("um", "m", 250.0, 250e-6),
-        ("s", "ms", 0.5, 500.0),
-        ("mm/s", "m/s", 40.0, 0.04),
-        ("deg", "rad", 180.0, np.pi),
-        ("V", "V", 5.0, 5.0),
-    ],
-)
-def test_value_arrives_in_the_unit_of_the_input(source: str, target: str, given: float, expected: float) -> None:
-    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected, rel=1e-9, abs=0.0)
-
-
-def test_gain_acts_before_the_offset_and_both_after_the_unit() -> None:
-    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(
-        11.0, rel=1e-9, abs=0.0
-    )
-
-
-def test_value_of_a_plain_connection_is_the_very_array_of_its_source() -> None:
-    assert Transfer()(value := np.ones(3)) is value
-
-
-def test_array_on_its_way_keeps_its_type_and_cannot_be_written() -> None:
-    arrived = Transfer(factor=2.0)(np.ones(3, np.float32))
-    assert arrived.dtype == np.float32
-    assert not arrived.flags.writeable
 
 
 @pytest.mark.parametrize("dtype", ["int32", "bool"])
@@ -173,3 +56,45 @@ def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
     assert check(parts, [Connection("a.y", "b.x")]) == []
     (error,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
     assert error.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "gain", "offset", "given", "expected"),
+    [
+        ("m", "um", 1.0, 0.0, 2e-6, 2.0),
+        ("s", "ms", 1.0, 0.0, 0.5, 500.0),
+        ("deg", "rad", 1.0, 0.0, 180.0, np.pi),
+        ("V", "V", 1.0, 0.0, 5.0, 5.0),
+        ("m", "m", 1.0, 2.0, 3.0, 5.0),
+        ("m", "um", 2.0, 5.0, 3e-6, 11.0),  # the unit, then the gain, then the offset
+    ],
+)
+def test_value_arrives_in_the_unit_of_the_input(
+    source: str, target: str, gain: float, offset: float, given: float, expected: float
+) -> None:
+    found = fed(Connection("a.y", "b.x", gain, offset), source, target, given)
+    assert found == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
+def test_array_on_its_way_is_that_of_its_source_or_has_its_type_and_cannot_be_written() -> None:
+    assert Transfer()(value := np.ones(3)) is value
+    arrived = Transfer(factor=2.0)(np.ones(3, np.float32))
+    assert arrived.dtype == np.float32
+    assert not arrived.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("port", "gain", "message"),
+    [
+        (Port("y", "s"), 1.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
+        (Port("y", "s"), 2.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
+        (Port("y", "m", (3,)), 1.0, "a.y gives 3, b.x takes a scalar"),
+        (Port("y", "m", dtype="int32"), 1.0, "a.y gives int32, b.x takes float64"),
+    ],
+)
+def test_mismatch_is_named_with_both_sides(port: Port, gain: float, message: str) -> None:
+    parts = {"a": FunctionComponent(outputs=[port]), "b": FunctionComponent(inputs=[Port("x", "m")])}
+    wires = [Connection("a.y", "b.x", gain)] * 2
+    error, *_, twice = check(parts, wires)
+    assert error.startswith(message)
+    assert twice.startswith("b.x is fed twice, by a.y and a.y")

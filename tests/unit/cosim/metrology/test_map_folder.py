@@ -16,9 +16,9 @@ import pytest
 from inkloop.component import Component, Port, Status
 from inkloop.components import catalog
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.metrology import map_folder
 from inkloop.metrology.folder_watch import FolderWatch, name_errors, numbered_files
 from inkloop.metrology.map_folder import MapFolder

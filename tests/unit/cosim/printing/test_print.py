@@ -12,8 +12,8 @@ import pytest
 
 from inkloop.component import Values
 from inkloop.course.events import Event
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, InkloopError, ResultError
-from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
 from inkloop.results import checkpoint
 from inkloop.results.checkpoint import layer_files

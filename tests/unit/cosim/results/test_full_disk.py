@@ -20,7 +20,7 @@ from inkloop.component import DEVICE_LOGGER
 from inkloop.errors import FmuError, ResultError
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
-from inkloop.printing.device_log import live_words
+from inkloop.printing.on_devices import live_words
 from inkloop.printing.print import Print
 from inkloop.report.terminal import Terminal
 from inkloop.results import array_file, checkpoint

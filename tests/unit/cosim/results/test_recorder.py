@@ -11,8 +11,8 @@ import pytest
 
 from inkloop.component import Port, Status, Values
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.results.metrics import masked_error
 from inkloop.results.recorder import COUNTER_END, LayerRow, Recorder
 from support.toys import DROPLET, FunctionComponent, toy_job, toy_loop

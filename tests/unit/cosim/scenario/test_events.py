@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +9,9 @@ import pytest
 from inkloop.component import Port, Values
 from inkloop.course.events import Event, Manipulator
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.wiring import contract_connections
-from inkloop.printing.run import print_part
 from inkloop.results.recorder import Recorder
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
@@ -29,33 +29,6 @@ def number(value: float) -> np.ndarray:
 def seen(events: list[Event], layer: int, time_ns: int = 0) -> float:
     """Value of `a` at its open input x, whose start value is 1."""
     return float(Manipulator(events, PARTS).inputs("a", {}, time_ns, layer)["x"])
-
-
-def test_override_replaces_bias_adds_and_reset_takes_back() -> None:
-    events = [
-        Event("a.x", "override", at_layer=2, value=number(10.0)),
-        Event("a.x", "bias", at_layer=3, value=number(0.5)),
-        Event("a.x", "reset", at_layer=4),
-    ]
-    assert [seen(events, layer) for layer in (1, 2, 3, 4)] == [1.0, 10.0, 10.5, 1.0]
-
-
-def test_events_of_one_port_act_in_the_order_of_the_file() -> None:
-    override = Event("a.x", "override", at_layer=1, value=number(10.0))
-    bias = Event("a.x", "bias", at_layer=1, value=number(0.5))
-    assert seen([override, bias], 1) == 10.5
-    assert seen([bias, override], 1) == 10.0
-    assert seen([bias, bias], 1) == 2.0
-
-
-def test_event_at_a_time_begins_with_the_step_that_begins_then() -> None:
-    events = [Event("a.x", "override", at_time_ns=5, value=number(7.0))]
-    assert [seen(events, 0, time_ns) for time_ns in (4, 5, 6)] == [1.0, 7.0, 7.0]
-
-
-def test_growing_bias_grows_by_each_further_layer_and_not_by_steps() -> None:
-    events = [Event("a.x", "bias", at_layer=3, value=number(1.0), per_layer=number(0.25))]
-    assert [seen(events, layer, time_ns) for time_ns in (0, 9) for layer in (2, 3, 4, 5)] == [1, 2, 2.25, 2.5] * 2
 
 
 def test_only_the_chosen_cells_change_and_the_source_keeps_its_array() -> None:
@@ -150,8 +123,9 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"', "value is missing; add what to override printer.pattern with"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0.5', "value is 0.5; expected a whole number"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = [0, 1]', "value has shape (2,); printer.pattern takes"),
-        ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um, value_mm"),
+        ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = inf', "value_um is inf; expected a finite number"),
+        ('at_layer = 1\nport = "printer.height"\nvalue_um = [1.5, nan]', "value_um is [1.5, nan]; expected a finite"),
         ('at_layer = 1\nport = "profiler.valid"\nvalue = 0', "value is 0; expected true or false"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncells = [[12, 0]]', "cells has [12, 0]; the grid of"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [4]', "nozzles has 4; expected 0 to 3"),
@@ -191,41 +165,19 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     scenario = load(
         tmp_path,
         '\n[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
-        '\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\n'
+        'cells = [[3, 4], [5, 1]]\n\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\n'
         "value_um = 3\ntilt_x = 0.01\ntilt_y = -0.03\n",
     )
     dead, tilted = scenario.events
     assert dead.cells is not None
     assert np.flatnonzero(dead.cells.all(axis=0)).tolist() == [1, 5, 9]
-    assert dead.cells.sum() == 3 * 12
+    assert dead.cells[3, 4]
+    assert dead.cells.sum() == 3 * 12 + 1
     assert tilted.value is not None
     assert tilted.at_time_ns == SECOND // 2
     assert tilted.value.mean() == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(np.diff(tilted.value, axis=0), 0.01 * 263.256e-6)
     np.testing.assert_allclose(np.diff(tilted.value, axis=1), -0.03 * 263.256e-6)
-
-
-def test_event_with_cells_and_nozzles_acts_on_both(tmp_path: Path) -> None:
-    table = '[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\n'
-    (event,) = load(tmp_path, f"\n{table}nozzles = [1]\ncells = [[3, 4], [5, 1]]\n").events
-    assert event.cells is not None
-    assert event.cells[3, 4]
-    assert event.cells.sum() == 3 * 12 + 1
-
-
-@pytest.mark.system
-def test_result_records_which_layers_were_modified_and_by_what(tmp_path: Path) -> None:
-    event = 'action = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
-    end = 'action = "reset"\nport = "printer.pattern"\n'
-    result = print_part(load(tmp_path, f"\n[[events]]\nat_layer = 2\n{event}\n[[events]]\nat_layer = 3\n{end}"))
-    modified = result.dataset["modified"]
-    assert modified.dtype == np.bool_
-    assert np.flatnonzero(modified).tolist() == [2]
-    words = ["from layer 2: override printer.pattern 0 in 36 cells", "from layer 3: reset printer.pattern"]
-    assert result.run["events"] == words
-    assert result.dataset.attrs["events"].split("\n") == words
-    result.save(tmp_path / "run")
-    assert "modified" not in print_part(Scenario.load(SCENARIOS / "cuboid.toml", {"run.layers_max": 1})).dataset
 
 
 def test_component_of_a_manipulated_input_never_knows() -> None:
@@ -240,3 +192,25 @@ def test_component_of_a_manipulated_input_never_knows() -> None:
     Master({"a": sink}, [], step_ns=1, course=LayerCourse({"a": sink}, events=events)).run(time_max_ns=3)
     assert [float(inputs["x"]) for inputs in got] == [2.0, 2.5, 2.5]
     assert all(set(inputs) == {"x"} for inputs in got)
+
+
+OVERRIDE = Event("a.x", "override", at_layer=2, value=number(10.0))
+BIAS = Event("a.x", "bias", at_layer=3, value=number(0.5))
+
+
+@pytest.mark.parametrize(
+    ("events", "moments", "expected"),
+    [
+        ([OVERRIDE, BIAS, Event("a.x", "reset", at_layer=4)], [(1,), (2,), (3,), (4,)], [1.0, 10.0, 10.5, 1.0]),
+        ([BIAS, OVERRIDE], [(3,)], [10.0]),  # the order of the file counts
+        ([BIAS, BIAS], [(3,)], [2.0]),
+        ([Event("a.x", "override", at_time_ns=5, value=number(7.0))], [(0, 4), (0, 5), (0, 6)], [1.0, 7.0, 7.0]),
+        (
+            [Event("a.x", "bias", at_layer=3, value=number(1.0), per_layer=number(0.25))],
+            [(2,), (3,), (4,), (5,), (5, 9)],
+            [1.0, 2.0, 2.25, 2.5, 2.5],
+        ),
+    ],
+)
+def test_events_act_from_their_layer_or_time_on(events: list[Event], moments: list[Any], expected: list[float]) -> None:
+    assert [seen(events, *moment) for moment in moments] == expected

@@ -51,46 +51,17 @@ def write(folder: Path, ink: str = INK, scenario: str = SCENARIO) -> Path:
     return folder / "print.toml"
 
 
-def test_scenario_takes_the_ink_of_a_file_next_to_it(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path))
-    (ink,) = scenario.job().inks
-    assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6), rel=1e-9, abs=0.0)
-    assert scenario.tables.components["printer"].options == {
-        "height_scale_um": 7.5,
-        "mv_plus_per_um": 0.005,
-        "guard": True,
-    }
-
-
-def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
-    """So that a later change of the ink file changes no run."""
-    text = Scenario.load(write(tmp_path)).text
-    assert "h1_um = 5.0" in text
-    assert "file =" not in text
-    assert "from inks/mine.toml" in text
-    (tmp_path / "inks" / "mine.toml").unlink()
-    assert Scenario.of_text(text, str(tmp_path / "print.toml")).job().inks[0].h1 == pytest.approx(
-        5.0e-6, rel=1e-9, abs=0.0
-    )
-
-
 def test_values_of_the_scenario_override_the_ink_file(tmp_path: Path) -> None:
     own = SCENARIO.replace("[components.controller]", "[ink.a]\nh2_um = 0.7\n[components.controller]")
-    own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_mm = 4.0\nguard = false')
+    own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_um = 0.004\nguard = false')
     scenario = Scenario.load(write(tmp_path, scenario=own))
     assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6, rel=1e-9, abs=0.0)
     assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6, rel=1e-9, abs=0.0)
     assert scenario.tables.components["printer"].options == {
-        "mv_plus_per_mm": 4.0,
+        "mv_plus_per_um": 0.004,
         "guard": False,
         "height_scale_um": 7.5,
     }
-
-
-def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
-    without = SCENARIO.replace('[ink]\nfile = "inks/mine.toml"\n', "")
-    scenario = Scenario.load(write(tmp_path, scenario=without), {"ink.file": "inks/mine.toml"})
-    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +69,7 @@ def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
     [
         (INK.replace("h3_um = 0.1\n", ""), "a.h3_um is missing"),
         (INK.replace("h1_um = 5.0", "h1_um = -5.0"), "a.h1_um is -5.0"),
-        (INK.replace("h1_um", "h1_mm"), "h1_mm is not a key"),
+        (INK.replace("h1_um", "h1_mm"), "h1_mm is in mm; write h1_um = 5000"),
         ("[a\n", "is not TOML"),
         (INK.replace("height_scale_um = 7.5", "height = 7.5"), "components.printer.height"),
     ],
@@ -115,3 +86,18 @@ def test_ink_file_that_is_not_there_and_other_errors_are_named_at_once(tmp_path:
         Scenario.load(path)
     assert "ink.file is 'inks/yours.toml'" in str(caught.value)
     assert "grid.nx is 0" in str(caught.value)
+
+
+@pytest.mark.parametrize("overrides", [{}, {"ink.file": "inks/mine.toml"}])
+def test_scenario_takes_the_ink_of_a_file_next_to_it_into_its_text(overrides: dict[str, str], tmp_path: Path) -> None:
+    """So that a later change of the ink file changes no run."""
+    text = SCENARIO.replace('[ink]\nfile = "inks/mine.toml"\n', "") if overrides else SCENARIO
+    scenario = Scenario.load(write(tmp_path, scenario=text), overrides)
+    (tmp_path / "inks" / "mine.toml").unlink()
+    for found in (scenario, Scenario.of_text(scenario.text, str(tmp_path / "print.toml"))):
+        (ink,) = found.job().inks
+        assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6), rel=1e-9, abs=0.0)
+        options = found.tables.components["printer"].options
+        assert options == {"height_scale_um": 7.5, "mv_plus_per_um": 0.005, "guard": True}
+    assert "file =" not in scenario.text
+    assert overrides or "from inks/mine.toml" in scenario.text

@@ -37,24 +37,6 @@ def combined(op: str, folder: Path, keys: str = "") -> Scenario:
     return with_part(f'shape = "combine"\nop = "{op}"\n{TABLES}\n{keys}', folder)
 
 
-@pytest.mark.parametrize("op", ["union", "difference", "intersection"])
-def test_combination_holds_what_its_parts_hold(op: str, tmp_path: Path) -> None:
-    z, box, rod = sampled()
-    expected = {"union": box | rod, "difference": box & ~rod, "intersection": box & rod}[op]
-    x, y = cell_centers(NX, NY, PITCH)
-    np.testing.assert_array_equal(combined(op, tmp_path).solid.shape.contains(x, y, z), expected)
-
-
-def test_first_part_has_the_say_where_two_inks_overlap(tmp_path: Path) -> None:
-    z, box, rod = sampled()
-    x, y = cell_centers(NX, NY, PITCH)
-    for inks, expected in (('["A", "B"]', box), ('["B", "A"]', rod & ~box)):
-        job = combined("union", tmp_path, f"inks = {inks}").job()
-        assert len(job.inks) == 2
-        assert job.region is not None
-        np.testing.assert_array_equal(job.region.contains(x, y, z) & (box | rod), expected)
-
-
 def test_ink_of_the_top_and_of_the_bottom_goes_on_beyond_them(tmp_path: Path) -> None:
     """The middle of the last droplet lies over the target, and a scan may show the first one below the substrate."""
     x, y = cell_centers(NX, NY, PITCH)

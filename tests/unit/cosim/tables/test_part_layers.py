@@ -66,26 +66,13 @@ def test_inks_of_unequal_layers_need_the_height_of_a_slice(tmp_path: Path) -> No
     assert with_part(PART + "layer_um = 7.0", tmp_path).solid.shape.height == pytest.approx(21e-6, rel=1e-12, abs=0.0)
 
 
-def test_layers_that_were_aborted_are_remarked(tmp_path: Path) -> None:
-    export(tmp_path, unknown_layers=(2,))
-    (remark,) = with_part(PART, tmp_path).solid.remarks
-    assert remark == "layer 2 of the run was aborted; the part has it as it was commanded"
-
-
-def test_new_scenario_for_a_manifest_has_its_cells(tmp_path: Path) -> None:
-    export(tmp_path)
-    assert main(["new", str(tmp_path / "back"), "--part", str(tmp_path / "out" / "manifest.json")]) == 0
-    scenario = Scenario.load(tmp_path / "back.toml")
-    grid = scenario.tables.grid
-    assert (grid.nx, grid.ny, grid.pitch_um) == (F.shape[0] + 4, F.shape[1] + 4, PITCH_UM)
-    assert scenario.job().mask.sum() == F.size
-
-
 def test_new_scenario_for_layers_in_two_inks_with_gaps_prints_what_rests_on_the_substrate(tmp_path: Path) -> None:
     """As a closed loop leaves them: a support needs an ink of its own, and would make the scenario invalid."""
     export(tmp_path, slices=SLICES * np.array([np.ones_like(F), F, np.ones_like(F)], np.int8))
     assert main(["new", str(tmp_path / "back"), "--part", str(tmp_path / "out" / "manifest.json")]) == 0
     back = tmp_path / "back.toml"
+    grid = Scenario.load(back).tables.grid
+    assert (grid.nx, grid.ny, grid.pitch_um) == (F.shape[0] + 4, F.shape[1] + 4, PITCH_UM)
     top = np.unique((Scenario.load(back).job().target_height / 7.6e-6).round(6), return_counts=True)
     assert dict(zip(*(values.tolist() for values in top), strict=True))[3.0] == F.sum()
     text = back.read_text()
@@ -138,7 +125,20 @@ def test_bad_manifests_are_refused_by_name(
 
 
 def test_changed_bitmaps_and_damaged_manifests_are_refused(tmp_path: Path) -> None:
-    export(tmp_path)
+    manifest = export(tmp_path, unknown_layers=(2,))
+    (remark,) = with_part(PART, tmp_path).solid.remarks
+    assert remark == "layer 2 of the run was aborted; the part has it as it was commanded"
+    first = manifest["files"][0]
+    path = tmp_path / "out" / first["file"]
+    kept = path.read_bytes()
+    Image.fromarray((2 * F.T).astype(np.uint8)).save(path)
+    grey = {**first, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    text = json.dumps({**manifest, "files": [grey, *manifest["files"][1:]]})
+    (tmp_path / "out" / "manifest.json").write_text(text)
+    with pytest.raises(ScenarioError, match=r"has 4 x 6 pixels with values up to 2; expected 4 x 6 of one bit"):
+        with_part(PART, tmp_path)
+    path.write_bytes(kept)
+    (tmp_path / "out" / "manifest.json").write_text(json.dumps(manifest))
     changed = tmp_path / "out" / "L0002_P1_B.png"
     changed.write_bytes((tmp_path / "out" / "L0001_P1_A.png").read_bytes())
     with pytest.raises(ScenarioError, match=r"L0002_P1_B\.png was changed: its SHA-256 is"):
@@ -161,14 +161,3 @@ def test_pixels_of_a_manifest_may_be_oblong(tmp_path: Path) -> None:
     assert mask[5:9, 2:14].all()
     box = [value * 1e6 for value in scenario.solid.bounds]
     assert box == pytest.approx([450.0, 850.0, 150.0, 1350.0], rel=1e-9, abs=0.0)
-
-
-def test_bitmap_of_grey_values_is_refused(tmp_path: Path) -> None:
-    manifest = export(tmp_path)
-    first = manifest["files"][0]
-    path = tmp_path / "out" / first["file"]
-    Image.fromarray((2 * F.T).astype(np.uint8)).save(path)
-    first["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    (tmp_path / "out" / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(ScenarioError, match=r"has 4 x 6 pixels with values up to 2; expected 4 x 6 of one bit"):
-        with_part(PART, tmp_path)

@@ -14,11 +14,9 @@ from tools import parts
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh import closed_columns
 from inkloop.tables import part_mesh
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import Grid
-from inkloop.tables.solid import PartError
 from inkloop.units import M_PER_UM, MM_PER_M
 from support.parts import PITCH_UM, with_part
 from support.three_mf import mesh_object, model_xml, package
@@ -75,6 +73,8 @@ def footprint(mask: np.ndarray) -> tuple[int, int, int, int]:
         ("rotate_deg = [0.0, 0.0, 90.0]", (5, 8, 3, 8), 30.0),
         ("scale = 2.0", (1, 12, 2, 9), 60.0),
         ("center_x_um = 550.0\ncenter_y_um = 450.0", (3, 8, 3, 6), 30.0),
+        ("center_x_um = 550.0", (3, 8, 4, 7), 30.0),
+        ("center_y_um = 450.0", (4, 9, 3, 6), 30.0),
         ('mirror = "z"', (4, 9, 4, 7), 30.0),
     ],
 )
@@ -82,15 +82,13 @@ def test_mesh_stands_on_the_substrate_where_it_is_put(
     keys: str, expected: tuple[int, int, int, int], height_um: float, tmp_path: Path
 ) -> None:
     write(tmp_path, BOX)
-    job = with_part(MESH + keys, tmp_path).job()
+    scenario = with_part(MESH + keys, tmp_path)
+    job = scenario.job()
     assert footprint(job.mask) == expected
+    i_min, i_max, j_min, j_max = expected
+    box = [100.0 * (edge + shift) for edge, shift in ((i_min, -0.5), (i_max, 0.5), (j_min, -0.5), (j_max, 0.5))]
+    assert [value / M_PER_UM for value in scenario.solid.bounds] == pytest.approx(box, rel=1e-4, abs=0.0)
     np.testing.assert_allclose(job.target_height[job.mask], height_um * M_PER_UM, rtol=1e-4)  # STL: single precision
-
-
-def test_mesh_as_it_is_keeps_its_coordinates(tmp_path: Path) -> None:
-    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.02))
-    job = with_part(MESH + 'place = "as-is"', tmp_path).job()
-    assert footprint(job.mask) == (3, 6, 2, 4)
 
 
 def test_bodies_that_touch_and_overlap_are_one_part(tmp_path: Path) -> None:
@@ -101,13 +99,6 @@ def test_bodies_that_touch_and_overlap_are_one_part(tmp_path: Path) -> None:
     assert set(np.unique(shape.counts)) == {0, 1}
     assert shape.volume * 1e9 == pytest.approx(0.8755, rel=0.01, abs=0.0)  # 6.32 mm2 and the rib over it
     assert scenario.solid.remarks == ()
-
-
-def test_walls_on_centres_of_cells_are_a_warning(tmp_path: Path) -> None:
-    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.03))
-    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
-    assert remark.startswith("2 upright walls stand on rows of cell centres")
-    assert "center_x_um" in remark
 
 
 @pytest.mark.parametrize(
@@ -134,21 +125,6 @@ def test_bad_mesh_table_is_refused_by_name(part: str, expected: str, tmp_path: P
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     (error,) = errors_of(part, tmp_path)
     assert error.startswith(expected.format(folder=tmp_path))
-
-
-def test_part_over_the_substrate_is_refused_with_what_holds_it(tmp_path: Path) -> None:
-    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.01, 0.02))
-    (error,) = errors_of(MESH + 'place = "as-is"', tmp_path)
-    assert error.startswith("part: 12 cells (100.0%) have nothing below them")
-    (error,) = errors_of(MESH + 'place = "as-is"\n[support]\nkind = "none"', tmp_path)
-    assert error.endswith("which print ink B there")
-
-
-def test_open_mesh_is_refused_with_a_place(tmp_path: Path) -> None:
-    (tmp_path / "part.stl").write_bytes(parts.stl(BOX[1:]))
-    (error,) = errors_of(MESH, tmp_path)
-    assert "of 24 columns" in error
-    assert "mend the mesh" in error
 
 
 def test_names_of_a_3mf_become_inks_that_share_their_walls(tmp_path: Path) -> None:
@@ -198,33 +174,6 @@ def test_mesh_is_mirrored_scaled_and_turned_about_x_then_y_then_z(mirror: Any) -
     np.testing.assert_allclose(found, [560e-6, 400e-6, 0.0], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("key", "found"), [("x", (300.0, 400.0)), ("y", (560.0, 300.0))])
-def test_mesh_that_is_moved_along_one_axis_stays_in_the_middle_of_the_other(
-    key: str, found: tuple[float, float]
-) -> None:
-    keys: dict[str, Any] = {f"center_{key}_um": 300.0}
-    table = MeshTable(shape="mesh", file="part.stl", **keys)
-    (body,) = table.placed([Body(np.array(BOX) * 1e-3)], Grid(nx=15, ny=11, pitch_um=80.0))
-    corner = body.triangles.reshape(-1, 3)
-    middle = (corner.min(axis=0) + corner.max(axis=0)) / 2 * 1e6
-    assert middle[:2] == pytest.approx(found, rel=1e-9, abs=0.0)
-    with pytest.raises(PartError, match="place is"):
-        MeshTable(shape="mesh", file="part.stl", place="as-is", **keys).placed([], Grid(nx=1, ny=1))
-
-
-def test_box_of_a_mesh_is_where_it_stands(tmp_path: Path) -> None:
-    write(tmp_path, BOX)
-    box = with_part(MESH + "center_x_um = 550.0\ncenter_y_um = 450.0", tmp_path).solid.bounds
-    assert [value / M_PER_UM for value in box] == pytest.approx([250.0, 850.0, 250.0, 650.0], rel=1e-4, abs=0.0)
-
-
-def test_walls_on_centres_are_listed_up_to_three(tmp_path: Path) -> None:
-    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.5), 0.0, 0.03))
-    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
-    assert remark.startswith("4 upright walls stand on rows of cell centres")
-    assert ", ...)" in remark or ", ... µm" in remark
-
-
 def test_every_body_is_looked_at_for_walls_and_for_its_resolution() -> None:
     grid = Grid(nx=15, ny=11, pitch_um=100.0)
     between = Body(parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.03) * 1e-3)
@@ -240,12 +189,19 @@ def test_every_body_is_looked_at_for_walls_and_for_its_resolution() -> None:
         assert "resolve 5 µm" in remark
 
 
-def test_open_columns_are_treated_as_the_table_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    closed = closed_columns
-    monkeypatch.setattr(part_mesh, "closed_columns", lambda *given: asked.append(given[-1]) or closed(*given))
-    write(tmp_path, BOX)
-    for keys, expected in (("", "refuse"), ('open_columns = "neighbours"', "neighbours")):
-        with_part(MESH + keys, tmp_path)
-        assert set(asked) == {expected}
-        asked.clear()
+def test_mesh_as_it_is_keeps_its_coordinates_and_needs_what_holds_it(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.02))
+    assert footprint(with_part(MESH + 'place = "as-is"', tmp_path).job().mask) == (3, 6, 2, 4)
+    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.01, 0.02))
+    (error,) = errors_of(MESH + 'place = "as-is"', tmp_path)
+    assert error.startswith("part: 12 cells (100.0%) have nothing below them")
+    (error,) = errors_of(MESH + 'place = "as-is"\n[support]\nkind = "none"', tmp_path)
+    assert error.endswith("which print ink B there")
+
+
+def test_open_mesh_is_refused_with_a_place_whatever_is_asked_for_single_columns(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_bytes(parts.stl(BOX[1:]))
+    for keys, words in (("", "mend the mesh"), ('open_columns = "neighbours"', "of 24 columns")):
+        (error,) = errors_of(MESH + keys, tmp_path)
+        assert "of 24 columns" in error
+        assert words in error

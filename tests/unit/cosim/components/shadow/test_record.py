@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ from matplotlib.figure import Figure
 from inkloop.component import Component
 from inkloop.components.shadow.shadow import Shadow
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
 from inkloop.report import PNG, run_report
 from inkloop.report.remarks import remarks
-from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import Result
 from support.benches.device_toys import DevicePrinter, DeviceProfiler, StartingPrinter
@@ -38,78 +36,50 @@ def parts(profiler: str, shadow: bool = True) -> dict[str, Component]:
     return found
 
 
-def printed(components: dict[str, Component], folder: Path | None = None) -> tuple[Recorder, list[LayerRow], Master]:
+def printed(components: dict[str, Component]) -> tuple[Recorder, list[LayerRow], Master]:
     rows: list[LayerRow] = []
     recorder = Recorder(JOB, components, rows.append)
-    observers: list[Any] = [recorder, Checkpoints(folder, components, recorder)] if folder else [recorder]
     master = Master(
         components,
         contract_connections(components),
         step_ns=SECOND,
-        observers=observers,
+        observers=[recorder],
         course=LayerCourse(components, layers_max=LAYERS),
     )
     master.run()
     return recorder, rows, master
 
 
-def test_print_on_devices_is_judged_by_its_scans() -> None:
-    recorder, rows, _ = printed(parts("device"))
+def test_record_is_judged_by_scans_or_else_by_the_shadow() -> None:
+    recorder, rows, _ = printed(parts("simulated"))
+    run = recorder.dataset()
+    np.testing.assert_array_equal(run.height, run.shadow_height)
+    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
+    run = printed(parts("device", shadow=False))[0].dataset()
+    np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
+    assert "shadow_height" not in run
+
+
+@pytest.mark.system
+@pytest.mark.filterwarnings("ignore:Data has no positive values")  # toy layers are all even
+def test_print_on_devices_is_judged_by_its_scans_and_compared_with_its_shadow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder, rows, master = printed(parts("device"))
     run = recorder.dataset()
     np.testing.assert_array_equal(run.height, run.measured_height)
     np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
     assert [row.layer for row in rows] == [0, 1, 2, 3, 4]
     assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(run.shadow_height[:, 1, 1] / DROPLET, [0, 1, 2, 3, 4])
-
-
-def test_device_printer_under_a_simulated_sensor_is_judged_by_its_shadow() -> None:
-    recorder, rows, _ = printed(parts("simulated"))
-    run = recorder.dataset()
-    np.testing.assert_array_equal(run.height, run.shadow_height)
-    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
-
-
-def test_devices_without_a_shadow_are_recorded_too() -> None:
-    run = printed(parts("device", shadow=False))[0].dataset()
-    np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
-    assert "shadow_height" not in run
-
-
-def test_divergence_stands_in_the_row_of_the_layer_it_belongs_to() -> None:
-    run = printed(parts("device"))[0].dataset()
     np.testing.assert_allclose(run.growth_divergence[1:] / DROPLET, [0, 1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(run.surface_divergence / DROPLET, [0, 0, 1, 1, 1], atol=1e-12)
     assert np.isnan(run.growth_divergence[0])
     assert run.shadow_status.values.tolist() == [0, 0, 4, 0, 0]
-
-
-def test_rows_on_disk_give_the_same_record(tmp_path: Path) -> None:
-    run = printed(parts("device"), tmp_path)[0].dataset()
-    again = parts("device")
-    recorder = Recorder(JOB, again)
-    assert Checkpoints(tmp_path, again, recorder).load() is not None
-    assert set(recorder.dataset()) >= {"shadow_height", "growth_divergence", "shadow_status"}
-    for name in ("shadow_height", "growth_divergence", "shadow_status"):
-        np.testing.assert_array_equal(recorder.dataset()[name][:LAYERS], run[name][:LAYERS])
-
-
-@pytest.mark.system
-@pytest.mark.filterwarnings("ignore:Data has no positive values")  # toy layers are all even
-def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for other in ("surfaces", "cross_section", "error_map", "layers"):
         monkeypatch.setattr(f"inkloop.report.pictures.{other}", lambda *_: Figure())
-    recorder, _, master = printed(parts("device"))
-    result = Result.of(
-        recorder.dataset(),
-        title="Toy",
-        label="toy",
-        scenario_text='title = "Toy"\n',
-        seed=0,
-        stop_reason="layers_max",
-        wall_s=master.wall_s,
-        components={},
-    )
+    keys = {"title": "Toy", "label": "toy", "scenario_text": 'title = "Toy"\n', "seed": 0, "stop_reason": "layers_max"}
+    result = Result.of(run, **keys, wall_s=master.wall_s, components={})  # type: ignore[arg-type]
     result.save(tmp_path)
     run_report.write(tmp_path, [PNG])
     message = "layer 2 grew differently from the shadow's model, by 10.00 µm rms"

@@ -13,14 +13,13 @@ import pytest
 
 from inkloop.component import Component, Job, Port, Status, Values
 from inkloop.components import catalog
-from inkloop.components.bench import Bench
-from inkloop.components.shadow import options as shadow_options
-from inkloop.components.shadow.comparison import ScannedLayer, start_surface
-from inkloop.components.shadow.shadow import Shadow
+from inkloop.components.kind import Bench
+from inkloop.components.shadow.shadow import ScannedLayer, Shadow, start_surface
 from inkloop.course.layer_course import LayerCourse
+from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
-from inkloop.master.wiring import check, contract_connections
+from inkloop.master.wiring import check
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from inkloop.testing import job as small_job
 from support.benches.device_toys import DevicePrinter, DeviceProfiler, StartingPrinter
@@ -147,15 +146,6 @@ def test_simulated_sensor_scans_each_layer_of_the_shadow_of_a_device(
     assert max(value for layer, value in watch.surface.items() if layer >= 0) < 1e-15
 
 
-def test_layer_is_deposited_when_the_printer_reports_it_with_the_pattern_of_its_command() -> None:
-    job = toy_job()
-    shadow = Shadow(job, StartingPrinter)
-    shadow.initialize(0, inputs(job, 0, 0, 0))
-    given = [(1, 0, 1), (1, 0, 0), (1, 1, 0)]  # command, printed, the pattern input meanwhile
-    heights = [shadow.do_step(k * SECOND, SECOND, inputs(job, *row))["height"].max() for k, row in enumerate(given)]
-    assert heights == [0.0, 0.0, DROPLET]
-
-
 def inputs(job: Job, command: int, printed: int, dots: int, scan: Values | None = None) -> Values:
     return {
         "pattern": np.full((job.nx, job.ny), dots, np.int32),
@@ -168,58 +158,6 @@ def inputs(job: Job, command: int, printed: int, dots: int, scan: Values | None 
 def scan(layer: int, height: np.ndarray, valid: np.ndarray | bool = True) -> Values:
     marks = np.broadcast_to(valid, height.shape)
     return {"layers_scanned": np.asarray(layer), "measured_height": height, "valid": marks}
-
-
-def test_without_a_profiler_the_shadow_only_follows() -> None:
-    job = toy_job()
-    shadow = Shadow(job, StartingPrinter)
-    shadow.initialize(0, inputs(job, 0, 0, 0))
-    for layer in range(1, 5):
-        outputs = shadow.do_step(layer * SECOND, SECOND, inputs(job, layer, layer, 1))
-    assert int(outputs["layers_followed"]) == 4
-    assert int(outputs["layers_compared"]) == -1
-    np.testing.assert_allclose(outputs["height"], 4 * DROPLET)
-
-
-def test_growth_of_a_scan_that_jumps_is_that_of_all_layers_between() -> None:
-    job = toy_job()
-    ones = np.ones((job.nx, job.ny))
-    shadow = Shadow(job, StartingPrinter)
-    shadow.initialize(0, inputs(job, 0, 0, 0, scan(-1, 0 * ones, False)))
-    flat = scan(0, 0 * ones)
-    for command in (0, 1, 2, 3):
-        shadow.do_step(command * SECOND, SECOND, inputs(job, command, command, 1, flat))
-    outputs = shadow.do_step(4 * SECOND, SECOND, inputs(job, 3, 3, 1, scan(3, 2.5 * DROPLET * ones)))
-    assert int(outputs["layers_compared"]) == 3
-    assert float(outputs["growth_divergence"]) == pytest.approx(0.5 * DROPLET, rel=1e-9, abs=0.0)
-
-
-def test_divergences_are_unknown_until_a_scan_is_compared() -> None:
-    job = toy_job()
-    shadow = Shadow(job, StartingPrinter)
-    starts = {port.name: port.start_value() for port in shadow.outputs}
-    begun = shadow.initialize(0, inputs(job, 0, 0, 0))
-    for name in ("growth_divergence", "surface_divergence"):
-        assert np.isnan([starts[name], begun[name]]).all()
-
-
-def test_scan_of_an_older_layer_is_held_against_the_surface_of_that_layer() -> None:
-    job = toy_job()
-    ones = np.ones((job.nx, job.ny))
-    shadow = Shadow(job, StartingPrinter)
-    shadow.initialize(0, inputs(job, 0, 0, 0))
-    shadow.do_step(0, SECOND, inputs(job, 1, 1, 1, scan(0, 0 * ones)))
-    shadow.do_step(SECOND, SECOND, inputs(job, 2, 2, 1, scan(0, 0 * ones)))
-    outputs = shadow.do_step(2 * SECOND, SECOND, inputs(job, 2, 2, 1, scan(1, DROPLET * ones)))
-    assert float(outputs["surface_divergence"]) == pytest.approx(0.0, abs=1e-18)
-
-
-def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
-    assumed = np.array([[0.0, 1.0, 2.0]])
-    measured = np.array([[10.0, 12.0, 99.0]])
-    seen = np.array([[True, True, False]])
-    np.testing.assert_array_equal(start_surface(assumed, measured, seen), [[10.0, 12.0, 12.5]])
-    assert start_surface(assumed, measured, ~(seen | True)) is assumed
 
 
 def test_cells_that_were_not_seen_twice_do_not_count() -> None:
@@ -266,33 +204,6 @@ def test_layer_of_which_nothing_can_be_compared_is_untrusted(caplog: pytest.LogC
     assert watch.status[0] == Status.IDLE
     assert watch.status[1] == watch.status[2] == Status.UNTRUSTED
     assert "layer 1: no cell of the part was seen in its scan and in the one before" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("command", "printed", "message"),
-    [(2, 0, "layer_command is 2 after 0: a pattern was missed"), (0, 1, "layer 1 was never commanded")],
-)
-def test_layer_without_a_pattern_is_refused(command: int, printed: int, message: str) -> None:
-    job = toy_job()
-    shadow = Shadow(job, StartingPrinter)
-    shadow.initialize(0, inputs(job, 0, 0, 0))
-    with pytest.raises(ComponentError, match=message):
-        shadow.do_step(0, SECOND, inputs(job, command, printed, 1))
-
-
-def test_plant_that_takes_longer_than_a_step_is_refused() -> None:
-    job = small_job()
-    shadow = catalog.make("Shadow", job, {"layer_duration_s": 5.0})
-    shadow.initialize(0, inputs(job, 0, 0, 0))
-    with pytest.raises(ComponentError, match="has not completed layer 1 in one step of 1 s; leave its duration out"):
-        shadow.do_step(0, SECOND, inputs(job, 1, 1, 1))
-    shadow.terminate()
-
-
-def test_state_of_something_else_is_refused() -> None:
-    shadow = Shadow(toy_job(), StartingPrinter)
-    with pytest.raises(ComponentError, match="no state of a shadow"):
-        shadow.restore(b"something else")
 
 
 def heap(job: Job) -> Component:
@@ -346,47 +257,81 @@ def test_plant_that_cannot_be_followed_is_named() -> None:
         Shadow(job, made)
 
 
-def test_options_of_a_file_reach_the_shadow_in_metres(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[tuple[Any, dict[str, Any]]] = []
-
-    class Kept:
-        optional_inputs = Shadow.optional_inputs
-
-        def __init__(self, job: Job, make_plant: Any, **given: Any) -> None:
-            made.append((make_plant, given))
-
-    monkeypatch.setattr(shadow_options, "Shadow", Kept)
-    part = small_job(4, 3)
-    given = {"start": "job", "alarm_um": 4.0, "stop_um": 9.0, "h1_um": 4.2}
-    cases: list[tuple[dict[str, Any], dict[str, Any], bool]] = [
-        ({}, {"start": "scan", "alarm": 3e-6, "stop": None}, True),
-        (given, {"start": "job", "alarm": 4e-6, "stop": 9e-6}, False),
-    ]
-    for asked, expected, on_scan in cases:
-        plant_jobs: list[tuple[Job, Any]] = []
-
-        def check_plant(kind: str, job: Job, own: Any, seen: Any = plant_jobs) -> Any:
-            seen.append((job, dict(own)))
-            return catalog.check(kind, job, {})
-
-        checked = shadow_options.ShadowKind(check_plant).check(part, asked)
-        assert checked.ports is not None
-        assert checked.ports.starts_on_scan is on_scan
-        checked.make(Bench())
-        make_plant, found = made[-1]
-        assert found["start"] == expected["start"]
-        assert found["alarm"] == pytest.approx(expected["alarm"], rel=1e-12, abs=0.0)
-        assert found["stop"] == (None if expected["stop"] is None else pytest.approx(9e-6, rel=1e-12, abs=0.0))
-        other = replace(part, height_start=np.full((part.nx, part.ny), 1e-6))
-        for wanted in (part, other):
-            make_plant(wanted).terminate()
-        extra = {"h1_um": 4.2} if asked else {}
-        assert [own for _, own in plant_jobs] == [extra, extra]
-        assert [job is other for job, _ in plant_jobs] == [False, True]
+def begun(job: Job, *given: Any) -> tuple[Shadow, Values]:
+    """A shadow after initialization."""
+    shadow = Shadow(job, StartingPrinter)
+    return shadow, shadow.initialize(0, inputs(job, 0, 0, 0, *given))
 
 
-def test_start_surface_is_moved_by_the_median_whatever_single_cells_show() -> None:
-    measured = np.array([[1.0, 2.0, 90.0], [0.0, 0.0, 0.0]])
-    valid = np.array([[True, True, True], [False, False, False]])
-    found = start_surface(np.full((2, 3), 0.5), measured, valid)
-    np.testing.assert_array_equal(found, [[1.0, 2.0, 90.0], [2.0, 2.0, 2.0]])
+def test_layer_is_deposited_when_the_printer_reports_it_with_the_pattern_of_its_command() -> None:
+    """Also without a profiler; until a scan is compared the divergences are unknown."""
+    job = toy_job()
+    shadow, first = begun(job)
+    starts = {port.name: port.start_value() for port in shadow.outputs}
+    for name in ("growth_divergence", "surface_divergence"):
+        assert np.isnan([starts[name], first[name]]).all()
+    given = [(1, 0, 1), (1, 0, 0), (1, 1, 0), (2, 2, 1)]  # command, printed, the pattern input meanwhile
+    found = [shadow.do_step(k * SECOND, SECOND, inputs(job, *row)) for k, row in enumerate(given)]
+    assert [values["height"].max() for values in found] == [0.0, 0.0, DROPLET, 2 * DROPLET]
+    assert [int(values["layers_followed"]) for values in found] == [0, 0, 1, 2]
+    assert int(found[-1]["layers_compared"]) == -1
+
+
+@pytest.mark.parametrize(
+    ("layers", "last", "growth", "surface"), [((0, 0, 0, 0), (3, 2.5), 0.5, 0.5), ((0, 0), (0, 0.0), None, 0.0)]
+)
+def test_scan_is_held_against_the_layer_that_it_shows(
+    layers: tuple[int, ...], last: tuple[int, float], growth: float | None, surface: float
+) -> None:
+    """Growth of a scan that jumps is that of all layers between; an older layer has its own surface."""
+    job = toy_job()
+    ones = np.ones((job.nx, job.ny))
+    shadow, _ = begun(job, scan(-1, 0 * ones, False))
+    for command, layer in enumerate(layers):
+        shadow.do_step(command * SECOND, SECOND, inputs(job, command, command, 1, scan(layer, 0 * ones)))
+    command, (layer, height) = len(layers) - 1, last
+    outputs = shadow.do_step(9 * SECOND, SECOND, inputs(job, command, command, 1, scan(layer, height * DROPLET * ones)))
+    assert int(outputs["layers_compared"]) == layer
+    assert float(outputs["surface_divergence"]) == pytest.approx(surface * DROPLET, rel=1e-9, abs=1e-18)
+    if growth is not None:
+        assert float(outputs["growth_divergence"]) == pytest.approx(growth * DROPLET, rel=1e-9, abs=0.0)
+
+
+def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
+    assumed = np.array([[0.0, 1.0, 2.0, 3.0]])
+    measured, seen = np.array([[10.0, 12.0, 99.0, 0.0]]), np.array([[True, True, True, False]])
+    np.testing.assert_array_equal(start_surface(assumed, measured, seen), [[10.0, 12.0, 99.0, 14.0]])
+    assert start_surface(assumed, measured, ~(seen | True)) is assumed
+
+
+def test_what_cannot_be_followed_is_refused() -> None:
+    job = toy_job()
+    for command, printed, message in ((2, 0, "2 after 0: a pattern was missed"), (0, 1, "layer 1 was never commanded")):
+        with pytest.raises(ComponentError, match=message):
+            begun(job)[0].do_step(0, SECOND, inputs(job, command, printed, 1))
+    with pytest.raises(ComponentError, match="no state of a shadow"):
+        begun(job)[0].restore(b"something else")
+    job = small_job()
+    shadow = catalog.make("Shadow", job, {"layer_duration_s": 5.0})
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    with pytest.raises(ComponentError, match="has not completed layer 1 in one step of 1 s; leave its duration out"):
+        shadow.do_step(0, SECOND, inputs(job, 1, 1, 1))
+    shadow.terminate()
+
+
+@pytest.mark.parametrize(
+    ("options", "expected", "on_scan"),
+    [({}, (3e-6, np.inf), True), ({"start": "job", "alarm_um": 4.0, "stop_um": 9.0}, (4e-6, 9e-6), False)],
+)
+def test_options_of_a_file_reach_the_shadow_in_metres(
+    options: dict[str, Any], expected: tuple[float, float], on_scan: bool
+) -> None:
+    job = replace(small_job(4, 3), height_start=np.full((4, 3), 1e-6))
+    checked = catalog.check("Shadow", job, {**options, "h1_a_um": 4.2})
+    assert checked.ports is not None
+    shadow: Any = checked.make(Bench())
+    assert (checked.ports.starts_on_scan, shadow.starts_on_scan) == (on_scan, on_scan)
+    assert (shadow._alarm, shadow._stop) == pytest.approx(expected, rel=1e-12, abs=0.0)
+    values = shadow.initialize(0, {port.name: port.start_value() for port in shadow.inputs})
+    np.testing.assert_allclose(values["height"], 1e-6, rtol=1e-12)
+    shadow.terminate()

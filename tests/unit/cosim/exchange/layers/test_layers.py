@@ -25,7 +25,7 @@ from inkloop.exchange.layers.patterns import of_open_loop, of_run
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.tables import layer_manifest
+from inkloop.tables import part_layers as layer_manifest
 from support.bitmap_readers import png_chunks, stored_bits
 from support.places import SCENARIOS
 

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.exchange.ssp import joined_connections, parameter_values, ssd
-from inkloop.exchange.ssp.start_values import _begun
+from inkloop.exchange.ssp import contents, ssd
+from inkloop.exchange.ssp.folder import _begun
 from inkloop.exchange.ssp.system import Part, System, Wire
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.master.wiring import Transfer
-from inkloop.units import defined_unit
 
 NAMES = " ".join(
     f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"'
@@ -62,7 +61,7 @@ def read(*entries: str, prefix: str = "", files: dict[str, str] | None = None, m
     with zipfile.ZipFile(content, "w") as archive:
         for name, text in (files or {}).items():
             archive.writestr(name, text)
-        found = parameter_values.read(system, archive, KNOWN, errors)
+        found = contents.parameters(system, archive, KNOWN, errors)
     return found.get("a", {}), errors
 
 
@@ -98,29 +97,20 @@ def test_value_is_read_in_the_unit_and_shape_of_the_fmu(name: str, text: str, un
         assert found[name] == value
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [("is_on", "yes", "Boolean"), ("count", "1 2", "Int32"), ("start[1,1]", "1 2", "Real"), ("map", "", "Float64"),
+     ("mode", "cubed", "Enumeration")],
+)  # fmt: skip
+def test_value_that_is_none_is_reported(name: str, text: str, kind: str) -> None:
+    assert read(entry(f"a.{name}", text))[1] == [f"parameter a.{name} is {text!r}; expected {kind}"]
+
+
 def test_elements_that_no_set_names_keep_their_start_value() -> None:
+    assert read(entry("length", "2"), prefix="a.") == ({"length": 2.0}, [])
     found, errors = read(entry("a.start[2,1]", "9"), entry("a.bare[1,2]", "5"))
     assert not errors
     assert found == {"start": [[1.0, 2.0], [9.0, 4.0]], "bare": [[0.0, 5.0], [0.0, 0.0]]}
-
-
-def test_prefix_of_a_binding_stands_before_its_names() -> None:
-    assert read(entry("length", "2"), prefix="a.") == ({"length": 2.0}, [])
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("is_on", "yes", "parameter a.is_on is 'yes'; expected Boolean"),
-        ("count", "1 2", "parameter a.count is '1 2'; expected Int32"),
-        ("count", "", "parameter a.count is ''; expected Int32"),
-        ("start[1,1]", "1 2", "parameter a.start[1,1] is '1 2'; expected Real"),
-        ("mode", "cubed", "parameter a.mode is 'cubed'; expected Enumeration"),
-        ("map", "", "parameter a.map is ''; expected Float64"),
-    ],
-)
-def test_value_that_is_none_is_reported(name: str, text: str, message: str) -> None:
-    assert read(entry(f"a.{name}", text))[1] == [message]
 
 
 def test_file_that_is_no_parameter_set_is_reported() -> None:
@@ -152,7 +142,7 @@ def wired(
     outside = '<ssd:Connection startConnector="free" endElement="b" endConnector="m"/>'
     system = ET.fromstring(f"<ssd:System {NAMES}><ssd:Connections>{elements}{outside}</ssd:Connections></ssd:System>")
     errors: list[str] = []
-    return joined_connections.read(system, ports or PORTS, errors), errors
+    return contents.connections(system, ports or PORTS, errors), errors
 
 
 BOTH = ("a.y[1]", "b.x[1]"), ("a.y[2]", "b.x[2]")
@@ -168,10 +158,9 @@ def line(text: str) -> str:
     [
         ("", "", {}),
         (line('factor="2"'), "", {"gain": 2.0}),
-        (line('offset="0.5"'), "", {"offset_m": 0.5}),
-        (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_m": -3.0}),
+        (line('offset="0.5"'), "", {"offset_um": 0.5e6}),
+        (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_um": -3e6}),
         ("", 'suppressUnitConversion="true"', {"gain": 1000.0}),  # the number of mm taken for one of m
-        ("", 'suppressUnitConversion="1"', {"gain": 1000.0}),
         (line('factor="2"'), 'suppressUnitConversion="false"', {"gain": 2.0}),
     ],
 )
@@ -186,19 +175,6 @@ def test_transformation_becomes_gain_and_offset(inside: str, more: str, expected
     assert {name: table[name] for name in PLAIN} == PLAIN
     for name, value in expected.items():
         assert table[name] == pytest.approx(value, rel=1e-12, abs=0.0)
-
-
-def test_offset_is_written_in_the_unit_of_its_key() -> None:
-    inches = described(2, scattered("x", "input", (2,), unit=defined_unit("inch", {"m": 1}, 0.0254, 0.0)))
-    (table,), errors = wired(*BOTH, inside=line('offset="2"'), ports={**PORTS, "b": inches})
-    assert not errors
-    assert table["offset_um"] == pytest.approx(50800.0, rel=1e-12, abs=0.0)
-
-
-def test_scalars_and_arrays_are_wires_of_their_own() -> None:
-    found, errors = wired(*BOTH, ("a.n", "b.m"))
-    assert not errors
-    assert found == [PLAIN, {"source": "a.n", "target": "b.m"}]
 
 
 @pytest.mark.parametrize(

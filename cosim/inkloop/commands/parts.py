@@ -1,11 +1,13 @@
-"""`inkloop geometry`."""
+"""`inkloop new` and `geometry`: from a shape or the file of a part to a scenario, and a description of the part."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inkloop.commands import Part
 from inkloop.commands.options import (
     add_part_options,
     add_pictures,
@@ -15,15 +17,61 @@ from inkloop.commands.options import (
     scenario_of_part,
     screen,
 )
-from inkloop.errors import ScenarioError
+from inkloop.errors import InkloopError, ScenarioError
+
+SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
+
+
+def _add_new(commands: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser("new", help="write a commented scenario to start from")
+    parser.add_argument("name", type=Path, nargs="?", metavar="NAME", help="writes NAME.toml")
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("--list", action="store_true", help="list the scenarios that `inkloop run` knows by name")
+    either.add_argument("--shape", choices=SHAPES, default="cylinder", help="shape of the part (default: cylinder)")
+    either.add_argument(
+        "--part",
+        type=Path,
+        metavar="FILE",
+        help="mesh (STL, OBJ, PLY, 3MF), height map or manifest of layers to print, with a grid for it",
+    )
+    add_part_options(parser)
+    return parser
+
+
+def _new(options: argparse.Namespace) -> int:
+    """Write the scenario; the exit code."""
+    from inkloop.scenario import new as templates
+
+    terminal = screen(options)
+    if options.list:
+        from inkloop.scenario.packaged import titles
+
+        listed = titles()
+        width = max(map(len, listed), default=0)
+        for name, title in listed.items():
+            terminal.sentence(f"{name:{width}}  {title}")
+        terminal.result(scenarios=listed)
+        return 0
+    if options.name is None:
+        raise InkloopError("new needs the NAME of the scenario to write; --list lists those of inkloop")
+    if options.part is None:
+        path = templates.write(options.name, options.shape)
+    else:
+        path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
+        size = " x ".join(f"{side:.6g}" for side in part.size_um)
+        grid = part.grid
+        terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
+    terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
+    terminal.result(file=path)
+    return 0
+
 
 if TYPE_CHECKING:
     from inkloop.report.part_report import MeshReport
     from inkloop.scenario.file import Scenario
 
 
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
+def _add_geometry(commands: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         "geometry", help="describe a part before it is printed: size, holes, narrow walls, ink, layers"
     )
@@ -40,7 +88,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace) -> int:
+def _geometry(options: argparse.Namespace) -> int:
     """Show the figures and write the picture; the exit code, 1 where the part cannot be printed as it is."""
     mesh, source = _mesh(options), str(options.file)
     data: dict[str, Any] = {"file": source, **(mesh.data() if mesh else {})}
@@ -88,11 +136,14 @@ def _mesh(options: argparse.Namespace) -> MeshReport | None:
 
 def _scenario(options: argparse.Namespace) -> Scenario:
     """The scenario of the file, or one around its part. Raises InkloopError."""
-    from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
+    from inkloop.scenario.packaged import classes_from
 
     if options.file.suffix != ".toml":
         return scenario_of_part(options, options.file)
     no_part_options(options)
     with classes_from(options.file.parent):
         return Scenario.load(options.file)
+
+
+PARTS = (Part(_add_new, _new), Part(_add_geometry, _geometry))

@@ -1,16 +1,22 @@
-"""Show messages of devices on the screen and write them to `bench.log` of the run folder."""
+"""A print on devices: their messages on the screen and in `bench.log`, and whether the emulator listens."""
 
 from __future__ import annotations
 
 import logging
+import re
+import socket
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from inkloop.component import DEVICE_LOGGER
+from inkloop.components import devices
+from inkloop.components.catalog import MAP_FOLDER
+from inkloop.errors import ComponentError
 from inkloop.files import reason_of
 from inkloop.report.terminal import Terminal
+from inkloop.scenario.file import Scenario
 
 LOG_FILE = "bench.log"
 
@@ -70,3 +76,37 @@ def live_words(console: Terminal, folder: Path | None) -> Iterator[None]:
         for handler in handlers:
             logger.removeHandler(handler)
             handler.close()
+
+
+_LOCAL = re.compile(r"socket://127\.0\.0\.1:(\d+)")
+
+
+def local_port(channel: str | int | None) -> int | None:
+    """Port of a channel on this machine that the emulator may listen at; None for any other channel."""
+    found = _LOCAL.fullmatch(str(channel or ""))
+    return int(found[1]) if found else None
+
+
+def check_listening(scenario: Scenario) -> None:
+    """Raises ComponentError where the scenario's channel is a port of this machine without a listener."""
+    channel = scenario.tables.bench.channel
+    port = local_port(channel)
+    if port is None:
+        return
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=2.0).close()
+    except OSError as error:
+        raise ComponentError(
+            f"nothing listens at {channel}, the channel of [bench] ({error.strerror or error}); "
+            f"`inkloop bench emulate {scenario.source}` in another terminal starts the emulator there"
+        ) from error
+
+
+def log_devices(scenario: Scenario, console: Terminal, folder: Path) -> AbstractContextManager[None]:
+    """Shows messages of devices, if there are any. Raises ComponentError if their emulated bus is not running."""
+    kinds = {table.kind for table in scenario.tables.components.values()}
+    if not kinds.isdisjoint(devices.KINDS):
+        check_listening(scenario)
+    elif MAP_FOLDER not in kinds:
+        return nullcontext()
+    return live_words(console, folder)
