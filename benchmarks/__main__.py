@@ -9,7 +9,7 @@ import sys
 
 from rich.console import Console
 
-from benchmarks.names import NAMES, PRINTING
+from benchmarks import NAMES, PRINTING
 
 
 def main(arguments: list[str]) -> int:

@@ -7,8 +7,7 @@ from math import nan
 
 from rich.table import Table
 
-from benchmarks.prints import OPEN_LOOP, OURS, SCENARIOS, Case, Metrics, Wanted, column, figures, printed
-from benchmarks.target_table import Figure, table
+from benchmarks.prints import OPEN_LOOP, OURS, SCENARIOS, Case, Figure, Metrics, Wanted, column, figures, printed, table
 from inkloop_lab.score import board
 
 PITCH_UM = 263.256

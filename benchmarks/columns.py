@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 import tempfile
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from time import process_time
 
 import numpy as np
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
-from benchmarks.timing import scaled
+from benchmarks.timing import least, scaled, table_of
 from inkloop.geometry import Columns, load
 from inkloop.geometry.body import Body
 from inkloop.geometry.mesh import mesh_columns
@@ -28,27 +25,17 @@ from support.meshes import Triangles
 ROUNDS = 3
 SAMPLED = 200
 """Cells along each side that trimesh is asked for; its time is that of as many cells as the columns have."""
+HEADINGS = (
+    *("mesh", "triangles", "grid", "read to columns", "of it columns", "intervals", "open columns"),
+    *("volume / exact - 1", "membership of a cell", "trimesh + embreex / columns"),
+)
 EDGE = 10e-3
 """Of the grid [m]; the meshes have an edge of 8 mm."""
 
 
 def measure() -> Group:
     """Processor time, the least of some rounds."""
-    table = Table(title="mesh to columns, processor time")
-    for heading in (
-        *(
-            "mesh",
-            "triangles",
-            "grid",
-            "read to columns",
-            "of it columns",
-            "intervals",
-            "open columns",
-            "volume / exact - 1",
-        ),
-        *("membership of a cell", "trimesh + embreex / columns"),
-    ):
-        table.add_column(heading, justify="right")
+    table = table_of("mesh to columns, processor time", HEADINGS)
     has_embree = importlib.util.find_spec("embreex") is not None
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -81,13 +68,13 @@ def _meshes() -> dict[str, tuple[Triangles, float]]:
 
 def _row(path: Path, triangles: Triangles, volume: float, cells: int, compare: bool) -> list[str]:
     pitch = EDGE / cells
-    reading = _least(lambda: load(path, cells, cells, pitch, unit="mm"))
+    reading = least(lambda: load(path, cells, cells, pitch, unit="mm"), ROUNDS)
     bodies = [Body(triangles + np.array([EDGE / 2, EDGE / 2, 0.0]))]
-    filling = _least(lambda: mesh_columns(bodies, cells, cells, pitch))
+    filling = least(lambda: mesh_columns(bodies, cells, cells, pitch), ROUNDS)
     found = mesh_columns(bodies, cells, cells, pitch)
     low, high = triangles[..., 2].min(), triangles[..., 2].max()
     z = np.random.default_rng(1).uniform(low, high, (cells, cells))
-    asking = _least(lambda: found.columns.inside(z))
+    asking = least(lambda: found.columns.inside(z), ROUNDS)
     return [
         *(
             f"{len(triangles):,}",
@@ -114,16 +101,7 @@ def _trimesh(triangles: Triangles, columns: Columns, z: np.ndarray) -> float:
     points = MM_PER_M * np.stack([i * columns.pitch, j * columns.pitch, z[i, j]], axis=-1)
     ray = RayMeshIntersector(mesh)
     ray.contains_points(points[:1])  # builds its tree
-    return _least(lambda: ray.contains_points(points)) * cells**2 / len(points)
-
-
-def _least(call: Callable[[], object]) -> float:
-    times = []
-    for _ in range(ROUNDS):
-        begin = process_time()
-        call()
-        times.append(process_time() - begin)
-    return min(times)
+    return least(lambda: ray.contains_points(points), ROUNDS) * cells**2 / len(points)
 
 
 def _peak(path: Path, cells: int) -> float:

@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from time import process_time
-from typing import TypeVar
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.prints import SCENARIOS
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of, timed
 from inkloop.component import FloatMap, Job
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
-from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.criterion import Criterion, Work
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.work import Work
 
 CYLINDER = SCENARIOS / "cylinder.toml"
 VARIATION = 0.2  # of each droplet, at most
@@ -33,8 +30,6 @@ PLANNERS: dict[str, Callable[[Job], LayerMpc]] = {
     HORIZON_3: partial(LayerMpc, horizon=3, criterion=Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)),
 }
 """The first one prints; all plan from its scans."""
-
-T = TypeVar("T")
 
 
 @dataclass
@@ -55,9 +50,8 @@ def measure() -> Table:
     scans, patterns = _print(job)
     layers = len(scans)
     spent = {name: _replay(job, make(job), scans, patterns) for name, make in PLANNERS.items()}
-    table = Table(title=f"processor time of the controller per layer, cylinder of {layers - 1} layers, 20 % variation")
-    for heading in ("plans", "estimate", "plan", "both", "relative to the last row"):
-        table.add_column(heading, justify="left" if heading == "plans" else "right")
+    title = f"processor time of the controller per layer, cylinder of {layers - 1} layers, 20 % variation"
+    table = table_of(title, ("plans", "estimate", "plan", "both", "relative to the last row"), texts=1)
     for name, found in spent.items():
         times = (scaled(each / layers) for each in (found.estimator, found.planner, found.total))
         table.add_row(name, *times, f"{found.total / spent[HORIZON_3].total:.2f}")
@@ -88,16 +82,9 @@ def _replay(job: Job, controller: LayerMpc, scans: list[FloatMap], patterns: lis
     estimate, last = estimator.first(scans[0], seen), np.zeros((1, 0, 0), np.int32)
     for layer, scan in enumerate(scans):
         if layer > 0:
-            known = partial(estimator.next, estimate, patterns[layer - 1], layer, scan, seen)
-            estimate, seconds = _timed(known)
+            estimate, seconds, _ = timed(partial(estimator.next, estimate, patterns[layer - 1], layer, scan, seen))
             spent.estimator += seconds
-        plan, seconds = _timed(partial(controller.plan, estimate, layer, last))
+        plan, seconds, _ = timed(partial(controller.plan, estimate, layer, last))
         spent.planner += seconds
         last = plan.plan
     return spent
-
-
-def _timed(call: Callable[[], T]) -> tuple[T, float]:
-    began = process_time()
-    answer = call()
-    return answer, process_time() - began

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from time import perf_counter, process_time
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.time_limit import NOISE_M, VARIATION, block
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of, timed
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 
@@ -21,9 +19,8 @@ CELLS = 10_000_000  # estimated for each figure
 
 def measure() -> Table:
     """The least of many calls, in the middle of a print of one ink."""
-    table = Table(title="estimate after a scan, least of many; two threads have the same bits")
-    for heading in ("layers", "grid", "processor time", "per cell", "wall", "two threads, wall", "gain"):
-        table.add_column(heading, justify="left" if heading == "layers" else "right")
+    headings = ("layers", "grid", "processor time", "per cell", "wall", "two threads, wall", "gain")
+    table = table_of("estimate after a scan, least of many; two threads have the same bits", headings, texts=1)
     for layers, coverage in COVERAGES.items():
         for side in SIDES:
             processor, wall = _least(side, coverage)
@@ -53,11 +50,5 @@ def _least(side: int, coverage: float, threads: int = 1) -> tuple[float, float]:
         scan = height + NOISE_M * rng.standard_normal(height.shape)
         again = partial(estimator.next, estimate, pattern, layer, scan, seen)
         estimate = again()
-    times = [_taken(again) for _ in range(max(3, CELLS // side**2))]
-    return min(processor for processor, _ in times), min(wall for _, wall in times)
-
-
-def _taken(call: Callable[[], object]) -> tuple[float, float]:
-    processor, wall = process_time(), perf_counter()
-    call()
-    return process_time() - processor, perf_counter() - wall
+    times = [timed(again) for _ in range(max(3, CELLS // side**2))]
+    return min(each.processor_s for each in times), min(each.wall_s for each in times)

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
-from benchmarks.timing import scaled
-from inkloop_lab.models.grid_arrays import integers, reals
-from inkloop_lab.models.library import HEIGHT_COUNT, FarInkStruct, library
+from benchmarks.machine import arithmetic
+from benchmarks.timing import scaled, table_of
+from inkloop_lab.models.library import HEIGHT_COUNT, FarInkStruct, integers, library, reals
 from support.numpy.lu_numpy import INK, one_pass
 
 SIDES = (100, 500, 1000, 2048)
@@ -27,11 +26,12 @@ ROUNDS = 7
 
 def measure() -> Group:
     """Time per cell of a pass on a rough surface."""
-    loops, arithmetic = _numba_loops(), _arithmetic()
+    loops, operations = _numba_loops(), OPERATIONS / arithmetic()
     names = ["inkloop", *loops, "NumPy"]
-    table = Table(title="the layer map per cell: pattern half full at random, volumes at random; processor time")
-    for heading in ("grid", *names, "floor: memory", "arithmetic", *(f"{name} / inkloop" for name in names[1:])):
-        table.add_column(heading, justify="right")
+    table = table_of(
+        "the layer map per cell: pattern half full at random, volumes at random; processor time",
+        ("grid", *names, "floor: memory", "arithmetic", *(f"{name} / inkloop" for name in names[1:])),
+    )
     for side in SIDES:
         height, pattern, volume = _layer(side)
         calls = {"inkloop": _ours(height, pattern, volume)}
@@ -40,7 +40,7 @@ def measure() -> Group:
         calls["NumPy"] = lambda h=height, p=pattern, v=volume: one_pass(h, p, factor=v)
         times = _least(calls)
         cells = side * side
-        floors = (_stream(cells) * BYTES, arithmetic * OPERATIONS)
+        floors = (_stream(cells) * BYTES, operations)
         ratios = (f"{times[name] / times['inkloop']:.1f}" for name in names[1:])
         table.add_row(
             f"{side} x {side}",
@@ -100,13 +100,6 @@ def _stream(cells: int) -> float:
     source = np.ones(cells * BYTES // 16)
     target = np.empty_like(source)
     return _least({"copy": lambda: np.copyto(target, source)})["copy"] / (2 * source.nbytes)
-
-
-def _arithmetic() -> float:
-    """Seconds per operation of a product of matrices that stay in the cache."""
-    side = 128
-    one, product = np.ones((side, side)), np.empty((side, side))
-    return _least({"product": lambda: np.matmul(one, one, out=product)})["product"] / (2 * side**3)
 
 
 def _numba_loops() -> dict[str, Callable[..., object]]:

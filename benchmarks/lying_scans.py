@@ -9,7 +9,7 @@ import numpy as np
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.target_table import Figure
+from benchmarks.prints import Figure
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from support.lying_scans.case import Case
 from support.lying_scans.cases import CASES

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
-from time import process_time
 
 import numpy as np
 
+from benchmarks.timing import timed
 from inkloop.limits import GIB
 from inkloop.units import GIGA
 
@@ -60,13 +60,7 @@ def arithmetic() -> float:
 
 def _seconds(call: Callable[[], object]) -> float:
     call()
-    return median(_once(call) for _ in range(_ROUNDS))
-
-
-def _once(call: Callable[[], object]) -> float:
-    begin = process_time()
-    call()
-    return max(process_time() - begin, 1e-9)
+    return median(max(timed(call).processor_s, 1e-9) for _ in range(_ROUNDS))
 
 
 def _level() -> str:

@@ -16,7 +16,7 @@ from libcosimpy.CosimSlave import CosimLocalSlave
 from rich.console import Group
 from rich.table import Table
 
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of
 from inkloop.component import Component, Job, Port, Values
 from inkloop.course.wiring import contract_connections
 from inkloop.fmu import FmuComponent
@@ -40,17 +40,10 @@ def _against_others() -> Table:
 
     Of ours and libcosim's the steps alone, of FMPy's what `simulate_fmu` takes.
     """
-    table = Table(title=f"communication step, LayerDeposition {SIDE} x {SIDE}, {STEPS} steps, processor time")
-    for heading in (
-        "FMU",
-        "inkloop",
-        "of it the master, wall",
-        "FMPy",
-        "FMPy / inkloop",
-        "libcosim",
-        "libcosim / inkloop",
-    ):
-        table.add_column(heading, justify="right")
+    table = table_of(
+        f"communication step, LayerDeposition {SIDE} x {SIDE}, {STEPS} steps, processor time",
+        ("FMU", "inkloop", "of it the master, wall", "FMPy", "FMPy / inkloop", "libcosim", "libcosim / inkloop"),
+    )
     log_output_level(CosimLogLevel.ERROR)
     with tempfile.TemporaryDirectory() as folder:
         for fmi in ("3", "2"):
@@ -67,9 +60,10 @@ def _against_others() -> Table:
 
 def _own_share() -> Table:
     """Three components that cost nothing hand maps round; what remains is the master's and the recorder's."""
-    table = Table(title="the loop without its components: controller, printer and profiler hand over ready maps")
-    for heading in ("grid", "master per step", "per cell", "recorder per layer", "per cell"):
-        table.add_column(heading, justify="right")
+    table = table_of(
+        "the loop without its components: controller, printer and profiler hand over ready maps",
+        ("grid", "master per step", "per cell", "recorder per layer", "per cell"),
+    )
     for side in SIDES:
         master_s, recorder_s = _ready_maps(side)
         cells = side * side

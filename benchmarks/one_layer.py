@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from time import process_time
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from benchmarks.machine import arithmetic, bandwidths
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of, timed
 from inkloop.component import FloatMap, Ink
 from inkloop.units import UM_PER_M
 from inkloop_controller.core import bindings
-from inkloop_controller.model.starts import full_layers
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, full_layers
 from support.core_search import search
 
 SIDES = (20, 500, 2048)
@@ -42,11 +40,11 @@ def measure() -> Group:
     searches: dict[str, Search] = {"inkloop": _ours} | ({"Numba": _numba()} if _has_numba() else {})
     copy, _ = bandwidths()
     floors = (BYTES / copy, OPERATIONS / arithmetic())
-    table = Table(title="plan of one layer by flips and swaps, alpha 1, processor time of one core, least of some")
-    for heading in ("surface", *(f"{name}{what}" for name in searches for what in ("", ", um"))):
-        table.add_column(heading, justify="right")
-    for heading in ("floor: memory", "arithmetic", "Numba / inkloop"):
-        table.add_column(heading, justify="right")
+    columns = (f"{name}{what}" for name in searches for what in ("", ", um"))
+    table = table_of(
+        "plan of one layer by flips and swaps, alpha 1, processor time of one core, least of some",
+        ("surface", *columns, "floor: memory", "arithmetic", "Numba / inkloop"),
+    )
     for side in SIDES:
         for name, problem in (("rough", rough(side)), ("nearly flat", nearly_flat(side))):
             found = {each: _least(search, problem) for each, search in searches.items()}
@@ -91,12 +89,8 @@ def _ours(problem: HorizonProblem) -> IntPlan:
 
 def _least(search: Search, problem: HorizonProblem) -> tuple[float, float]:
     """Processor time [s] and objective [m]."""
-    times = []
-    for _ in range(ROUNDS):
-        begin = process_time()
-        plan = search(problem)
-        times.append(process_time() - begin)
-    return min(times), bindings.objective(problem, plan).value
+    found = [timed(partial(search, problem)) for _ in range(ROUNDS)]
+    return min(each.processor_s for each in found), bindings.objective(problem, found[-1].answer).value
 
 
 def _has_numba() -> bool:

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from time import perf_counter, process_time
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of, timed
 from inkloop.component import FloatMap, Job
 from inkloop.units import NS_PER_S
-from inkloop_controller.baselines.planners import nominal_layer_height
+from inkloop_controller.baseline_planners import nominal_layer_height
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Work
 
 SCANS = 50
 LIMITS_S = {100: 0.02, 300: 0.1, 1000: 0.8, 2048: 4.0}
@@ -46,9 +46,7 @@ class Answer:
 def measure(*, sides: tuple[int, ...] = SIDES, scans: int = SCANS) -> Table:
     """The worst of many scans of each grid."""
     title = f"time limit, from the scan to the pattern: worst of {scans} scans, N = {HORIZON}, one thread"
-    table = Table(title=title)
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
+    table = table_of(title, HEADINGS)
     for side in sides:
         limit = LIMITS_S.get(side, LIMITS_S[SIDES[-1]] * (side / SIDES[-1]) ** 2)
         found = list(track(answers(side, limit, scans), description=f"{side} x {side}", total=scans, transient=True))
@@ -87,11 +85,9 @@ def answers(side: int, limit: float, scans: int) -> Iterator[Answer]:
         factor = 1.0 + VARIATION * rng.uniform(-1.0, 1.0, height.shape)
         height = bindings.layer(height, np.asarray(pattern, np.int32), job.inks, factor=factor)
         scan = _scan(height + NOISE_M * rng.standard_normal(height.shape), layer)
-        wall, processor = perf_counter(), process_time()
-        outputs = controller.do_step(layer * NS_PER_S, NS_PER_S, scan)
-        taken = perf_counter() - wall, process_time() - processor
+        outputs, processor, wall = timed(partial(controller.do_step, layer * NS_PER_S, NS_PER_S, scan))
         pattern = outputs["pattern"]
-        yield Answer(*taken, list(PlanStatus)[int(outputs["plan_status"])], LeftOut(int(outputs["left_out"])))
+        yield Answer(wall, processor, list(PlanStatus)[int(outputs["plan_status"])], LeftOut(int(outputs["left_out"])))
 
 
 def _scan(surface: FloatMap, layer: int) -> dict[str, Any]:

@@ -6,14 +6,12 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
-from time import process_time
 
 from rich.console import Group
 from rich.progress import track
-from rich.table import Table
 from rich.text import Text
 
-from benchmarks.timing import scaled
+from benchmarks.timing import scaled, table_of, timed
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -45,9 +43,11 @@ def measure() -> Group:
     """Processor time per cell and layer, and what follows for printers, on one core."""
     _processor_s(CONTROLLERS["open loop"], LAYERS[0])  # the first print of a process also imports what it needs
     per_cell = {name: _per_cell(options) for name, options in track(CONTROLLERS.items(), "layer", transient=True)}
-    table = Table(title=f"a layer of a print of {SIDE} x {SIDE} cells into a folder, processor time of one core")
-    for heading in ("controller", "per cell", *(f"{name}\n{cells:,} cells" for name, cells in PRINTERS)):
-        table.add_column(heading, justify="left" if heading == "controller" else "right")
+    table = table_of(
+        f"a layer of a print of {SIDE} x {SIDE} cells into a folder, processor time of one core",
+        ("controller", "per cell", *(f"{name}\n{cells:,} cells" for name, cells in PRINTERS)),
+        texts=1,
+    )
     for name, seconds in per_cell.items():
         table.add_row(name, scaled(seconds), *(scaled(seconds * cells) for _, cells in PRINTERS))
     note = f"a part {HIGHEST} layers high: with five layers ahead every plan sees the end, where it takes longest"
@@ -81,6 +81,4 @@ def _processor_s(options: Mapping[str, object], layers: int) -> float:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
         Result.begin(folder, scenario.text, {})
-        begin = process_time()
-        print_part(scenario, folder=folder)
-        return process_time() - begin
+        return timed(lambda: print_part(scenario, folder=folder)).processor_s

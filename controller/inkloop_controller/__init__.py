@@ -11,22 +11,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
     from inkloop_controller.layer_controller import LayerController
-    from inkloop_controller.model.droplet_choices import DropletChoices
-    from inkloop_controller.model.layer_model import LayerModel
+    from inkloop_controller.model import DropletChoices, LayerModel
     from inkloop_controller.planning.layer_mpc import LayerMpc
     from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
-    from inkloop_controller.problem.criterion import Criterion
-    from inkloop_controller.problem.work import Work
+    from inkloop_controller.problem.criterion import Criterion, Work
 
 _MODULES = {
     "inkloop_controller.estimation.height_estimator": ("Estimate", "HeightEstimator"),
     "inkloop_controller.layer_controller": ("LayerController",),
-    "inkloop_controller.model.droplet_choices": ("DropletChoices",),
-    "inkloop_controller.model.layer_model": ("LayerModel",),
+    "inkloop_controller.model": ("DropletChoices", "LayerModel"),
     "inkloop_controller.planning.layer_mpc": ("LayerMpc",),
     "inkloop_controller.planning.layer_plan": ("LayerPlan", "PlanStatus"),
-    "inkloop_controller.problem.criterion": ("Criterion",),
-    "inkloop_controller.problem.work": ("Work",),
+    "inkloop_controller.problem.criterion": ("Criterion", "Work"),
 }
 """Module -> public names that are imported from it when they are first used."""
 

@@ -18,8 +18,7 @@ from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner, PlanStatus, gap_of
 from inkloop_controller.problem.arrays import is_finite
-from inkloop_controller.problem.options import errors_of, refuse
-from inkloop_controller.problem.variables import variables
+from inkloop_controller.problem.options import errors_of, refuse, variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
 """Consequence of scans that do not show what was printed."""

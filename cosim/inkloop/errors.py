@@ -26,6 +26,7 @@ EXTRAS: Mapping[str, tuple[str, str]] = {
     "gymnasium": ("gymnasium", "env"),
     "lib3mf": ("lib3mf", "3mf"),
     "matplotlib": ("matplotlib", "report"),
+    "odxtools": ("odxtools", "formats"),
     "optuna": ("optuna", "optimise"),
     "PIL": ("pillow", "formats"),
     "plotly": ("plotly", "report"),
@@ -41,6 +42,15 @@ EXTRAS: Mapping[str, tuple[str, str]] = {
 
 class InkloopError(Exception):
     """Anything that inkloop reports to the user as a message without a traceback."""
+
+    has_own_remedy = False
+    """Whether the message says how the print goes on, or that it does not: no general advice follows it then."""
+
+    @property
+    def remedy_is_said(self) -> bool:
+        """Whether it, or the error that caused it, has its own remedy."""
+        cause = self.__cause__
+        return self.has_own_remedy or (isinstance(cause, InkloopError) and cause.remedy_is_said)
 
 
 class ScenarioError(InkloopError):

@@ -53,14 +53,6 @@ fmi2Status fmi2_finish(const Component *component, Call call, const char *functi
     return report(component, function, outcome == REFUSED ? CALLS[call].refused : fmi2Error);
 }
 
-fmi2Status fmi2_unsupported(const Component *component, const char *function) {
-    if (!component)
-        return fmi2Error;
-    return fmi2_finish(component, UNSUPPORTED, function,
-                       misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml",
-                              FMU_MODEL->table->model));
-}
-
 const char *fmi2GetTypesPlatform(void) {
     return fmi2TypesPlatform;
 }
@@ -111,12 +103,8 @@ void fmi2FreeInstance(fmi2Component c) {
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories,
                                const fmi2String categories[]) {
-    const Component *component = c;
     (void)loggingOn; /* there are no debug messages */
-    if (fmi2_is_illegal(component, SET_DEBUG_LOGGING, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, SET_DEBUG_LOGGING, __func__,
-                       check_categories(component->core, nCategories, categories));
+    return ANSWER(c, SET_DEBUG_LOGGING, check_categories(core_of(c), nCategories, categories));
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
@@ -132,18 +120,11 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fm
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, ENTER_INITIALIZATION, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, ENTER_INITIALIZATION, __func__,
-                       instance_enter_initialization(component->core, instance_time(component->core)));
+    return ANSWER(c, ENTER_INITIALIZATION, instance_enter_initialization(core_of(c), instance_time(core_of(c))));
 }
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, EXIT_INITIALIZATION, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, EXIT_INITIALIZATION, __func__, instance_exit_initialization(component->core));
+    return ANSWER(c, EXIT_INITIALIZATION, instance_exit_initialization(core_of(c)));
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
@@ -155,75 +136,71 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 }
 
 fmi2Status fmi2Reset(fmi2Component c) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, RESET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, RESET, __func__, instance_reset(component->core));
+    return ANSWER(c, RESET, instance_reset(core_of(c)));
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize,
                       fmi2Boolean noSetFMUStatePriorToCurrentPoint) {
-    const Component *component = c;
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (fmi2_is_illegal(component, DO_STEP, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, DO_STEP, __func__,
-                       instance_do_step(component->core, currentCommunicationPoint, communicationStepSize));
+    return ANSWER(c, DO_STEP, instance_do_step(core_of(c), currentCommunicationPoint, communicationStepSize));
+}
+
+/* Calls without an effect, on no variables, are accepted; any other is an error. */
+static fmi2Status unsupported(const Component *component, const char *function, size_t count) {
+    if (count == 0 || !component)
+        return count == 0 ? fmi2OK : fmi2Error;
+    return fmi2_finish(component, UNSUPPORTED, function,
+                       misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml",
+                              FMU_MODEL->table->model));
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value) {
-    const Component *component = c;
-    if (!component || s != fmi2LastSuccessfulTime)
-        return fmi2_unsupported(component, __func__);
+    if (!c || s != fmi2LastSuccessfulTime)
+        return unsupported(c, __func__, 1);
     if (!value)
-        return fmi2_finish(component, UNSUPPORTED, __func__, missing(component->core, "value"));
-    *value = instance_time(component->core);
+        return ANSWER(c, UNSUPPORTED, missing(core_of(c), "value"));
+    *value = instance_time(core_of(c));
     return fmi2OK;
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value) {
     if (!c || s != fmi2Terminated)
-        return fmi2_unsupported(c, __func__);
+        return unsupported(c, __func__, 1);
     if (!value)
-        return fmi2_finish(c, UNSUPPORTED, __func__, missing(((const Component *)c)->core, "value"));
+        return ANSWER(c, UNSUPPORTED, missing(core_of(c), "value"));
     *value = fmi2False;
     return fmi2OK;
 }
 
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value) {
-    (void)s, (void)value;
-    return fmi2_unsupported(c, __func__);
-}
+#define OFFERS_NOTHING(Name, Parameters, count)                                                                        \
+    fmi2Status fmi2##Name Parameters {                                                                                 \
+        return unsupported(c, __func__, count);                                                                        \
+    }
 
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind s, fmi2Integer *value) {
-    (void)s, (void)value;
-    return fmi2_unsupported(c, __func__);
-}
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the functions below use their count at most */
+#elif defined(_MSC_VER)
+#pragma warning(disable : 4100)
+#endif
 
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind s, fmi2String *value) {
-    (void)s, (void)value;
-    return fmi2_unsupported(c, __func__);
-}
+typedef fmi2ValueReference Reference;
 
-fmi2Status fmi2CancelStep(fmi2Component c) {
-    return fmi2_unsupported(c, __func__);
-}
+OFFERS_NOTHING(GetStatus, (fmi2Component c, const fmi2StatusKind s, fmi2Status *value), 1)
+OFFERS_NOTHING(GetIntegerStatus, (fmi2Component c, const fmi2StatusKind s, fmi2Integer *value), 1)
+OFFERS_NOTHING(GetStringStatus, (fmi2Component c, const fmi2StatusKind s, fmi2String *value), 1)
+OFFERS_NOTHING(CancelStep, (fmi2Component c), 1)
+OFFERS_NOTHING(GetDirectionalDerivative,
+               (fmi2Component c, const Reference u[], size_t nu, const Reference k[], size_t nk, const fmi2Real dk[],
+                fmi2Real du[]),
+               1)
+OFFERS_NOTHING(SetRealInputDerivatives,
+               (fmi2Component c, const Reference r[], size_t n, const fmi2Integer o[], const fmi2Real v[]), n)
+OFFERS_NOTHING(GetRealOutputDerivatives,
+               (fmi2Component c, const Reference r[], size_t n, const fmi2Integer o[], fmi2Real v[]), n)
+OFFERS_NOTHING(GetString, (fmi2Component c, const Reference r[], size_t n, fmi2String v[]), n)
+OFFERS_NOTHING(SetString, (fmi2Component c, const Reference r[], size_t n, const fmi2String v[]), n)
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
-                                        const fmi2ValueReference vKnown_ref[], size_t nKnown, const fmi2Real dvKnown[],
-                                        fmi2Real dvUnknown[]) {
-    (void)vUnknown_ref, (void)nUnknown, (void)vKnown_ref, (void)nKnown, (void)dvKnown, (void)dvUnknown;
-    return fmi2_unsupported(c, __func__);
-}
-
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
-                                       const fmi2Integer order[], const fmi2Real value[]) {
-    (void)vr, (void)order, (void)value;
-    return nvr == 0 ? fmi2OK : fmi2_unsupported(c, __func__);
-}
-
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
-                                        const fmi2Integer order[], fmi2Real value[]) {
-    (void)vr, (void)order, (void)value;
-    return nvr == 0 ? fmi2OK : fmi2_unsupported(c, __func__);
-}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif

@@ -34,7 +34,13 @@ bool fmi2_is_illegal(const Component *component, Call call, const char *function
 /* The status of an outcome; logs the kept message if it was not accepted. */
 fmi2Status fmi2_finish(const Component *component, Call call, const char *function, Outcome outcome);
 
-/* Logs an error and returns its status: a call that these models do not support. */
-fmi2Status fmi2_unsupported(const Component *component, const char *function);
+/* The answer to a call: an error if it is not legal in the present mode, else the status of `outcome`, which is
+ * evaluated only then. */
+#define ANSWER(component, call, outcome)                                                                               \
+    (fmi2_is_illegal(component, call, __func__) ? fmi2Error : fmi2_finish(component, call, __func__, outcome))
+
+static inline Instance *core_of(const Component *component) {
+    return component->core;
+}
 
 #endif

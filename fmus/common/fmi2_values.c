@@ -3,23 +3,6 @@
 #include "snapshot.h"
 #include "values.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, GET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, GET, __func__, get_values(component->core, TYPE_REAL, vr, nvr, value, nvr));
-}
-
-fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, SET, __func__, set_values(component->core, TYPE_REAL, vr, nvr, value, nvr));
-}
-
 /* Reads values in the narrow types of FMI 2: one integer type for integers, enumerations and counts; fmi2Boolean is an
  * int. */
 static Outcome get_narrow(Instance *instance, bool is_boolean, const fmi2ValueReference vr[], size_t nvr, int value[]) {
@@ -81,107 +64,42 @@ static Outcome set_narrow(Instance *instance, bool is_boolean, const fmi2ValueRe
     return ACCEPTED;
 }
 
-fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, GET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, GET, __func__, get_narrow(component->core, false, vr, nvr, value));
-}
+#define ACCESS(Name, get, set)                                                                                         \
+    fmi2Status fmi2Get##Name(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2##Name value[]) {         \
+        return ANSWER(c, GET, get);                                                                                    \
+    }                                                                                                                  \
+    fmi2Status fmi2Set##Name(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2##Name value[]) {   \
+        return ANSWER(c, SET, set);                                                                                    \
+    }
 
-fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, SET, __func__, set_narrow(component->core, false, vr, nvr, value));
-}
-
-fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Boolean value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, GET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, GET, __func__, get_narrow(component->core, true, vr, nvr, value));
-}
-
-fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Boolean value[]) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SET, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, SET, __func__, set_narrow(component->core, true, vr, nvr, value));
-}
-
-fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]) {
-    (void)vr, (void)value;
-    return nvr == 0 ? fmi2OK : fmi2_unsupported(c, __func__);
-}
-
-fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]) {
-    (void)vr, (void)value;
-    return nvr == 0 ? fmi2OK : fmi2_unsupported(c, __func__);
-}
+ACCESS(Real, get_values(core_of(c), TYPE_REAL, vr, nvr, value, nvr),
+       set_values(core_of(c), TYPE_REAL, vr, nvr, value, nvr))
+ACCESS(Integer, get_narrow(core_of(c), false, vr, nvr, value), set_narrow(core_of(c), false, vr, nvr, value))
+ACCESS(Boolean, get_narrow(core_of(c), true, vr, nvr, value), set_narrow(core_of(c), true, vr, nvr, value))
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, GET_STATE, __func__))
-        return fmi2Error;
-    if (!FMUstate)
-        return fmi2_finish(component, GET_STATE, __func__, missing(component->core, "FMUstate"));
-    Snapshot *snapshot = *FMUstate;
-    const Outcome outcome = snapshot_take(component->core, &snapshot);
-    *FMUstate = snapshot;
-    return fmi2_finish(component, GET_STATE, __func__, outcome);
+    return ANSWER(c, GET_STATE, snapshot_take(core_of(c), FMUstate));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SET_STATE, __func__))
-        return fmi2Error;
-    return fmi2_finish(component, SET_STATE, __func__, snapshot_restore(component->core, FMUstate));
+    return ANSWER(c, SET_STATE, snapshot_restore(core_of(c), FMUstate));
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
     (void)c;
-    if (FMUstate) {
-        free(*FMUstate);
-        *FMUstate = NULL;
-    }
+    snapshot_free(FMUstate);
     return fmi2OK;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi2Error;
-    if (!FMUstate || !size)
-        return fmi2_finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUstate or size"));
-    *size = ((const Snapshot *)FMUstate)->size;
-    return fmi2OK;
+    return ANSWER(c, SERIALIZE_STATE, snapshot_size(core_of(c), FMUstate, size));
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size) {
-    const Component *component = c;
-    const Snapshot *snapshot = FMUstate;
-    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi2Error;
-    if (!snapshot || !serializedState)
-        return fmi2_finish(component, SERIALIZE_STATE, __func__,
-                           missing(component->core, "FMUstate or serializedState"));
-    if (size < snapshot->size)
-        return fmi2_finish(component, SERIALIZE_STATE, __func__,
-                           misuse(component->core, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
-                                  (unsigned long)snapshot->size));
-    memcpy(serializedState, snapshot->bytes, snapshot->size);
-    return fmi2OK;
+    return ANSWER(c, SERIALIZE_STATE, snapshot_to_bytes(core_of(c), FMUstate, serializedState, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size,
                                    fmi2FMUstate *FMUstate) {
-    const Component *component = c;
-    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi2Error;
-    if (!FMUstate)
-        return fmi2_finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUstate"));
-    Snapshot *snapshot = *FMUstate;
-    const Outcome outcome = snapshot_from_bytes(component->core, serializedState, size, &snapshot);
-    *FMUstate = snapshot;
-    return fmi2_finish(component, SERIALIZE_STATE, __func__, outcome);
+    return ANSWER(c, SERIALIZE_STATE, snapshot_from_bytes(core_of(c), serializedState, size, FMUstate));
 }

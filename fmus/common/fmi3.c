@@ -97,43 +97,26 @@ void fmi3FreeInstance(fmi3Instance instance) {
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories,
                                const fmi3String categories[]) {
-    const Component *component = instance;
     (void)loggingOn; /* there are no debug messages */
-    if (fmi3_is_illegal(component, SET_DEBUG_LOGGING, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, SET_DEBUG_LOGGING, __func__,
-                       check_categories(component->core, nCategories, categories));
+    return ANSWER(instance, SET_DEBUG_LOGGING, check_categories(core_of(instance), nCategories, categories));
 }
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
-    const Component *component = instance;
-    if (fmi3_is_illegal(component, ENTER_CONFIGURATION, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, ENTER_CONFIGURATION, __func__, instance_enter_configuration(component->core));
+    return ANSWER(instance, ENTER_CONFIGURATION, instance_enter_configuration(core_of(instance)));
 }
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
-    const Component *component = instance;
-    if (fmi3_is_illegal(component, EXIT_CONFIGURATION, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, EXIT_CONFIGURATION, __func__, instance_exit_configuration(component->core));
+    return ANSWER(instance, EXIT_CONFIGURATION, instance_exit_configuration(core_of(instance)));
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
                                        fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
-    const Component *component = instance;
     (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
-    if (fmi3_is_illegal(component, ENTER_INITIALIZATION, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, ENTER_INITIALIZATION, __func__,
-                       instance_enter_initialization(component->core, startTime));
+    return ANSWER(instance, ENTER_INITIALIZATION, instance_enter_initialization(core_of(instance), startTime));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
-    const Component *component = instance;
-    if (fmi3_is_illegal(component, EXIT_INITIALIZATION, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, EXIT_INITIALIZATION, __func__, instance_exit_initialization(component->core));
+    return ANSWER(instance, EXIT_INITIALIZATION, instance_exit_initialization(core_of(instance)));
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
@@ -145,10 +128,7 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
-    const Component *component = instance;
-    if (fmi3_is_illegal(component, RESET, __func__))
-        return fmi3Error;
-    return fmi3_finish(component, RESET, __func__, instance_reset(component->core));
+    return ANSWER(instance, RESET, instance_reset(core_of(instance)));
 }
 
 fmi3Status fmi3EnterStepMode(fmi3Instance instance) {

@@ -106,17 +106,48 @@ static Outcome copy_state(Instance *instance, Snapshot **snapshot) {
     return ACCEPTED;
 }
 
-Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
+Outcome snapshot_take(Instance *instance, void **state) {
     Header header;
-    if (copy_state(instance, snapshot) != ACCEPTED)
+    Snapshot *snapshot = state ? *state : NULL;
+    if (!state)
+        return missing(instance, "the place for a state");
+    if (copy_state(instance, &snapshot) != ACCEPTED)
         return MISUSED;
-    memcpy(&header, (*snapshot)->bytes, sizeof header);
-    header.checksum = checksum_of((*snapshot)->bytes, (*snapshot)->size);
-    memcpy((*snapshot)->bytes, &header, sizeof header);
+    memcpy(&header, snapshot->bytes, sizeof header);
+    header.checksum = checksum_of(snapshot->bytes, snapshot->size);
+    memcpy(snapshot->bytes, &header, sizeof header);
+    *state = snapshot;
     return ACCEPTED;
 }
 
-Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
+void snapshot_free(void **state) {
+    if (state) {
+        free(*state);
+        *state = NULL;
+    }
+}
+
+Outcome snapshot_size(Instance *instance, const void *state, size_t *size) {
+    const Snapshot *snapshot = state;
+    if (!snapshot || !size)
+        return missing(instance, "the state or the place for its size");
+    *size = snapshot->size;
+    return ACCEPTED;
+}
+
+Outcome snapshot_to_bytes(Instance *instance, const void *state, void *bytes, size_t size) {
+    const Snapshot *snapshot = state;
+    if (!snapshot || !bytes)
+        return missing(instance, "the state or the buffer for it");
+    if (size < snapshot->size)
+        return misuse(instance, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
+                      (unsigned long)snapshot->size);
+    memcpy(bytes, snapshot->bytes, snapshot->size);
+    return ACCEPTED;
+}
+
+Outcome snapshot_restore(Instance *instance, const void *state) {
+    const Snapshot *snapshot = state;
     if (!snapshot)
         return misuse(instance, "there is no state to restore");
     const Outcome outcome = check_snapshot(instance, snapshot->bytes, snapshot->size);
@@ -136,17 +167,17 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
     return ACCEPTED;
 }
 
-Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot) {
-    Outcome outcome = check_snapshot(instance, bytes, size);
+Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, void **state) {
+    Outcome outcome = state ? check_snapshot(instance, bytes, size) : missing(instance, "the place for a state");
     if (outcome == ACCEPTED)
         outcome = check_checksum(instance, bytes, size);
     if (outcome != ACCEPTED)
         return outcome;
-    Snapshot *taken = sized(*snapshot, size);
+    Snapshot *taken = sized(*state, size);
     if (!taken)
         return misuse(instance, "no memory for a state of %lu bytes", (unsigned long)size);
     memcpy(taken->bytes, bytes, size);
-    *snapshot = taken;
+    *state = taken;
     return ACCEPTED;
 }
 

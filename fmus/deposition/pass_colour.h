@@ -1,10 +1,16 @@
-/* The order in which the four passes of a layer jet their colours. */
+/* The 2x2 colouring of a layer of four passes (Lu et al. 2015, section V-D): each pass jets the cells of one colour. */
 #ifndef INKLOOP_PASS_COLOUR_H
 #define INKLOOP_PASS_COLOUR_H
 
+#include <stddef.h>
 #include <stdint.h>
 
-#include "cell_colour.h"
+enum { COLOUR_ALL = -1, COLOURS = 4 }; /* COLOUR_ALL: the colour of a pass that jets every cell */
+
+/* Colour 0 to 3 of cell (i, j). */
+static inline int cell_colour(size_t i, size_t j) {
+    return (int)(2 * (i % 2) + j % 2);
+}
 
 typedef struct {
     int32_t passes;   /* 1 or 4 */

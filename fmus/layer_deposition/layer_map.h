@@ -7,10 +7,7 @@
 
 #include "droplet_pass.h"
 
-enum {
-    FOOTPRINT = 9,
-    CENTRE = 4
-}; /* cells that a droplet reaches: number 3 * (di + 1) + (dj + 1) is (i + di, j + dj) */
+enum { FOOTPRINT = 9 }; /* cells that a droplet reaches: number 3 * (di + 1) + (dj + 1) is (i + di, j + dj) */
 
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);

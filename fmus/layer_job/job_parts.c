@@ -10,7 +10,6 @@
 #include "young_laplace_deposition_variables.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { MODELS_OF_ROLE = 4 };
@@ -81,11 +80,11 @@ Outcome create_parts(Instance *job, const Model *const models[PARTS], JobParts *
 static Outcome restore_part(Instance *job, const JobParts *parts, PartRole role, const unsigned char *bytes,
                             size_t size) {
     Instance *part = parts->part[role];
-    Snapshot *snapshot = NULL;
+    void *snapshot = NULL;
     Outcome outcome = snapshot_from_bytes(part, bytes, size, &snapshot);
     if (outcome == ACCEPTED)
         outcome = snapshot_restore(part, snapshot);
-    free(snapshot);
+    snapshot_free(&snapshot);
     return outcome == ACCEPTED ? ACCEPTED : refuse_for_part(job, parts, role);
 }
 
@@ -118,19 +117,20 @@ Outcome open_parts(Instance *job, JobParts *parts) {
 }
 
 Outcome keep_parts(Instance *job, const JobParts *parts) {
-    Snapshot *snapshots[PARTS] = {NULL};
+    void *snapshots[PARTS] = {NULL};
     Contents contents;
     size_t total = sizeof contents;
     Outcome outcome = ACCEPTED;
     memset(&contents, 0, sizeof contents);
     for (int role = 0; role < PARTS && outcome == ACCEPTED; role++) {
-        if (snapshot_take(parts->part[role], &snapshots[role]) != ACCEPTED) {
+        size_t size = 0;
+        if (snapshot_take(parts->part[role], &snapshots[role]) != ACCEPTED)
             outcome = refuse_for_part(job, parts, (PartRole)role);
-            break;
-        }
-        contents.size[role] = snapshots[role]->size;
+        else
+            snapshot_size(job, snapshots[role], &size);
+        contents.size[role] = size;
         contents.model[role] = number_in_role((PartRole)role, parts->part[role]->model);
-        total += snapshots[role]->size;
+        total += size;
     }
     unsigned char *bytes = outcome == ACCEPTED ? kept_memory(job, total) : NULL;
     if (outcome == ACCEPTED && !bytes)
@@ -141,10 +141,10 @@ Outcome keep_parts(Instance *job, const JobParts *parts) {
     }
     for (int role = 0; role < PARTS; role++) {
         if (bytes) {
-            memcpy(bytes, snapshots[role]->bytes, snapshots[role]->size);
-            bytes += snapshots[role]->size;
+            snapshot_to_bytes(job, snapshots[role], bytes, (size_t)contents.size[role]);
+            bytes += contents.size[role];
         }
-        free(snapshots[role]);
+        snapshot_free(&snapshots[role]);
     }
     return outcome;
 }
@@ -160,10 +160,6 @@ size_t variable_of(const Instance *instance, const char *name) {
 const void *read_part(const JobParts *parts, PartRole role, const char *name) {
     Instance *part = parts->part[role];
     return values_of(part, variable_of(part, name));
-}
-
-double part_real(const JobParts *parts, PartRole role, const char *name) {
-    return *(const double *)read_part(parts, role, name);
 }
 
 int32_t part_integer(const JobParts *parts, PartRole role, const char *name) {

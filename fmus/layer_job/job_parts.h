@@ -32,7 +32,6 @@ size_t variable_of(const Instance *instance, const char *name);
 
 /* Values of a variable of a part. */
 const void *read_part(const JobParts *parts, PartRole role, const char *name);
-double part_real(const JobParts *parts, PartRole role, const char *name);
 int32_t part_integer(const JobParts *parts, PartRole role, const char *name);
 
 /* Sets a variable of a part, checked as an importer's value would be; a refusal becomes the message of the job. */

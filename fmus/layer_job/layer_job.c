@@ -4,10 +4,10 @@
 #include "job_parts.h"
 #include "layer_job_variables.h"
 #include "resources.h"
-#include "surface_error.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { CONTROLLER_DONE = 2 };
 enum { STATUS_IDLE = 0, STATUS_PRINTING = 1, STATUS_DONE = 2, STATUS_UNTRUSTED = 4 };
@@ -34,28 +34,46 @@ static void publish_course(const LayerJobVariables *v, const Course *course) {
     *v->periods = course->periods;
 }
 
-static void publish(const LayerJobVariables *v, const JobParts *parts, const Course *course) {
-    const SurfaceError error =
-        surface_error(read_part(parts, PRINTER, "height"), read_part(parts, CONTROLLER, "target_height"),
-                      read_part(parts, CONTROLLER, "mask"), (size_t)(*v->nx * *v->ny));
-    *v->mean_error = error.mean;
-    *v->mae = error.mean_absolute;
-    *v->std = error.deviation;
-    *v->layers_printed = part_integer(parts, PRINTER, "layers_printed");
-    *v->layers_scanned = part_integer(parts, PROFILER, "layers_scanned");
-    *v->height_mean = part_real(parts, PRINTER, "height_mean");
-    *v->droplets_a = part_integer(parts, PRINTER, "droplets_a");
-    *v->droplets_b = part_integer(parts, PRINTER, "droplets_b");
-    *v->volume_lost = part_real(parts, PRINTER, "volume_lost");
-    *v->objective = part_real(parts, CONTROLLER, "objective");
-    *v->volume_scale = part_real(parts, CONTROLLER, "volume_scale");
-    *v->dead_cells = part_integer(parts, CONTROLLER, "dead_cells");
-    *v->untrusted_cells = part_integer(parts, CONTROLLER, "untrusted_cells");
-    *v->untrusted_reasons = part_integer(parts, CONTROLLER, "untrusted_reasons");
-    *v->capped_cells = part_integer(parts, CONTROLLER, "capped_cells");
-    *v->scan_shift_x = part_real(parts, CONTROLLER, "scan_shift_x");
-    *v->scan_shift_y = part_real(parts, CONTROLLER, "scan_shift_y");
-    *v->scan_spot_radius = part_real(parts, CONTROLLER, "scan_spot_radius");
+/* Outputs of the parts that the job shows under the same names. */
+static const struct {
+    PartRole role;
+    const char *name;
+} SHOWN[] = {{PRINTER, "layers_printed"},     {PROFILER, "layers_scanned"}, {PRINTER, "height_mean"},
+             {PRINTER, "droplets_a"},         {PRINTER, "droplets_b"},      {PRINTER, "volume_lost"},
+             {CONTROLLER, "objective"},       {CONTROLLER, "volume_scale"}, {CONTROLLER, "dead_cells"},
+             {CONTROLLER, "untrusted_cells"}, {CONTROLLER, "capped_cells"}, {CONTROLLER, "untrusted_reasons"},
+             {CONTROLLER, "scan_shift_x"},    {CONTROLLER, "scan_shift_y"}, {CONTROLLER, "scan_spot_radius"}};
+
+/* Error of the surface against the target, over the cells of the part; 0 for no cell. */
+static void publish_error(const LayerJobVariables *v, const JobParts *parts) {
+    const double *height = read_part(parts, PRINTER, "height"), *target = read_part(parts, CONTROLLER, "target_height");
+    const bool *part = read_part(parts, CONTROLLER, "mask");
+    const size_t cells = (size_t)(*v->nx * *v->ny);
+    double sum = 0.0, absolute = 0.0, squares = 0.0, count = 0.0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        if (part[cell]) {
+            sum += target[cell] - height[cell];
+            absolute += fabs(target[cell] - height[cell]);
+            count += 1.0;
+        }
+    }
+    const double mean = count > 0.0 ? sum / count : 0.0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double apart = target[cell] - height[cell] - mean;
+        squares += part[cell] ? apart * apart : 0.0;
+    }
+    *v->mean_error = mean;
+    *v->mae = count > 0.0 ? absolute / count : 0.0;
+    *v->std = count > 0.0 ? sqrt(squares / count) : 0.0;
+}
+
+static void publish(Instance *job, const LayerJobVariables *v, const JobParts *parts, const Course *course) {
+    for (size_t k = 0; k < sizeof SHOWN / sizeof *SHOWN; k++) {
+        const size_t own = variable_of(job, SHOWN[k].name);
+        memcpy(values_of(job, own), read_part(parts, SHOWN[k].role, SHOWN[k].name),
+               value_size(job->model->table->variables[own].type));
+    }
+    publish_error(v, parts);
     publish_course(v, course);
 }
 
@@ -185,7 +203,7 @@ static void calculate(Instance *instance) {
         return;
     for (int role = 0; role < PARTS; role++)
         parts.part[role]->model->calculate(parts.part[role]);
-    publish(&v, &parts, &course);
+    publish(instance, &v, &parts, &course);
     close_parts(&parts);
 }
 
@@ -208,7 +226,7 @@ static Outcome initialize(Instance *instance) {
     if (outcome == ACCEPTED)
         outcome = keep_parts(instance, &parts);
     if (outcome == ACCEPTED)
-        publish(&v, &parts, &course);
+        publish(instance, &v, &parts, &course);
     close_parts(&parts);
     return outcome;
 }
@@ -227,7 +245,7 @@ static Outcome print_until(Instance *instance, const LayerJobVariables *v, Cours
     if (outcome == ACCEPTED)
         outcome = keep_parts(instance, &parts);
     if (outcome == ACCEPTED)
-        publish(v, &parts, course);
+        publish(instance, v, &parts, course);
     close_parts(&parts);
     return outcome;
 }

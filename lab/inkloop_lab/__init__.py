@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from inkloop_lab.environment.layer_env import LayerEnv
-    from inkloop_lab.errors import IdentificationError
+    from inkloop_lab.identify.print_record import IdentificationError
 
 _MODULES = {
     "inkloop_lab.environment.layer_env": ("LayerEnv",),
-    "inkloop_lab.errors": ("IdentificationError",),
+    "inkloop_lab.identify.print_record": ("IdentificationError",),
 }
 """Module -> public names that are imported from it when they are first used."""
 

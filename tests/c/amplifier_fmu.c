@@ -100,6 +100,37 @@ static int copy_state(Instance *instance, void **copy) {
     return OK;
 }
 
+/* Calls that save and restore the state, alike in both versions but for their names. */
+#define STATES(fmi, Noun, Deserialize)                                                                                 \
+    int fmi##Get##Noun(Instance *instance, void **state) {                                                             \
+        return copy_state(instance, state);                                                                            \
+    }                                                                                                                  \
+    int fmi##Set##Noun(Instance *instance, const void *state) {                                                        \
+        memcpy(&instance->state, state, sizeof(State));                                                                \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    int fmi##Free##Noun(Instance *instance, void **state) {                                                            \
+        (void)instance;                                                                                                \
+        free(*state);                                                                                                  \
+        *state = NULL;                                                                                                 \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    int fmi##Serialized##Noun##Size(Instance *instance, const void *state, size_t *size) {                             \
+        (void)instance, (void)state;                                                                                   \
+        *size = sizeof(State);                                                                                         \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    int fmi##Serialize##Noun(Instance *instance, const void *state, void *bytes, size_t size) {                        \
+        (void)instance;                                                                                                \
+        memcpy(bytes, state, size);                                                                                    \
+        return OK;                                                                                                     \
+    }                                                                                                                  \
+    int fmi##Deserialize##Noun(Instance *instance, const void *bytes, size_t size, void **state) {                     \
+        copy_state(instance, state);                                                                                   \
+        memcpy(*state, bytes, size);                                                                                   \
+        return OK;                                                                                                     \
+    }
+
 #define DONE_NOTHING(name)                                                                                             \
     int name(void) {                                                                                                   \
         return OK;                                                                                                     \
@@ -108,6 +139,8 @@ static int copy_state(Instance *instance, void **copy) {
     int name(void) {                                                                                                   \
         return ERROR;                                                                                                  \
     }
+
+#define NEITHER_GET_NOR_SET(Name) NOT_OFFERED(fmi3Get##Name) NOT_OFFERED(fmi3Set##Name)
 
 #if FMI == 2
 
@@ -176,34 +209,7 @@ int fmi2GetBooleanStatus(Instance *instance, int kind, int32_t *value) {
     *value = instance->has_ended;
     return kind == 3 ? OK : DISCARD;
 }
-int fmi2GetFMUstate(Instance *instance, void **state) {
-    return copy_state(instance, state);
-}
-int fmi2SetFMUstate(Instance *instance, const void *state) {
-    memcpy(&instance->state, state, sizeof(State));
-    return OK;
-}
-int fmi2FreeFMUstate(Instance *instance, void **state) {
-    (void)instance;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
-int fmi2SerializedFMUstateSize(Instance *instance, const void *state, size_t *size) {
-    (void)instance, (void)state;
-    *size = sizeof(State);
-    return OK;
-}
-int fmi2SerializeFMUstate(Instance *instance, const void *state, void *bytes, size_t size) {
-    (void)instance;
-    memcpy(bytes, state, size);
-    return OK;
-}
-int fmi2DeSerializeFMUstate(Instance *instance, const void *bytes, size_t size, void **state) {
-    copy_state(instance, state);
-    memcpy(*state, bytes, size);
-    return OK;
-}
+STATES(fmi2, FMUstate, DeSerialize)
 DONE_NOTHING(fmi2SetupExperiment)
 DONE_NOTHING(fmi2EnterInitializationMode)
 DONE_NOTHING(fmi2ExitInitializationMode)
@@ -302,34 +308,7 @@ int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, b
 int fmi3Terminate(Instance *instance) {
     return end(instance);
 }
-int fmi3GetFMUState(Instance *instance, void **state) {
-    return copy_state(instance, state);
-}
-int fmi3SetFMUState(Instance *instance, const void *state) {
-    memcpy(&instance->state, state, sizeof(State));
-    return OK;
-}
-int fmi3FreeFMUState(Instance *instance, void **state) {
-    (void)instance;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
-int fmi3SerializedFMUStateSize(Instance *instance, const void *state, size_t *size) {
-    (void)instance, (void)state;
-    *size = sizeof(State);
-    return OK;
-}
-int fmi3SerializeFMUState(Instance *instance, const void *state, void *bytes, size_t size) {
-    (void)instance;
-    memcpy(bytes, state, size);
-    return OK;
-}
-int fmi3DeserializeFMUState(Instance *instance, const void *bytes, size_t size, void **state) {
-    copy_state(instance, state);
-    memcpy(*state, bytes, size);
-    return OK;
-}
+STATES(fmi3, FMUState, Deserialize)
 int fmi3EnterConfigurationMode(Instance *instance) {
     instance->is_configured = true;
     return OK;
@@ -364,38 +343,26 @@ NOT_OFFERED(fmi3GetNumberOfEventIndicators)
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies)
 NOT_OFFERED(fmi3GetVariableDependencies)
 NOT_OFFERED(fmi3SetTime)
-NOT_OFFERED(fmi3GetBinary)
-NOT_OFFERED(fmi3SetBinary)
-NOT_OFFERED(fmi3GetClock)
-NOT_OFFERED(fmi3SetClock)
+NEITHER_GET_NOR_SET(Binary)
+NEITHER_GET_NOR_SET(Clock)
 NOT_OFFERED(fmi3GetString)
 int fmi3SetString(Instance *instance, const uint32_t *reference, size_t count, const char *const *text, size_t values) {
     (void)reference, (void)count, (void)values;
     snprintf(instance->label, TEXT_MAX, "%s", text[0]);
     return OK;
 }
-NOT_OFFERED(fmi3GetFloat32)
-NOT_OFFERED(fmi3SetFloat32)
-NOT_OFFERED(fmi3GetInt8)
-NOT_OFFERED(fmi3SetInt8)
-NOT_OFFERED(fmi3GetUInt8)
-NOT_OFFERED(fmi3SetUInt8)
-NOT_OFFERED(fmi3GetInt16)
-NOT_OFFERED(fmi3SetInt16)
-NOT_OFFERED(fmi3GetUInt16)
-NOT_OFFERED(fmi3SetUInt16)
+NEITHER_GET_NOR_SET(Float32)
+NEITHER_GET_NOR_SET(Int8)
+NEITHER_GET_NOR_SET(UInt8)
+NEITHER_GET_NOR_SET(Int16)
+NEITHER_GET_NOR_SET(UInt16)
 NOT_OFFERED(fmi3SetInt32)
-NOT_OFFERED(fmi3GetUInt32)
-NOT_OFFERED(fmi3SetUInt32)
+NEITHER_GET_NOR_SET(UInt32)
 NOT_OFFERED(fmi3GetInt64)
 NOT_OFFERED(fmi3GetUInt64)
-NOT_OFFERED(fmi3GetIntervalDecimal)
-NOT_OFFERED(fmi3SetIntervalDecimal)
-NOT_OFFERED(fmi3GetIntervalFraction)
-NOT_OFFERED(fmi3SetIntervalFraction)
-NOT_OFFERED(fmi3GetShiftDecimal)
-NOT_OFFERED(fmi3SetShiftDecimal)
-NOT_OFFERED(fmi3GetShiftFraction)
-NOT_OFFERED(fmi3SetShiftFraction)
+NEITHER_GET_NOR_SET(IntervalDecimal)
+NEITHER_GET_NOR_SET(IntervalFraction)
+NEITHER_GET_NOR_SET(ShiftDecimal)
+NEITHER_GET_NOR_SET(ShiftFraction)
 
 #endif

@@ -6,6 +6,7 @@
 #include "node_frames.h"
 
 BenchOptions *probe_options(void);
+Node *probe_node(Bench *bench, int node);
 void probe_tick(Bench *bench, uint32_t now);
 double *probe_surface(Bench *bench);
 uint8_t *probe_storage(Bench *bench, int node);
@@ -13,6 +14,11 @@ void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 void probe_wear(Bench *bench, int node);
 uint32_t probe_count(Bench *bench, int what);
+void probe_refuse_slots(Bench *bench, int node, uint32_t from, uint32_t to);
+void probe_decay(Bench *bench, int node, uint32_t offset);
+void probe_memory(Bench *bench, int node, uint32_t sectors, uint32_t sector_bytes, uint32_t write_unit);
+void probe_restore(Bench *bench, int node);
+void probe_erase_slowly(Bench *bench, int node, uint32_t milliseconds);
 void probe_refuse_work(Bench *bench, int node);
 void probe_light_while_recording(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
@@ -31,30 +37,34 @@ BenchOptions *probe_options(void) {
     return &options;
 }
 
+Node *probe_node(Bench *bench, int node) {
+    return &bench->node[node];
+}
+
 /* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */
 void probe_tick(Bench *bench, uint32_t now) {
-    world_tick(bench_world(bench), now);
+    world_tick(&bench->world, now);
     for (int node = 0; node < bench_node_count(bench); node++) {
         if (bench_watchdog_bites(bench, node, now))
             bench_power_up(bench, node, now);
-        node_tick(bench_node(bench, node), now);
+        node_tick(&bench->node[node], now);
     }
 }
 
 double *probe_surface(Bench *bench) {
-    return bench_world(bench)->height;
+    return bench->world.height;
 }
 
 uint8_t *probe_storage(Bench *bench, int node) {
-    return bench_board(bench, node)->storage;
+    return bench->board[node].storage;
 }
 
 void probe_break(Bench *bench, uint32_t what) {
-    bench_world(bench)->broken = what;
+    bench->world.broken = what;
 }
 
 void probe_tear(Bench *bench, int node, int32_t bytes) {
-    bench_board(bench, node)->torn_at = bytes;
+    bench->board[node].torn_at = bytes;
 }
 
 static bool write_with_a_dead_bit(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
@@ -66,7 +76,7 @@ static bool write_with_a_dead_bit(void *context, uint32_t offset, const uint8_t 
 
 /* From now on a node writes its records by this function. */
 static void replace_write(Bench *bench, int number, bool (*write)(void *, uint32_t, const uint8_t *, uint32_t)) {
-    Node *node = bench_node(bench, number);
+    Node *node = &bench->node[number];
     sound = *node->hal;
     faulty = sound;
     faulty.storage_write = write;
@@ -78,6 +88,57 @@ void probe_wear(Bench *bench, int node) {
     replace_write(bench, node, write_with_a_dead_bit);
 }
 
+static uint32_t refused_from, refused_to;
+
+static bool write_elsewhere(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    return (offset < refused_from || offset >= refused_to) && sound.storage_write(context, offset, from, length);
+}
+
+/* From now on a node's storage refuses to write at these offsets, whatever they read. */
+void probe_refuse_slots(Bench *bench, int node, uint32_t from, uint32_t to) {
+    refused_from = from;
+    refused_to = to;
+    sound = board_hal(&bench->board[node]);
+    bench->hal[node].storage_write = write_elsewhere;
+}
+
+/* A record at this offset cannot be read any more. */
+void probe_decay(Bench *bench, int node, uint32_t offset) {
+    memset(bench->board[node].unreadable + offset / BOARD_WRITE_UNIT, true, RECORD_BYTES / BOARD_WRITE_UNIT);
+}
+
+/* The memory of a node, from its next power-up on. */
+void probe_memory(Bench *bench, int node, uint32_t sectors, uint32_t sector_bytes, uint32_t write_unit) {
+    Hal *hal = &bench->hal[node];
+    hal->sectors = sectors;
+    hal->sector_bytes = sector_bytes;
+    hal->write_unit = write_unit;
+    if (write_unit > 0)
+        bench->board[node].write_unit = write_unit;
+}
+
+/* What could not be read or written is as good as new. */
+void probe_restore(Bench *bench, int node) {
+    Board *board = &bench->board[node];
+    memset(board->unreadable, 0, sizeof board->unreadable);
+    bench->hal[node] = board_hal(board);
+}
+
+static uint32_t erasing_ms;
+
+static bool erase_slowly(void *context, uint32_t sector) {
+    Board *board = context;
+    world_tick(board->world, board->world->now + erasing_ms);
+    return sound.storage_erase(context, sector);
+}
+
+/* From now on an erasure takes so long, by the clock of the world. */
+void probe_erase_slowly(Bench *bench, int node, uint32_t milliseconds) {
+    erasing_ms = milliseconds;
+    sound = board_hal(&bench->board[node]);
+    bench->hal[node].storage_erase = erase_slowly;
+}
+
 static bool begin_nothing(void *context, const Work *work) {
     (void)context;
     (void)work;
@@ -86,7 +147,7 @@ static bool begin_nothing(void *context, const Work *work) {
 
 /* From now on the devices of a node cannot begin anything. */
 void probe_refuse_work(Bench *bench, int node) {
-    Node *refused = bench_node(bench, node);
+    Node *refused = &bench->node[node];
     faulty = *refused->hal;
     faulty.begin = begin_nothing;
     refused->hal = refused->journal.hal = &faulty;
@@ -104,29 +165,29 @@ void probe_light_while_recording(Bench *bench, int node) {
 }
 
 uint32_t probe_count(Bench *bench, int what) {
-    const World *world = bench_world(bench);
-    const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate};
+    const World *world = &bench->world;
+    const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate, world->now};
     return counts[what];
 }
 
 /* The gate moves, whatever the head drives. */
 void probe_move_gate(Bench *bench, int open) {
-    world_set_gate(bench_world(bench), open != 0);
+    world_set_gate(&bench->world, open != 0);
 }
 
 /* Gives a node other roles, until its next power-up. */
 void probe_roles(Bench *bench, int node, int roles) {
-    bench_node(bench, node)->options.roles = (uint8_t)roles;
+    bench->node[node].options.roles = (uint8_t)roles;
 }
 
 /* Effect of a flipped bit of the memory: the node assumes that its gate is driven. */
 void probe_drive_gate(Bench *bench, int node) {
-    bench_node(bench, node)->gate_driven = true;
+    bench->node[node].gate_driven = true;
 }
 
 /* Puts a node on a bus of its own. */
 void probe_join(Bench *bench, int node) {
-    node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
+    node_frames_init(&frames[node], &bench->node[node], (uint8_t)node);
 }
 
 /* Bits of the id beyond its 11 make it an extended one (0x1000) or a remote frame (0x2000). */

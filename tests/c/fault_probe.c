@@ -58,6 +58,10 @@ void probe_pass(int way, uint32_t id, const uint8_t *data, uint8_t length) {
     wire_faults_pass(&wire, (Way)way, &frame);
 }
 
+void probe_settle(void) {
+    wire_faults_settle(&wire);
+}
+
 int probe_count(void) {
     return count;
 }
@@ -74,7 +78,27 @@ uint32_t probe_broken(void) {
     NodeFaults faulty;
     node_faults_init(&faulty, &faults, bench, NULL, NULL);
     node_faults_happen(&faulty, NULL, 0);
-    const uint32_t broken = bench_world(bench)->broken;
+    const uint32_t broken = bench->world.broken;
     bench_delete(bench);
     return broken;
+}
+
+/* Frames of one id that find no place at the head before it ticks; after the tick there is room again. */
+uint32_t probe_overruns(uint32_t id, uint32_t count) {
+    static NodeFrames frames[BENCH_NODES];
+    static NodeFaults faulty;
+    const BenchOptions options = bench_defaults();
+    char why[200];
+    Bench *bench = bench_create(&options, NULL, why, sizeof why);
+    node_faults_init(&faulty, &faults, bench, NULL, frames);
+    node_faults_power_up(&faulty, BENCH_HEAD, 0);
+    const CanFrame frame = {.id = id, .length = CAN_DATA_MAX};
+    for (uint32_t k = 0; k < count; k++)
+        node_faults_take(&faulty, BENCH_HEAD, &frame);
+    const uint32_t overruns = faulty.node[BENCH_HEAD].overruns;
+    node_faults_tick(&faulty, BENCH_HEAD, 1);
+    node_faults_take(&faulty, BENCH_HEAD, &frame);
+    const bool again = faulty.node[BENCH_HEAD].overruns == overruns;
+    bench_delete(bench);
+    return again ? overruns : UINT32_MAX;
 }

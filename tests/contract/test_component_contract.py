@@ -44,23 +44,20 @@ def recorded_maps(folder: Path) -> Component:
     return catalog.make("MapFolder", JOB, {**options, "offset_x_um": corner_um, "offset_y_um": corner_um})
 
 
+FMUS: dict[str, dict[str, Any]] = {
+    **{model: {} for model in (*catalog.DEPOSITION_MODELS, "LayerController")},
+    "ProfileSensor": {"noise_std_um": 0.5},
+}
+
+
+def maker(kind: str, **options: Any) -> Callable[[Path], Component]:
+    """Makes a component of a kind, in any folder."""
+    return lambda _: catalog.make(kind, JOB, options)
+
+
 MAKERS: dict[str, Callable[[Path], Component]] = {
-    **{
-        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})  # type: ignore[misc]
-        for model in catalog.DEPOSITION_MODELS
-        for form in FORMS
-    },
-    **{
-        f"ProfileSensor {form}": lambda _, form=form: catalog.make(  # type: ignore[misc]
-            "ProfileSensor", JOB, {"fmi": form, "noise_std_um": 0.5}
-        )
-        for form in FORMS
-    },
-    **{
-        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})  # type: ignore[misc]
-        for form in FORMS
-    },
-    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},  # type: ignore[misc]
+    **{f"{kind} {form}": maker(kind, fmi=form, **options) for kind, options in FMUS.items() for form in FORMS},
+    **{kind: maker(kind) for kind in CONTROLLERS},
     "MapFolder": recorded_maps,
 }
 OURS = [
@@ -90,9 +87,9 @@ def exported_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
-@pytest.mark.parametrize("maker", [*OURS, *FOREIGN])
-def test_ours_keep(maker: Callable[[Path], Component], check: ContractCheck, tmp_path: Path) -> None:
-    check(lambda: maker(tmp_path))
+@pytest.mark.parametrize("make", [*OURS, *FOREIGN])
+def test_ours_keep(make: Callable[[Path], Component], check: ContractCheck, tmp_path: Path) -> None:
+    check(lambda: make(tmp_path))
 
 
 Y = Port("y", shape=(2,))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 import zipfile
 from math import pi
 from pathlib import Path
@@ -14,11 +13,13 @@ import pytest
 from fmpy.build import build_platform_binary
 from lxml import etree
 
+from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.export import export_fmu, find_fmu
-from support.fmus.fmpy_check import by_fmpy
+from support.fmus.fmu_checkers import by_fmpy
 from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 from support.fmus.fmu_library import HEADERS, described
 from support.fmus.fmu_life import EVERY_MODEL
+from support.fmus.library_symbols import assert_of_the_standard
 from support.long_proofs import rest_is_long
 from support.source_tree import c_files
 
@@ -26,12 +27,6 @@ EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 SHORT = ("LayerDeposition", "fmi2")
 COMPILED = [SHORT, *((m, form) for m in MODELS for form in ("fmi3", "fmi2") if (m, form) != SHORT)]
 """FMUs compiled again; the sources of the others are those of the build (below)."""
-
-
-def binary_of(path: Path, folder: Path) -> Path:
-    with zipfile.ZipFile(path) as archive:
-        (name,) = (name for name in archive.namelist() if name.startswith("binaries/"))
-        return Path(archive.extract(name, folder))
 
 
 @EVERY_FORM
@@ -110,22 +105,15 @@ def test_date_follows_the_source_date(form, tmp_path, monkeypatch) -> None:
 @EVERY_FORM
 @EVERY_MODEL
 def test_variables_have_descriptions_units_and_display_units(model, form) -> None:
-    root = described(find_fmu(model, form))
+    """FMI: display value = factor * value in the unit."""
+    root, factors = described(find_fmu(model, form)), {"um": 1e6, "1/um": 1e-6, "um3": 1e18, "deg": 180 / pi, "ms": 1e3}
     units = {unit.get("name") for unit in root.find("UnitDefinitions")}
-    variables = list(root.find("ModelVariables"))  # type: ignore[arg-type]
-    assert all(variable.get("description") for variable in variables)
+    assert all(variable.get("description") for variable in root.find("ModelVariables"))
     reals = [element for element in root.find("ModelVariables").iter() if element.get("unit")]
     assert len(reals) > 5
     assert all(element.get("unit") in units and element.get("displayUnit") for element in reals)
-
-
-@EVERY_FORM
-@EVERY_MODEL
-def test_one_of_the_unit_is_so_many_of_the_display_unit(model, form) -> None:
-    """FMI: display value = factor * value in the unit."""
-    expected = {"um": 1e6, "1/um": 1e-6, "um3": 1e18, "deg": 180.0 / pi, "ms": 1e3}
-    for unit in described(find_fmu(model, form)).iterfind("UnitDefinitions/*/DisplayUnit"):
-        assert float(unit.get("factor", "1")) == pytest.approx(expected[unit.get("name", "")], rel=1e-12, abs=0.0)
+    for unit in root.iterfind("UnitDefinitions/*/DisplayUnit"):
+        assert float(unit.get("factor", "1")) == pytest.approx(factors[unit.get("name", "")], rel=1e-12, abs=0.0)
 
 
 @EVERY_MODEL
@@ -139,40 +127,13 @@ def test_same_variables_in_every_form(model) -> None:
 
 @EVERY_FORM
 @EVERY_MODEL
-@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
-def test_only_the_standards_functions_are_exported(model, form, tmp_path) -> None:
-    binary = binary_of(find_fmu(model, form), tmp_path)
-    listing = subprocess.run(["nm", "-D", "--defined-only", binary], check=True, capture_output=True, text=True).stdout
-    exported = {line.split()[-1] for line in listing.splitlines()}
-    version = 2 if form == "fmi2" else 3
-    header = (HEADERS / f"fmi{version}Functions.h").read_text()
-    if version == 2:
-        *_, co_simulation = header.split("Functions for FMI2 for Co-Simulation")
-        header = header.split("Functions for FMI2 for Model Exchange")[1] + co_simulation
-    declared = set(re.findall(rf"FMI{version}_Export fmi\w+TYPE\s+(fmi\w+);", header))
-    assert len(declared) > 30
-    assert exported == declared
+def test_binary_has_the_standards_functions_and_needs_the_c_library(model, form) -> None:
+    members = unpack(find_fmu(model, form))
+    (binary,) = (content for name, content in members.items() if name.startswith("binaries/"))
+    assert_of_the_standard(binary, form[3])
 
 
 @EVERY_FORM
-@EVERY_MODEL
-@pytest.mark.skipif(shutil.which("readelf") is None, reason="needs readelf")
-def test_binary_needs_the_c_library_only(model, form, tmp_path) -> None:
-    binary = binary_of(find_fmu(model, form), tmp_path)
-    dynamic = subprocess.run(["readelf", "-d", binary], check=True, capture_output=True, text=True).stdout
-    assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
-
-
-@EVERY_MODEL
-def test_fixed_grid_has_the_sources_of_the_resizable_one(model) -> None:
-    found = []
-    for form in ("fmi3", "fmi3-fixed"):
-        with zipfile.ZipFile(find_fmu(model, form)) as archive:
-            found.append({name: archive.read(name) for name in archive.namelist() if name.startswith("sources/")})
-    assert found[0] == found[1]
-
-
-@pytest.mark.parametrize("form", ["fmi3", "fmi2"])
 @EVERY_MODEL
 def test_sources_are_those_of_the_project(model, form) -> None:
     """Byte for byte, but for the table of the variables and the name of the model, which are generated."""

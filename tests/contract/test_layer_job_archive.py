@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
@@ -12,7 +9,6 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from fmpy.build import build_platform_binary
 from lxml import etree
 
 from inkloop.cli import main
@@ -20,12 +16,13 @@ from inkloop.component import Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.job.baking import bake
 from inkloop.exchange.job.target_picture import target_picture
+from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario
-from support.fmus.fmpy_check import by_fmpy
-from support.fmus.fmu_checkers import by_fmutool
+from support.fmus.fmu_checkers import by_fmpy, by_fmutool
 from support.fmus.fmu_driver import OK, Driver
-from support.fmus.layer_jobs import CUBOID, DONE, MODEL, finish, printed, unpacked
+from support.fmus.layer_jobs import CUBOID, DONE, MODEL, printed, unpacked
+from support.fmus.library_symbols import assert_of_the_standard
 from support.masters.other_programs import LIBCOSIM
 from support.places import SCENARIOS
 from support.prints import quick_cuboid, scenario
@@ -44,14 +41,10 @@ def file(form, tmp_path_factory) -> Path:
 
 @pytest.mark.system
 @EVERY_FORM
-def test_checkers_of_others_find_nothing_wrong(file) -> None:
-    assert by_fmpy(file) == []
-    assert by_fmutool(file) == []
-
-
-@pytest.mark.system
-@EVERY_FORM
-def test_three_lines_print_the_part(file) -> None:
+def test_checkers_of_others_find_nothing_wrong_and_three_lines_print_the_part(file, form) -> None:
+    assert by_fmpy(file) == by_fmutool(file) == []
+    (binary,) = (content for name, content in unpack(file).items() if name.startswith("binaries/"))
+    assert_of_the_standard(binary, form[3])
     result = fmpy.simulate_fmu(str(file))
     run = printed("cuboid", *CUBOID)
     assert result["status"][-1] == DONE
@@ -75,23 +68,17 @@ def test_no_variable_is_an_array_and_none_lacks_a_description(file) -> None:
     description = fmpy.read_model_description(str(file))
     assert not [v.name for v in description.modelVariables if v.dimensions or "[" in v.name]
     assert all(v.description for v in description.modelVariables)
-    assert {v.name for v in description.modelVariables if v.unit == "m"} == {
-        "mean_error",
-        "mae",
-        "std",
-        "height_mean",
-        "objective",
-        "scan_shift_x",
-        "scan_shift_y",
-        "scan_spot_radius",
-    }
+    errors = {"mean_error", "mae", "std", "height_mean", "objective"}
+    scans = {"scan_shift_x", "scan_shift_y", "scan_spot_radius"}
+    assert {v.name for v in description.modelVariables if v.unit == "m"} == errors | scans
     assert description.defaultExperiment.stepSize == "1.0"
 
 
 @EVERY_FORM
 def test_start_values_are_those_of_the_scenario(form, tmp_path) -> None:
-    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7))) as fmu:
-        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7)))
+    folder = unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7))
+    with Driver(MODEL, form, folder=folder) as fmu:
+        description = fmpy.read_model_description(folder)
         starts = {v.name: v.start for v in description.modelVariables if v.causality in ("parameter", "input")}
         words = {"true": 1.0, "false": 0.0}
         assert {name: float(words.get(text, text)) for name, text in starts.items()} == {
@@ -134,33 +121,6 @@ def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_pa
     assert guids[0] == guids[1] != guids[2]
 
 
-@EVERY_FORM
-@pytest.mark.skipif(shutil.which("nm") is None or shutil.which("readelf") is None, reason="needs nm and readelf")
-def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> None:
-    (binary,) = (unpacked(form, "cuboid", *CUBOID) / "binaries").rglob(f"{MODEL}.*")
-    listing = subprocess.run(["nm", "-D", "--defined-only", binary], check=True, capture_output=True, text=True).stdout
-    assert all(line.split()[-1].startswith(form[:4]) for line in listing.splitlines())
-    dynamic = subprocess.run(["readelf", "-d", binary], check=True, capture_output=True, text=True).stdout
-    assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
-
-
-@pytest.mark.compiled
-@EVERY_FORM
-@pytest.mark.long
-@pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")
-def test_sources_compile_to_the_same_bits(form, tmp_path) -> None:
-    folder = tmp_path / "it"
-    shutil.copytree(unpacked(form, "cuboid", *CUBOID), folder)
-    shutil.rmtree(folder / "binaries")
-    build_platform_binary(folder, all_warnings=True)
-    states = []
-    for place in (unpacked(form, "cuboid", *CUBOID), folder):
-        with Driver(MODEL, form, folder=place) as fmu:
-            finish(fmu.start(), 1.0)
-            states.append(fmu.save())
-    assert states[0] == states[1]
-
-
 @pytest.mark.system
 @pytest.mark.parametrize("form", ["fmi2"], scope="module")
 @pytest.mark.skipif(bool(LIBCOSIM.reason_it_is_absent()), reason=LIBCOSIM.reason_it_is_absent())
@@ -194,6 +154,8 @@ def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle(converts:
     assert "components.controller: kind OpenLoop is no FMU; a block is made of LayerMpc, LayerDeposition" in errors
     assert "connections: printer.height to profiler.height has a gain or an offset" in errors
     assert "[[events]]" in errors
+    with pytest.raises(ScenarioError, match=r"components\.printer: kind hardware\.printer is no FMU"):
+        bake(scenario("bench"))
 
 
 def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,11 +165,6 @@ def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch
     picture = target_picture(Job(20, 18, 1e-4, np.where(mask, 3e-5, 0.0), mask), "Wall")
     assert picture.startswith(b"\x89PNG")
     assert lines == [pytest.approx(0.6, rel=1e-9, abs=0.0)]
-
-
-def test_devices_have_no_place_in_a_block() -> None:
-    with pytest.raises(ScenarioError, match=r"components\.printer: kind hardware\.printer is no FMU"):
-        bake(scenario("bench"))
 
 
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:

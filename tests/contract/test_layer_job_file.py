@@ -97,6 +97,10 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     ),
     "longer": (lambda c: summed(c + bytes(8)), "its sections do not fill it"),
     "a section short": (lambda c: summed(c[: c.index(b"LayerController")]), "its sections do not fill it"),
+    "two values of a number": (
+        lambda c: summed(changed(c, HEAD + SECTION + 8, struct.pack("<Q", 2))),
+        "a parameter has the wrong number or size",
+    ),
     "a value out of range": (
         lambda c: summed(changed(c, HEAD + SECTION + 16, struct.pack("<d", -1.0))),
         "layer_period is -1; expected a finite number not below 1e-06",
@@ -129,9 +133,9 @@ def test_no_cut_file_is_taken(binary, tmp_path) -> None:
             assert "its sections do not fill it" in binary.refusal_of(cut, tmp_path, token=binary.unmarked)
 
 
-def test_any_word_of_the_file_may_be_anything(binary, tmp_path) -> None:
+def test_any_word_and_any_bytes_of_the_file_may_be_anything(binary, tmp_path) -> None:
     """An instance or a message: a check sum protects from accidents only."""
-    refused = 0
+    refused, random = 0, np.random.default_rng(1)
     for number, at in enumerate(range(16, len(binary.content) - 7, 8)):
         for extreme in EXTREMES if number < 40 else EXTREMES[number % len(EXTREMES) :][:1]:
             content = summed(changed(binary.content, at, struct.pack("<Q", extreme)))
@@ -139,15 +143,11 @@ def test_any_word_of_the_file_may_be_anything(binary, tmp_path) -> None:
             refused += message is not None
             assert message is None or len(message) > 20
     assert refused > 100
-
-
-def test_random_bytes_end_in_a_message_or_an_instance(binary, tmp_path) -> None:
-    random = np.random.default_rng(1)
     for _ in range(500):
-        content = bytearray(binary.content)
+        spoilt = bytearray(binary.content)
         for _ in range(random.integers(1, 12)):
-            content[random.integers(16, len(content))] = random.integers(256)
-        binary.refusal_of(summed(content), tmp_path, token=binary.unmarked)
+            spoilt[random.integers(16, len(spoilt))] = random.integers(256)
+        binary.refusal_of(summed(spoilt), tmp_path, token=binary.unmarked)
 
 
 @pytest.mark.parametrize("form", ["fmi2", "fmi3-fixed"])
@@ -159,40 +159,28 @@ def test_folder_with_any_name_is_found(form, tmp_path) -> None:
         finish(fmu.start(), 1.0)
 
 
-@pytest.mark.parametrize(
-    ("uri", "path"),
-    [
-        ("file:///a%20b/100%25/resources", "/a b/100%/resources"),
-        ("file:/a/resources", "/a/resources"),
-        ("file://localhost/a/resources", "/a/resources"),
-        ("FILE:///a/gr%C3%bcn", "/a/grün"),
-        ("file:///C:/a%20b/resources", "C:/a b/resources"),
-        ("file:/C:/a/resources", "C:/a/resources"),
-        ("file://server/share/resources", "//server/share/resources"),
-        ("/a b/100%/resources", "/a b/100%/resources"),
-        ("C:\\a\\resources", "C:\\a\\resources"),
-        ("file:///a%2", "/a%2"),
-        ("file:", ""),
-        ("", ""),
-    ],
-)
+URIS = {
+    "file:///a%20b/100%25/resources": "/a b/100%/resources",
+    "file:/a/resources": "/a/resources",
+    "file://localhost/a/resources": "/a/resources",
+    "FILE:///a/gr%C3%BCn": "/a/grün",
+    "file:///C:/a%20b/resources": "C:/a b/resources",
+    "file:/C:/a/resources": "C:/a/resources",
+    "file://server/share/resources": "//server/share/resources",
+    "/a b/100%/resources": "/a b/100%/resources",
+    "C:\\a\\resources": "C:\\a\\resources",
+    "file:///a%2": "/a%2",
+    "file:": "",
+    "": "",
+}
+
+
 @pytest.mark.compiled
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
-def test_uri_of_a_folder_becomes_its_path(uri, path, path_of_uri) -> None:
-    assert path_of_uri(uri) == path
-
-
-@pytest.fixture(scope="module")
-def path_of_uri() -> Callable[[str], str]:
-    source = ROOT / "fmus" / "common" / "resources.c"
-    function = compiled.library("resources.so", [source], ("-std=c11",)).resource_path
+def test_uri_of_a_folder_becomes_its_path() -> None:
+    function = compiled.library("resources.so", [ROOT / "fmus/common/resources.c"], ("-std=c11",)).resource_path
     function.restype = ctypes.c_char_p
-
-    def path_of(uri: str) -> str:
-        found: bytes = function(uri.encode())
-        return found.decode()
-
-    return path_of
+    assert {uri: function(uri.encode()).decode() for uri in URIS} == URIS
 
 
 def test_instance_is_reset_only_while_its_file_is_there(tmp_path) -> None:

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from itertools import cycle
 from typing import Any
 
-import numpy as np
 import pytest
 
 from inkloop.components.catalog import FMU_MODELS
@@ -118,20 +117,6 @@ def test_print_continues_in_another_instance(form) -> None:
             assert fmu.step(end, 1000.0 - end) == OK
         assert first.save() == second.save()
         assert_like_run(first, printed(*case), 20)
-
-
-@pytest.mark.system
-@SECOND_FORM_IS_LONG
-def test_reset_and_a_second_instance_print_the_same(form) -> None:
-    with block(form, "cuboid", *CUBOID) as first, block(form, "cuboid", *CUBOID) as second:
-        new = first.save()
-        finish(first.start(), 1.0)
-        end = first.save()
-        assert first.call("reset") == OK
-        assert first.save() == new
-        finish(second.start(), 1.0)
-        finish(first.start(), 1.0)
-        assert first.save() == second.save() == end
 
 
 @pytest.mark.system
@@ -249,16 +234,6 @@ def test_step_that_never_ends_is_refused(form) -> None:
         assert fmu.save() == before
         assert fmu.step(0.0, 1e-5) == OK
         assert counts(fmu) == (10, 10)
-
-
-@EVERY_FORM
-def test_parameters_that_do_not_fit_are_an_error_before_the_first_step(form) -> None:
-    with block(form, "cuboid", *CUBOID) as fmu:
-        assert fmu.set("layer_period", 0.0) != OK
-        assert fmu.set("alpha", 1.5) != OK
-        assert fmu.set("volume_factor", np.nan) != OK
-        assert "volume_factor is nan; expected a finite number not below 0" in fmu.messages[-1]
-        finish(fmu.start(), 1.0)
 
 
 @pytest.mark.system

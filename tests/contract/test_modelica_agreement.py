@@ -67,55 +67,38 @@ def test_parameters_have_the_names_units_and_values_of_the_fmu(model, part, fmu)
             assert parameter.value == theirs["start"], name
 
 
-@pytest.mark.parametrize(
-    ("passes", "order", "rotation"),
-    rest_is_long([(1, "raster", 0), (4, "diagonal", 1), (4, "raster", 0), (4, "raster", 3)], 2),
-)
-def test_two_materials_give_the_surfaces_of_the_fmu(passes, order, rotation) -> None:
-    text, patterns = printed(
-        lu(f"{INKS}, passes={passes}, pass_order=InkLoop.Types.PassOrder.{order}, pass_rotation={rotation}")
-    )
+TWO_INKS = {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6}
+CHANCE = {"seed": 77, "variation": 0.4, "nozzle_pitch": 3, "nozzle_variation": 0.2}
+CHANCE_OF_THE_LIBRARY = ", ".join(f"{name}={value}" for name, value in CHANCE.items())
+PRINTS: list[tuple[str, dict[str, Any]]] = [
+    *(
+        (
+            f"{INKS}, passes={passes}, pass_order=InkLoop.Types.PassOrder.{order}, pass_rotation={rotation}",
+            {**TWO_INKS, "passes": passes, "pass_order": number, "pass_rotation": rotation},
+        )
+        for passes, order, number, rotation in ((1, "raster", 1, 0), (4, "diagonal", 2, 1), (4, "raster", 1, 3))
+    ),
+    *(
+        (
+            f"{CHANCE_OF_THE_LIBRARY}, variation_kind=InkLoop.Types.VariationKind.{kind}",
+            {**CHANCE, "variation_kind": number},
+        )
+        for kind, number in (("per_droplet", 1), ("per_cell_and_layer", 4))
+    ),
+]
+
+
+@pytest.mark.parametrize(("modifiers", "parameters"), PRINTS)
+def test_layers_are_those_of_the_fmu(modifiers, parameters) -> None:
+    text, patterns = printed(lu(modifiers))
     run = simulate_text(text, LAYERS + 0.9)
-    parameters = {
-        "h1_b": 3e-6,
-        "h2_b": 0.9e-6,
-        "h3_b": 0.3e-6,
-        "passes": passes,
-        "pass_rotation": rotation,
-        "pass_order": 1 if order == "raster" else 2,
-        "height_start": START,
-    }
-    with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
+    with Driver("LayerDeposition", "fmi3", NX, NY).start({**parameters, "height_start": START}) as fmu:
         for layer, pattern in enumerate(patterns, start=1):
             surface = fmu.print_layer(pattern)
             assert run.at("deposition.layers_printed", layer + 0.5) == layer
             assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(surface, rel=1e-12, abs=0.0)
             for name in ("volume_lost", "height_mean", "droplets_a", "droplets_b"):
                 assert run.at(f"deposition.{name}", layer + 0.5) == pytest.approx(fmu.get(name), rel=1e-12, abs=0.0)
-
-
-@pytest.mark.parametrize("kind", ["per_droplet", "per_cell_and_layer"])
-def test_random_volumes_are_those_of_the_fmu(kind) -> None:
-    text, patterns = printed(
-        lu(
-            f"seed=77, variation=0.4, variation_kind=InkLoop.Types.VariationKind.{kind}, "
-            "nozzle_pitch=3, nozzle_variation=0.2"
-        ),
-        layers=2,
-    )
-    run = simulate_text(text, 2.9)
-    parameters = {
-        "seed": 77,
-        "variation": 0.4,
-        "variation_kind": 1 if kind == "per_droplet" else 4,
-        "nozzle_pitch": 3,
-        "nozzle_variation": 0.2,
-        "height_start": START,
-    }
-    with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
-        for layer, pattern in enumerate(patterns, start=1):
-            surface = fmu.print_layer(pattern)
-            assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(surface, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(

@@ -122,17 +122,6 @@ def ink_of(pattern: Any, i: int, j: int) -> int:
     return 1 + int(np.argmax(shares))
 
 
-def test_controller_that_lacks_an_interval_plans_another_print(scenario: Path) -> None:
-    """The test above can fail: what it compares depends on every interval."""
-    job = Scenario.load(scenario).job()
-    assert isinstance(job.region, Columns)
-    for lacking in range(5):
-        sheet = Columns.of_shape(Sheets([FIVE.bottoms[lacking]], 6.1e-6, 2e-3), 9, 8, job.pitch)
-        less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, job.region - sheet)
-        at = np.full((9, 8), FIVE.bottoms[lacking])
-        assert (ink_choices(less, "middle", at, 1) != ink_choices(job, "middle", at, 1)).any()
-
-
 @pytest.mark.parametrize("region", [PIPES, Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6), FIVE])
 def test_maps_of_a_region_hold_the_heights_that_it_contains(region: Any) -> None:
     columns = Columns.of_shape(region, 20, 20, 1e-4)
@@ -166,23 +155,15 @@ def test_inks_of_a_surface_are_those_of_the_region_there(test: Any) -> None:
                 np.testing.assert_array_equal(found, expected)
 
 
-def test_columns_are_the_region_that_they_were_made_of() -> None:
-    jobs = [block(inks=TWO_INKS, region=region) for region in (FIVE, Columns.of_shape(FIVE, 10, 9, 263.256e-6))]
-    shape = jobs[0].nx, jobs[0].ny
-    for height in np.random.default_rng(2).uniform(0.0, 60e-6, (20, *shape)):
-        whole, columns = (ink_choices(job, "either", height, 2) for job in jobs)
-        np.testing.assert_array_equal(columns, whole)
-
-
 def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:
-    """Three maps that overlap are the one interval that they cover together; a map without one changes nothing."""
+    """Four maps that overlap, one within another, are the one interval that they cover; a map without one is none."""
     chosen = {"inks": 2, "has_region": True, "layers_scanned": 0, "measured_height": 6e-6, "horizon": 1}
-    ends = {"region_bottom": [8e-6, 1.0, 2e-6, 5e-6], "region_top": [20e-6, -1.0, 6e-6, 9e-6]}
+    ends = {"region_bottom": [8e-6, 1.0, 2e-6, 5e-6, 8.5e-6], "region_top": [20e-6, -1.0, 6e-6, 9e-6, 9e-6]}
     patterns = []
-    for intervals in (4, 1):
+    for intervals in (5, 1):
         with Driver("LayerController") as fmu:
             assert fmu.resize(9, 9, intervals) == OK
-            whole = ends if intervals == 4 else {"region_bottom": [2e-6], "region_top": [20e-6]}
+            whole = ends if intervals == 5 else {"region_bottom": [2e-6], "region_top": [20e-6]}
             maps = {name: np.reshape(values, (intervals, 1, 1)) for name, values in whole.items()}
             assert fmu.start(chosen | maps).step(0.0) == OK
             patterns.append(fmu.get("pattern"))
@@ -202,27 +183,30 @@ def test_interval_without_length_is_one_height_of_the_region() -> None:
     assert found == [{1}, {2}]
 
 
-def test_state_of_another_number_of_intervals_is_refused() -> None:
-    with Driver("LayerController") as two, Driver("LayerController") as three:
-        assert three.resize(9, 9, 3) == OK
-        saved = two.start().save()
-        assert three.start().restore(saved) == ERROR
-        assert "the state has region_intervals 2; this instance has 3" in three.messages[-1]
-
-
-@pytest.mark.parametrize("count", [0, 65, 2**40])
-def test_number_of_intervals_out_of_range_is_refused(count: int) -> None:
-    with Driver("LayerController") as fmu:
-        assert fmu.resize(9, 9, count) != OK
-        assert "region_intervals" in fmu.messages[0]
-
-
 @pytest.mark.parametrize("form", FORMS)
 def test_fmu_without_a_region_has_room_for_two_intervals(form: str) -> None:
     with Driver("LayerController", form) as fmu:
         assert fmu.get("region_intervals") == 2
         assert fmu.get("region_bottom").shape == (2, 9, 9)
         assert (fmu.get("region_bottom") > fmu.get("region_top")).all()
+        edges = np.zeros((2, 9, 9))
+        edges[1, 2, 3] = np.nan
+        assert fmu.set("region_bottom", edges) != OK
+        assert "region_bottom of cell (2, 3) in map 2 is nan" in fmu.messages[-1]
+
+
+def test_number_of_intervals_is_that_of_the_state_and_within_its_limits() -> None:
+    known = {v.name: v for v in read_definition(find_fmu("LayerController")).variables}
+    assert known[INTERVALS].max == INTERVALS_MAX
+    with Driver("LayerController") as two, Driver("LayerController") as other:
+        for count in (0, INTERVALS_MAX + 1, 2**40):
+            other.messages.clear()
+            assert other.resize(9, 9, count) != OK
+            assert "region_intervals" in other.messages[0]
+            assert other.call("reset") == OK
+        assert other.resize(9, 9, 3) == OK
+        assert other.start().restore(two.start().save()) == ERROR
+        assert "the state has region_intervals 2; this instance has 3" in other.messages[-1]
 
 
 @pytest.mark.parametrize("fmi", ["2", "3"])
@@ -261,16 +245,3 @@ def test_export_refuses_a_number_of_intervals_that_no_fmu_has(
 ) -> None:
     with pytest.raises(FmuError, match=message):
         export_fmu(model, intervals=intervals, out=tmp_path / "no.fmu")
-
-
-def test_limit_of_the_intervals_is_that_of_the_fmu() -> None:
-    known = {v.name: v for v in read_definition(find_fmu("LayerController")).variables}
-    assert known[INTERVALS].max == INTERVALS_MAX
-
-
-def test_refused_edge_of_an_interval_is_named_by_cell_and_map() -> None:
-    with Driver("LayerController", nx=5, ny=4) as fmu:
-        edges = np.zeros((2, 5, 4))
-        edges[1, 2, 3] = np.nan
-        assert fmu.set("region_bottom", edges) != OK
-        assert "region_bottom of cell (2, 3) in map 2 is nan" in fmu.messages[-1]

@@ -24,10 +24,6 @@ def cited(key: str) -> list[str]:
     return re.findall(rf"^ *(?:- )?{key}: (.+)$", CITATION, re.MULTILINE)
 
 
-def test_package_is_of_the_version_that_the_project_names() -> None:
-    assert PROJECT["version"] == __version__
-
-
 @pytest.mark.parametrize("form", ["fmi2", "fmi3", "fmi3-fixed"])
 @pytest.mark.parametrize("model", ["LayerDeposition", "ProfileSensor"])
 def test_fmu_is_of_the_version_and_licence_of_the_project(model: str, form: str) -> None:
@@ -36,31 +32,20 @@ def test_fmu_is_of_the_version_and_licence_of_the_project(model: str, form: str)
 
 
 def test_version_is_written_once_for_the_build() -> None:
+    assert PROJECT["version"] == __version__
     assert "VERSION ${SKBUILD_PROJECT_VERSION}" in (ROOT / "CMakeLists.txt").read_text("utf-8")
 
 
-def test_citation_is_of_the_version_and_licence_of_the_project() -> None:
-    assert cited("version") == [PROJECT["version"]]
-    assert cited("license") == [PROJECT["license"]]
-    assert cited("title")[0] == PROJECT["name"]
-
-
-def test_citation_is_plain_yaml_with_the_keys_that_the_format_requires() -> None:
+def test_citation_is_plain_yaml_of_the_project_and_names_the_papers() -> None:
     top = {line.partition(":")[0] for line in CITATION.splitlines() if re.match(r"[a-z]", line)}
     assert top >= {"cff-version", "message", "title", "authors"}
     assert all(re.fullmatch(r" *(- )?([a-z-]+:( [^:#]+)?|[^:#]+)", line) for line in CITATION.splitlines())
-
-
-def test_citation_names_the_papers_with_authors_and_year() -> None:
+    assert (cited("version"), cited("license")) == ([PROJECT["version"]], [PROJECT["license"]])
+    assert cited("title")[0] == PROJECT["name"]
     references = CITATION.partition("references:")[2].split("- type: article")[1:]
     families = [re.findall(r"family-names: (\w+)", reference) for reference in references]
     assert families == [["Lu", "Zheng", "Mishra"], ["Hume", "Rosen"], ["Wu", "Chiu"]]
     assert [re.findall(r"year: (\d{4})", reference) for reference in references] == [["2015"], ["2018"], ["2024"]]
-
-
-def test_changelog_has_a_place_for_what_comes() -> None:
-    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
-    assert headings[0] == "Unreleased" or headings[0].startswith(PROJECT["version"])
 
 
 def constraints() -> dict[str, str]:
@@ -78,15 +63,12 @@ def requirements() -> list[Requirement]:
 
 def test_constraints_have_a_version_that_every_requirement_allows() -> None:
     versions = constraints()
+    assert all(re.fullmatch(r"\d[\w.]*", version) for version in versions.values())
     assert len(requirements()) > 30
     for requirement in requirements():
         version = versions.get(canonicalize_name(requirement.name), "")
         assert version, requirement
         assert requirement.specifier.contains(version), requirement
-
-
-def test_constraints_have_exact_versions_only() -> None:
-    assert all(re.fullmatch(r"\d[\w.]*", version) for version in constraints().values())
 
 
 def test_workflows_run_every_python_that_the_project_names() -> None:
@@ -99,8 +81,8 @@ def test_workflows_run_every_python_that_the_project_names() -> None:
         assert re.findall(r"[\d.]+", matrix) == named, path.name
 
 
-def test_changelog_dates_every_closed_version() -> None:
+def test_changelog_begins_with_the_present_version_and_dates_every_closed_one() -> None:
     headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
-    assert all(
-        re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d{2}-\d{2}", heading) for heading in headings if heading != "Unreleased"
-    )
+    assert headings[0] == "Unreleased" or headings[0].startswith(PROJECT["version"])
+    closed = [heading for heading in headings if heading != "Unreleased"]
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d{2}-\d{2}", heading) for heading in closed)

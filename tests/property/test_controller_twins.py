@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
 from inkloop.geometry import PipeJunction
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND
 from support.half_spaces import Above
 from support.sheets import Sheets

@@ -14,7 +14,7 @@ from support.places import ROOT
 TESTS = [
     *(
         f"unit/firmware/test_{name}.py"
-        for name in ("interlocks", "journal", "layer_order", "transfer", "isotp", "slcan")
+        for name in ("interlocks", "journal", "storage", "layer_order", "transfer", "isotp", "slcan")
     ),
     *("unit/hardware/protocol/test_e2e.py", "unit/hardware/link/test_transfers.py"),
     *("system/test_bench_process.py", "system/test_bench_surface.py"),

@@ -15,14 +15,11 @@ from inkloop.geometry import contained
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.model import DropletChoices, LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import IntPlan
-from inkloop_controller.problem.work import DEFAULT_WORK, Work
+from inkloop_controller.problem.criterion import DEFAULT_WORK, Criterion, Work
+from inkloop_controller.problem.horizon_problem import IntPlan, full_layers, no_droplets
 from support.examples import examples
 from support.numpy.plan_starts_numpy import best_of, shifted
 from support.problem_plans import best_plan
@@ -218,18 +215,6 @@ def test_same_question_gives_the_same_bits_again_with_any_number_of_threads(case
     np.testing.assert_array_equal(case.last, kept)
 
 
-def test_threads_that_share_the_tiles_of_a_large_part_do_not_change_the_plan() -> None:
-    rng = np.random.default_rng(5)
-    target = rng.uniform(1e-5, 3e-5, (150, 140))
-    job = job_of(nx=150, ny=140, target_height=target, mask=np.ones(target.shape, np.bool_))
-    estimate = Estimate.exact(rng.uniform(0.0, 1e-5, target.shape), job.inks)
-    one, two = (
-        LayerMpc(job, horizon=2, work=Work(threads=threads)).plan(estimate, 0, np.zeros((2, 150, 140), np.int32))
-        for threads in (1, 2)
-    )
-    assert same(one, two)
-
-
 def job_of(**changes: Any) -> Job:
     """A block of 4 x 4 cells with some fields changed."""
     fields: dict[str, Any] = {"nx": 4, "ny": 4, "pitch": 1e-4, "target_height": np.full((4, 4), 1e-5)}
@@ -261,9 +246,3 @@ def test_what_no_surface_or_job_can_be_is_refused_with_a_message(changes: Any, h
     job = job_of(**changes)
     with pytest.raises(ValueError, match=message):
         LayerMpc(job).plan(Estimate.exact(height, job.inks), 0, np.zeros((3, 4, 4), np.int32))
-
-
-@pytest.mark.parametrize("horizon", [0, 6])
-def test_impossible_horizon_is_refused_with_a_message(horizon: int) -> None:
-    with pytest.raises(ValueError, match=f"horizon is {horizon}; needs 1 to 5 layers ahead"):
-        LayerMpc(job_of(), horizon=horizon)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from inkloop.component import Component, Job, Status
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 
 SECOND = 1_000_000_000
 

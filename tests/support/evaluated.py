@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inkloop.metrology.evaluation.definitions import Treatment
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, evaluated
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 
 A, STEP, PERIOD = 2e-6, 1e-5, 40
@@ -58,6 +58,11 @@ def number(values: Found, symbol: str) -> float:
     value = values[symbol]
     assert not isinstance(value, Refusal), f"{symbol}: {value.reason}"
     return value
+
+
+def check(values: Found, expected: Mapping[str, float], rel: float = 1e-12, abs: float = 0.0) -> None:
+    """The values of these parameters."""
+    assert {symbol: number(values, symbol) for symbol in expected} == pytest.approx(dict(expected), rel=rel, abs=abs)
 
 
 def reason(values: Found, symbol: str) -> str:

@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, tuple[Words, ...]] = {
         ("score", "--quick"),
         ("reproduce", "lu", "--quick"),
     ),
+    "odxtools": (("export", "services", "nodes.pdx"),),
     "optuna": (("sweep", str(SCENARIOS / "studies/tune-for-no-flow.toml"), "--check"),),
     "PIL": (
         ("export", "layers", RUN),

@@ -9,7 +9,7 @@ import numpy as np
 
 from inkloop.component import FloatMap, Job
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices, RegionTest
+from inkloop_controller.model import DropletChoices, RegionTest
 from inkloop_controller.planning.layer_mpc import LayerMpc
 
 

@@ -47,17 +47,6 @@ def ball(n: int, radius: float) -> Triangles:
     return triangles[corners]
 
 
-def prism(n: int, radius: float, height: float) -> Triangles:
-    """Upright, on a regular polygon about the origin with its corners on the circle, from z = 0."""
-    u = np.arange(n) * 2 * np.pi / n
-    low = np.stack([radius * np.cos(u), radius * np.sin(u), np.zeros(n)], axis=-1)
-    up, axis = np.array([0.0, 0.0, height]), np.zeros((n, 3))
-    high, top = low + up, axis + up
-    next_low, next_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
-    faces = ((low, next_low, next_high), (low, next_high, high), (axis, next_low, low), (top, high, next_high))
-    return np.concatenate([np.stack(face, axis=1) for face in faces])
-
-
 def isosurface(field: NDArray[np.float64], spacing: float) -> Triangles:
     """Surface of field < 0 by marching tetrahedra, six in each cube of samples; closed where the rim is above 0."""
     index = np.arange(field.size).reshape(field.shape)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of
-from inkloop.report.page.content import content
 from inkloop.report.page.maps import LayerMaps
+from inkloop.report.page.page import content
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario

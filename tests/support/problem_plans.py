@@ -9,8 +9,8 @@ from inkloop.testing import job
 from inkloop_controller.core.layer_step import LayerStep
 from inkloop_controller.planning.horizon_planner import FoundPlan, RelaxedStart
 from inkloop_controller.planning.horizon_planner import best_plan as core_plan
+from inkloop_controller.problem.criterion import Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
-from inkloop_controller.problem.work import Work
 
 
 def best_plan(

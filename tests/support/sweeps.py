@@ -17,8 +17,7 @@ from inkloop_lab.sweep import dataset
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import StudyFolder
-from inkloop_lab.sweep.optimise import OptimisePlan
-from inkloop_lab.sweep.plan import Plan, PointsPlan
+from inkloop_lab.sweep.plan import OptimisePlan, Plan, PointsPlan
 from inkloop_lab.sweep.report import sweep_of
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Record, Task

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from inkloop.component import Job, Port, Status, Values
+from inkloop.contract import contract_ports
 from inkloop.course.layer_course import LayerCourse
 from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
@@ -68,19 +69,9 @@ class ToyController:
     def __init__(self, job: Job) -> None:
         shape = (job.nx, job.ny)
         self._job = job
-        self.inputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", "1", shape, "bool"),
-            Port("layers_scanned", dtype="int32"),
-            Port("layers_printed", dtype="int32"),
-        )
-        self.outputs = (
-            Port("pattern", "1", shape, "int32"),
-            Port("layer_command", dtype="int32"),
-            Port("status", dtype="int32"),
-            Port("objective", "m"),
-            Port("estimated_height", "m", shape),
-        )
+        self.inputs = contract_ports(shape, "measured_height", "valid", "layers_scanned", "layers_printed")
+        own = (Port("objective", "m"), Port("estimated_height", "m", shape))
+        self.outputs = (*contract_ports(shape, "pattern", "layer_command", "status"), *own)
         self._pattern = np.zeros(shape, np.int32)
         self._estimate = np.zeros(shape)
         self._answered = -1
@@ -119,13 +110,9 @@ class ToyPrinter:
 
     def __init__(self, job: Job, duration_ns: int = 0) -> None:
         shape = (job.nx, job.ny)
-        self.inputs = (Port("pattern", "1", shape, "int32"), Port("layer_command", dtype="int32"))
-        self.outputs = (
-            Port("height", "m", shape),
-            Port("layers_printed", dtype="int32"),
-            Port("status", dtype="int32"),
-            Port("droplets_a", dtype="int32"),
-        )
+        self.inputs = contract_ports(shape, "pattern", "layer_command")
+        own = Port("droplets_a", dtype="int32")
+        self.outputs = (*contract_ports(shape, "height", "layers_printed", "status"), own)
         self._duration_ns = duration_ns
         self._height = np.zeros(shape)
         self._printed = 0
@@ -164,13 +151,8 @@ class ToyProfiler:
 
     def __init__(self, job: Job, duration_ns: int = 0) -> None:
         shape = (job.nx, job.ny)
-        self.inputs = (Port("height", "m", shape), Port("layers_printed", dtype="int32"))
-        self.outputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", "1", shape, "bool"),
-            Port("layers_scanned", dtype="int32", start=-1),
-            Port("status", dtype="int32"),
-        )
+        self.inputs = contract_ports(shape, "height", "layers_printed")
+        self.outputs = contract_ports(shape, "measured_height", "valid", "layers_scanned", "status")
         self._duration_ns = duration_ns
         self._scan = np.zeros(shape)
         self._scanned = -1

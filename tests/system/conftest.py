@@ -15,5 +15,3 @@ def forked_bus_processes() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(connection, "subprocess", forked_bus.patched())
         yield
-    if forked_bus.source.cache_info().currsize:
-        forked_bus.source().close()

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from inkloop.cli import main
 from inkloop.component import Port
 from inkloop.errors import ComponentError
 from inkloop.master.master import Master
-from inkloop.master.wiring import Connection
 from inkloop.results.checkpoint import last
 from inkloop.results.result import Result
 from support.fmus.amplifier import build
@@ -116,33 +114,6 @@ def test_error_is_reported_and_no_file_is_half_written(
     assert half_written(tmp_path) == []
 
 
-def nan_after(steps: int) -> FunctionComponent:
-    return FunctionComponent(
-        outputs=[Port("y", shape=(2,))],
-        step=lambda time_ns, step_ns, values: {"y": np.array([0.0, np.nan if time_ns >= steps else 0.0])},
-    )
-
-
-def test_nan_at_a_connected_input_ends_the_run_with_its_cell() -> None:
-    parts = {"a": nan_after(3), "b": FunctionComponent(inputs=[Port("x", shape=(2,))])}
-    master = Master(parts, [Connection("a.y", "b.x")], step_ns=1)
-    with pytest.raises(ComponentError, match=r"a failed at t = 3e-09 s: output y is nan in cell \(1,\)"):
-        master.run(time_max_ns=10)
-    assert parts["b"].log[-1] == "terminate"
-
-
-def loop_of(start: float) -> Master:
-    ports: dict[str, Any] = {"inputs": [Port("u")], "outputs": [Port("y", start=start)]}
-    parts = {name: FunctionComponent(**ports, start=lambda values: {"y": np.asarray(1.0)}) for name in ("a", "b")}
-    return Master(parts, [Connection("a.y", "b.u"), Connection("b.y", "a.u")], step_ns=1)
-
-
-def test_loop_without_start_value_is_refused_before_anything_starts() -> None:
-    with pytest.raises(ComponentError, match=r"a\.u stands in a loop with b\.y, which has no start value"):
-        loop_of(float("nan")).run(time_max_ns=3)
-    assert loop_of(0.0).run(time_max_ns=0) == "time_max"
-
-
 @pytest.fixture(scope="module", params=rest_is_long(["SIGSEGV", "SIGABRT"], 1))
 def crash(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
@@ -209,15 +180,6 @@ class Early(Late):
     def __init__(self, job: Job) -> None:
         self.options = {}["key"]
 
-
-class Named(Late):
-    def __init__(self, job: Job) -> None:
-        self.share = undefined_name
-
-
-class Typed(Late):
-    def __init__(self, job: Job) -> None:
-        self.share = 1 + "a"
 """
 
 
@@ -231,8 +193,6 @@ class Typed(Late):
         ),
         ("InLibrary", "cannot reshape array of size 3 into shape (7,) (own_controllers.py, line 16)"),
         ("Early", "which cannot be constructed: KeyError: 'key' (own_controllers.py, line 21)"),
-        ("Named", "NameError: name 'undefined_name' is not defined (own_controllers.py, line 26)"),
-        ("Typed", "unsupported operand type(s) for +: 'int' and 'str' (own_controllers.py, line 31)"),
     ],
 )
 def test_error_in_a_class_of_the_user_names_file_and_line(
@@ -293,16 +253,6 @@ def test_ctrl_c_of_an_isolated_print_keeps_its_layers(tmp_path: Path) -> None:
     assert print_it.wait() == 130
     assert Result.load(folder).run["stop_reason"] == "interrupted"
     assert main(["resume", str(folder)]) == 0
-
-
-@pytest.mark.long
-def test_isolated_run_is_the_same_run(fmus: Path, tmp_path: Path) -> None:
-    path = fmus / "good.toml"
-    path.write_text(CUBOID, encoding="utf-8")
-    for name, flags in (("plain", []), ("isolated", ["--isolate"])):
-        assert main(["run", str(path), *flags, "--no-pictures", "--out", str(tmp_path / name)]) == 0
-    one, other = (Result.load(tmp_path / name) for name in ("plain", "isolated"))
-    np.testing.assert_array_equal(one.dataset["height"], other.dataset["height"])
 
 
 def test_path_that_is_not_ascii_is_as_good_as_any(fmus: Path, tmp_path: Path) -> None:

@@ -19,10 +19,8 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Frame
-from inkloop_hardware.protocol.records import StopRequest
-from inkloop_hardware.protocol.records import pack as pack_frame
 from inkloop_hardware.protocol.services import ClearOption
-from inkloop_hardware.protocol.vocabulary import Node, Source
+from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 from support.benches.bench_run import BLOCK, COMMAND, FAST, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
@@ -43,7 +41,7 @@ def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None
         node_bench.NodeBench(nx=9, ny=9, pass_ms=5) as same,
     ):
         print_and_scan(head, lamp, profiler)
-        assert start(head, node_bench.PASS, b"\0") == node_bench.DONE_BEFORE
+        assert start(head, node_bench.Routine.PASS, b"\0") == node_bench.DONE_BEFORE
         journal = head.read_data_by_identifier(0x0110).service_data.values[0x0110]
         assert [journal[at + 4] for at in range(0, len(journal), 40)] == [4, 3, 4, 3, 4, 3, 4, 3, 2, 1]
         same.ready().print_layer(FULL, 1)
@@ -65,24 +63,12 @@ def test_every_adapter_sees_the_frames_of_all_nodes_and_the_dbc_reads_them(progr
                 assert other.codec.decode(Frame(message.arbitration_id, bytes(message.data)))
 
 
-def test_stop_request_on_the_bus_is_latched(program: Path) -> None:
-    with process(program) as (_, channel), adapter(channel) as bus, bus.client(1) as stage:
-        assert start(stage, node_bench.CLEAR, b"\0") == node_bench.DONE
-        bus.send(pack_frame(bus.codec, StopRequest(active=True, source=Source.OPERATOR), counter=0))
-        for option in (b"\0", b"\1"):
-            with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
-                start(stage, node_bench.CLEAR, option)
-        for counter in (1, 2):
-            bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter))
-        assert start(stage, node_bench.CLEAR, b"\1") == node_bench.DONE
-
-
 def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> None:
     arguments = ("pass_ms=20000", "--folder", str(tmp_path))
     with process(program, *arguments) as (running, channel), adapter(channel) as bus, bus.client(0) as head:
-        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+        assert start(head, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
         send_pattern(head, node_bench.pattern_blob(FULL), 1)
-        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.PASS, 7, 1, 0, 1, 0))
+        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.Routine.PASS, 7, 1, 0, 1, 0))
         assert head.conn.wait_frame(timeout=60) == b"\x7f\x31\x78"
         running.kill()
         running.wait()
@@ -90,8 +76,8 @@ def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> Non
         state = head.read_data_by_identifier(0x0100).service_data.values[0x0100]
         assert (state[11], state[12]) == (0, 1), "pass 0 is not done, and unknown"
         with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
-            start(head, node_bench.CLEAR, b"\0")
-        assert start(head, node_bench.CLEAR, b"\1") == node_bench.DONE
+            start(head, node_bench.Routine.CLEAR, b"\0")
+        assert start(head, node_bench.Routine.CLEAR, b"\1") == node_bench.DONE
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of a running process is changed as on Linux")
@@ -122,9 +108,9 @@ def is_head_booted(frame: can.Message | None, times: int) -> bool:
 
 def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(program: Path) -> None:
     with process(program, "pass_ms=60000") as (running, channel), adapter(channel) as bus, bus.client(0) as head:
-        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+        assert start(head, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
         send_pattern(head, node_bench.pattern_blob(FULL), 1)
-        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.PASS, 7, 1, 0, 1, 0))
+        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.Routine.PASS, 7, 1, 0, 1, 0))
         assert head.conn.wait_frame(timeout=60) == b"\x7f\x31\x78"
         seen = can.BufferedReader()
         bus.notifier.add_listener(seen)
@@ -134,7 +120,7 @@ def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(p
         while not is_head_booted(seen.get_message(timeout=60), times=2):
             pass  # a request that comes before the reset gets no answer
         state = head.read_data_by_identifier(0x0100).service_data.values[0x0100]
-        assert (state[0], state[1], state[12]) == (0, node_bench.PASS_UNKNOWN, 1), "SAFE, pass 0 unknown"
+        assert (state[0], state[1], state[12]) == (0, Fault.PASS_UNKNOWN, 1), "SAFE, pass 0 unknown"
         assert state[3] & 64, "by the watchdog"
         assert (state[16] << 8 | state[17], state[-1]) == (2, 0), "booted twice; the gate did not open again"
 
@@ -142,8 +128,8 @@ def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(p
 def test_terminal_is_a_channel_too(program: Path) -> None:
     with process(program, "--pty") as (_, channel), adapter(channel) as bus, bus.client(3) as profiler:
         assert channel.startswith("/dev/")
-        assert start(profiler, node_bench.CLEAR, b"\0", layer=0) == node_bench.DONE
-        assert start(profiler, node_bench.SCAN, layer=0) == node_bench.DONE
+        assert start(profiler, node_bench.Routine.CLEAR, b"\0", layer=0) == node_bench.DONE
+        assert start(profiler, node_bench.Routine.SCAN, layer=0) == node_bench.DONE
         assert len(read_map(profiler, 0)) == 12 + 2 * 81 + 11
 
 

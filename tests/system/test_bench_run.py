@@ -167,6 +167,13 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         words = ["--set", f"bench.channel={channel}"]
         running = started("run", str(path), "--out", str(folder), *words)
         wait_for_word(folder / "bench.log", "pass 1", running)
+        assert main(["bench", "clear", str(path), *words]) == 1
+        assert f"another inkloop prints there (process {running.pid} since" in capsys.readouterr().err
+        assert main(["bench", "status", str(path), *words]) == 0
+        first, *nodes = capsys.readouterr().out.splitlines()
+        assert re.fullmatch(r"session \d+ prints job \d+: nothing was sent, this was heard in \d\.\d s", first)
+        assert [line.partition(",")[0] for line in nodes[:2]] == ["head: pass 1 of layer 1", "stage: idle"]
+        assert running.poll() is None
         assert main(["bench", "stop", str(path), "--json", *words]) == 0
         assert "head: SAFE because of STOP_REQUEST" in json.loads(capsys.readouterr().out)["lines"]
         output, _ = running.communicate(timeout=PATIENCE_S)

@@ -71,29 +71,6 @@ def test_run_that_prints_nothing_ends_with_a_message_and_pictures(
     assert (folder / "layers.png").exists()
 
 
-def test_run_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "kept").write_text("mine")
-    assert main(["run", CUBOID, "--out", str(tmp_path)]) == 1
-    assert "nothing is overwritten" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
-
-
-@pytest.mark.usefixtures("without_pictures")
-def test_run_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for _ in range(2):
-        assert main(["run", CUBOID, "--no-compare"]) == 0
-    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["cuboid", "cuboid-2"]
-
-
-@pytest.mark.usefixtures("without_pictures")
-def test_override_is_recorded_in_the_run(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "seed=5"]) == 0
-    assert Result.load(folder).run["seed"] == 5
-    assert "seed = 5" in (folder / "scenario.toml").read_text()
-
-
 def test_validate_answers_with_an_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", CUBOID]) == 0
     assert "no errors" in capsys.readouterr().out
@@ -135,17 +112,21 @@ def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("word", "nearest"), [("runn", "run"), ("exprot", "export"), ("valid", "validate")])
-def test_nearest_name_is_suggested_for_a_mistyped_command(
-    word: str, nearest: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert f"there is no command {word!r}; did you mean {nearest}?" in usage_of(word, capsys=capsys)
-
-
-def test_nearest_name_is_suggested_for_a_mistyped_part_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
-    output = usage_of("export", "sps", CUBOID, capsys=capsys)
-    assert output.startswith("usage: inkloop export ")
-    assert "there is no command 'sps'; did you mean ssp?" in output
+@pytest.mark.parametrize(
+    ("typed", "usage", "message"),
+    [
+        (["runn"], "usage: inkloop ", "there is no command 'runn'; did you mean run?"),
+        (["exprot"], "usage: inkloop ", "there is no command 'exprot'; did you mean export?"),
+        (["valid"], "usage: inkloop ", "there is no command 'valid'; did you mean validate?"),
+        (["export", "sps", CUBOID], "usage: inkloop export ", "there is no command 'sps'; did you mean ssp?"),
+        (["validate", CUBOID, "--no-such-option"], "usage: inkloop validate ", "unknown arguments: --no-such-option"),
+        (["--print-completion", "nosh"], "usage: inkloop ", "expected one of bash, zsh"),
+    ],
+)
+def test_mistyped_word_is_named(typed: list[str], usage: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    output = usage_of(*typed, capsys=capsys)
+    assert output.startswith(usage)
+    assert message in output
 
 
 @pytest.mark.parametrize("old", RENAMED)
@@ -179,12 +160,6 @@ def test_wrong_option_shows_the_usage_of_its_command(
     command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert usage_of(*command, "--no-such-option", capsys=capsys).startswith(f"usage: inkloop {' '.join(command)} ")
-
-
-def test_unknown_option_among_valid_ones_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    output = usage_of("validate", CUBOID, "--no-such-option", capsys=capsys)
-    assert output.startswith("usage: inkloop validate ")
-    assert "unknown arguments: --no-such-option" in output
 
 
 @pytest.mark.parametrize("command", commands(), ids=" ".join)
@@ -223,10 +198,6 @@ def test_completion_script_completes_in_bash(
     assert offered in shell.stdout.split()
 
 
-def test_completion_for_an_unknown_shell_names_the_known(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "expected one of bash, zsh" in usage_of("--print-completion", "nosh", capsys=capsys)
-
-
 @pytest.mark.parametrize("at_layer", rest_is_long([2, 4], 1))
 def test_ctrl_c_keeps_the_layers_that_are_printed(
     at_layer: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -249,11 +220,15 @@ def test_ctrl_c_keeps_the_layers_that_are_printed(
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_in_real_time_records_its_deadlines_and_overrides(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "run"
-    pace = ["--set", "run.real_time_factor=1000.0"]
+    pace = ["--set", "run.real_time_factor=1000.0", "--set", "seed=5"]
     assert main(["run", CUBOID, "--no-compare", "--out", str(folder), *pace]) == 0
     result = Result.load(folder)
+    assert result.run["seed"] == 5
+    assert "seed = 5" in (folder / "scenario.toml").read_text()
     account = result.run["real_time"]
     assert account["steps"] == result.dataset.time[-1] + 1  # the controller ends the run a step after the last layer
     assert 0 <= account["missed"] <= account["steps"]

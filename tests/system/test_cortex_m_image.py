@@ -100,7 +100,7 @@ def test_image_that_hangs_is_reset_by_the_watchdog_of_the_board(image: Path) -> 
 @pytest.mark.long
 def test_machine_boots_the_image_and_its_head_clears_its_start(channel: str) -> None:
     with adapter(channel) as bus, bus.client(0) as head:
-        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+        assert start(head, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
 
 
 @pytest.mark.long

@@ -37,7 +37,7 @@ from support.fmus.foreign_run import (
 )
 from support.fmus.library_symbols import declared, exports, newest_glibc, parsed
 from support.fmus.twenty_layers import HAS_QEMU, HAS_WINE, TwentyLayers
-from support.masters.six_by_six import TEXT, scenario_in
+from support.masters.loops import TEXT, scenario_in
 
 FOLDERS = {
     "2": {"linux64", "win64", "darwin64"},
@@ -150,10 +150,10 @@ def test_windows_binary_gives_the_numbers_of_the_native_one(
     here, there = resources, f"Z:{resources}"  # FMI 2 has a URI there, FMI 3 a path
     if fmi == "2":
         here, there = f"file://{quote(resources)}", f"file:///Z:{quote(resources)}"
-    expected = answers([compiled(None, int(fmi), tmp_path / "calls"), library, token, here], script, wine)
-    program = compiled(TARGETS["x86_64-windows"], int(fmi), tmp_path / "calls.exe")
+    expected = answers([compiled(None, tmp_path / "calls"), fmi, library, token, here], script, wine)
+    program = compiled(TARGETS["x86_64-windows"], tmp_path / "calls.exe")
     dll = folder / "binaries" / ("win64" if fmi == "2" else "x86_64-windows") / f"{model}.dll"
-    found = answers([WINE or "", program, dll, token, there], script, wine)
+    found = answers([WINE or "", program, fmi, dll, token, there], script, wine)
     assert len(set(expected.split())) > 3
     if model in OTHER_LIBM:
         np.testing.assert_allclose(numbers(found), numbers(expected), rtol=OTHER_LIBM[model])

@@ -147,21 +147,14 @@ def test_self_test_energises_nothing_where_a_master_or_a_stop_request_came_since
 
 
 @pytest.mark.parametrize(
-    ("overrides", "check", "message"),
-    [
-        ([], "adapter", "Connection refused"),
-        (["bench.channel=/dev/no-such-adapter"], "adapter", "there is no /dev/no-such-adapter"),
-        (["bench.interface=slcam"], "interface", "no interface 'slcam'"),
-        (["bench.interface=pcan", "bench.channel=PCAN_USBBUS1"], "adapter", "cannot be opened"),
-        (["bench.interface=socketcan", "bench.channel=can77"], "adapter", "no network interface 'can77'"),
-    ],
-    ids=["no listener", "no port", "no interface", "no driver", "no network interface"],
+    ("overrides", "message"),
+    [([], "Connection refused"), (["bench.interface=pcan", "bench.channel=PCAN_USBBUS1"], "cannot be opened")],
+    ids=["no listener", "no driver"],
 )
-def test_missing_adapter_is_reported(overrides: list[str], check: str, message: str, doctor: Doctor) -> None:
+def test_adapter_that_cannot_be_opened_is_reported(overrides: list[str], message: str, doctor: Doctor) -> None:
     code, errors = doctor("socket://127.0.0.1:9", *(word for override in overrides for word in ("--set", override)))
-    assert code == 1
-    assert list(errors) == [check]
-    assert message in errors[check]
+    assert (code, list(errors)) == (1, ["adapter"])
+    assert message in errors["adapter"]
 
 
 def test_bench_without_power_and_a_node_without_power_are_reported(path: Path, doctor: Doctor) -> None:

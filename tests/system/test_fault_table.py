@@ -16,7 +16,7 @@ import pytest
 from inkloop.component import Ink, Job
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.layer_steps import LayerSteps
-from inkloop_hardware.devices.readiness import make_ready
+from inkloop_hardware.devices.readiness import NotReady, make_ready
 from inkloop_hardware.errors import (
     AnotherMaster,
     HardwareError,
@@ -29,10 +29,10 @@ from inkloop_hardware.errors import (
 )
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
-from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.node_state import Flags, Happening, Step
 from inkloop_hardware.protocol.records import StopRequest, pack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.transfer_bytes import read_map
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches import failures, node_bench
 from support.benches.fault_run import (
@@ -41,6 +41,7 @@ from support.benches.fault_run import (
     LIMIT_S,
     PATTERN,
     SILENCE_S,
+    FaultRun,
     faulty,
     looked_at,
     printed,
@@ -69,6 +70,8 @@ RECOVERED = [
     "short-map:node=profiler",
     "bad-check:id=0x20,count=1",
     "loss:probability=0.005,seed=4",
+    "transmit-order:node=head,probability=0.2",
+    "slow-erase:node=head,step=pass,pass=1",
 ]
 RECOVERED_TOO = [
     "loss:id=0x641,step=pass,pass=2",
@@ -235,6 +238,44 @@ def test_node_that_restarts_is_reported_and_continues_by_its_journal(caplog: pyt
             run.cure(number)
         assert run.state().gate_pulses == 2
         np.testing.assert_allclose(run.scan(), printed(ALL), atol=1e-12)
+
+
+def test_node_that_is_off_the_bus_goes_safe_by_itself_and_is_heard_again() -> None:
+    with faulty("bus-off:node=cure,step=download,frames=15") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).fault is Fault.MASTER_LOST)
+        assert (run.state(Node.CURE).cause, run.state(Node.CURE).boots) == (Fault.MASTER_LOST, 1)
+        assert run.state(Node.HEAD).state is State.VERIFIED
+
+
+def test_records_that_cannot_be_read_ask_a_person_and_end_the_job() -> None:
+    with faulty(failures.UNREADABLE, f"reboot:{failures.SECOND}", pass_ms=500) as run:
+        with pytest.raises((NodeLost, NodeRefused, NodeStopped)):
+            failures.in_second_pass(run)
+        wait_until(lambda: run.rig.keep_alive() is None and run.state().cause is Fault.JOURNAL_UNREADABLE)
+        with pytest.raises(
+            NotReady, match=r"head: its journal could not be read .*; switch it off and on; .*--give-up"
+        ):
+            make_ready(run.rig, tuple(Node))
+        assert run.rig.link(Node.HEAD).ask(Routine.PASS, Key(JOB, 1, 1)) is Outcome.UNKNOWN
+        with pytest.raises(NodeRefused, match="journal unreadable"):
+            run.clear(1)
+        run.clear(3)
+        with pytest.raises(NodeRefused) as refused:
+            run.rig.link(Node.HEAD).download(1, BLOB)
+        assert refused.value.code == 0x24
+        run.rig.job = JOB + 1
+        wait_until(lambda: _is_accepted(run))
+        assert run.state().unknown == 0
+
+
+def _is_accepted(run: FaultRun) -> bool:
+    """Whether the head takes the first pattern of the job, which its master has just begun."""
+    try:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+    except NodeRefused:
+        return False
+    return True
 
 
 def test_new_master_reads_the_journal_and_repeats_nothing() -> None:

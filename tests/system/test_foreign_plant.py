@@ -1,7 +1,11 @@
-"""A plant and a disturbance of another exporter under our controller, as in the tutorial."""
+"""A plant and a disturbance of PythonFMU, which shares nothing with ours, under our controller, as in the tutorial."""
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +19,44 @@ from inkloop.printing.print import Print
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck
-from support.fmus import foreign_plant
+from support.places import ROOT
+
+PAGE = ROOT / "docs" / "tutorial" / "your-own-plant.md"
+
+
+def files() -> dict[str, str]:
+    """File name -> content, as the page shows it."""
+    return dict(re.findall(r"```(?:python|toml)\n# (\S+)\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+
+
+def commands() -> list[str]:
+    """The lines that the page has its reader type."""
+    return re.findall(r"^    (pythonfmu \S.*|inkloop \S.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def build(folder: Path, script: str, text: str) -> None:
+    """Export the class of a script as an FMU into the folder, as the page does it."""
+    (folder / script).write_text(text, encoding="utf-8")
+    flags = ["--handle-state", "--serialize-state"]
+    subprocess.run([sys.executable, "-m", "pythonfmu", "build", "-f", script, *flags], cwd=folder, check=True)
+
+
+def type_in(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """A line of the page in a folder, with the programs of this environment."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return subprocess.run(
+        command.split(), cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
+    )
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of the page and what its first commands make of them."""
     made = tmp_path_factory.mktemp("foreign")
-    for name, text in foreign_plant.files().items():
+    for name, text in files().items():
         (made / name).write_text(text, encoding="utf-8")
-    for command in foreign_plant.commands()[:2]:
-        assert foreign_plant.type_in(made, command).returncode == 0
+    for command in commands()[:2]:
+        assert type_in(made, command).returncode == 0
     return made
 
 
@@ -34,7 +65,7 @@ def tutorial(folder: Path) -> Result:
     """Output of the other commands."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for command in foreign_plant.commands()[2:]:
+        for command in commands()[2:]:
             words = command.split()[1:]
             assert main([*words, "--no-isolate", "--no-pictures"] if words[0] == "run" else words) == 0
     return Result.load(folder / "runs" / "plant")
@@ -95,10 +126,10 @@ def test_mapped_plant_keeps(check: ContractCheck, folder: Path) -> None:
 
 
 def test_profile_of_scalars_with_any_names_prints(tmp_path: Path) -> None:
-    script = foreign_plant.files()["deposit.py"].replace("NX, NY = 10, 10", "NX, NY = 12, 1")
+    script = files()["deposit.py"].replace("NX, NY = 10, 10", "NX, NY = 12, 1")
     script = script.replace('f"{name}[{i + 1},{j + 1}]"', 'f"{name}_{i}"')
     script = script.replace("class Deposit", "class Wall")
-    foreign_plant.build(tmp_path, "wall.py", script)  # PythonFMU keeps one module of a name in a process
+    build(tmp_path, "wall.py", script)  # PythonFMU keeps one module of a name in a process
     (tmp_path / "profile.toml").write_text("""
 title = "a wall, one cell wide"
 grid = { nx = 12, ny = 1 }

@@ -13,19 +13,17 @@ from inkloop.cli import main
 from inkloop.component import Ink
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.candidates import candidates, conserving
-from inkloop_lab.identify.cross_validation import Comparison, compare
 from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
-from inkloop_lab.identify.identification import Identification, identify
+from inkloop_lab.identify.identification import Comparison, Identification, compare, identify
 from inkloop_lab.identify.ink_regression import identify_ink
 from inkloop_lab.identify.ink_writer import write_ink
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.identify.volume_area_coefficients import identify_volume_area
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS
-from inkloop_lab.score.known_inks import surfaces
+from inkloop_lab.score.board import surfaces
 from support.logged_print import log, made_up, random_layers
 from support.lying_scans.log import logged
 from support.lying_scans.profiler import Profiler

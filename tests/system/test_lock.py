@@ -81,11 +81,6 @@ def test_folder_of_a_run_that_never_began_is_not_left(tmp_path: Path) -> None:
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_default_folders_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert [new_run_folder(None, "cuboid").name for _ in range(3)] == ["cuboid", "cuboid-2", "cuboid-3"]
-
-
 def test_owner_of_a_folder_takes_the_place_of_a_longer_one_that_was_killed(tmp_path: Path) -> None:
     (tmp_path / LOCK_FILE).write_text("process 4000000000 since 2001-01-01 00:00:00 " + 40 * "x")
     with sole_writer(tmp_path):

@@ -207,7 +207,7 @@ def test_state_is_restored_and_anything_else_is_refused(bus: str, tmp_path: Path
         part.restore(b"short")
 
 
-def test_stop_steps_of_a_mapping_are_made_and_without_them_nothing_is_sent(
+def test_person_looks_at_a_mapped_rig_and_stops_it_by_its_steps(
     bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     steps = '[[stop]]\ndo = "send"\nmessage = "PlcCommand"\nsignals = { LayerNo = 0, Go = "HOLD", Lamp = 0 }\n'
@@ -219,6 +219,12 @@ def test_stop_steps_of_a_mapping_are_made_and_without_them_nothing_is_sent(
         assert "has no [[stop]] steps, so nothing was sent: use the hard-wired stop" in capsys.readouterr().err
         assert main(["bench", "clear", part]) == 1
         assert "clear is for inkloop's own nodes" in capsys.readouterr().err
+        assert main(["bench", "status", part]) == main(["bench", "doctor", part]) == 0
+        shown = capsys.readouterr().out
+        assert shown.count("PlcState (0x220): ") == 2
+        assert "State: it is READY, LayersDone: it is 0" in " ".join(shown.split())
         scenario(tmp_path, bus, foreign_rig.MAPPING.replace("[outputs", f"{steps}\n[outputs"))
         assert main(["bench", "stop", part]) == 0
         assert "all 2 [[stop]] steps of rig.toml were made" in capsys.readouterr().out
+    assert main(["bench", "doctor", part]) == 1
+    assert "PlcState (0x220): none came in" in " ".join(capsys.readouterr().out.split())

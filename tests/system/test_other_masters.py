@@ -19,9 +19,8 @@ from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.long_proofs import rest_is_long
 from support.masters.java_programs import MAESTRO, VDM_CHECK
-from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
+from support.masters.loops import LAYERS, ONE_BLOCK, STEPS_S, TEXT, THREE_FMUS, Loop, difference, our_run, scenario_in
 from support.masters.other_masters import MASTERS, Master, layers_by
-from support.masters.six_by_six import LAYERS, STEPS_S, TEXT, difference, our_run, scenario_in
 
 NO_SCAN_0 = "its connections start at zero: the controller does not learn datum and noise from scan 0"
 

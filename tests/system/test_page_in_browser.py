@@ -116,13 +116,13 @@ def test_clicks_and_slider_show_the_heights_of_the_run() -> None:
         assert tab.messages == []
 
 
+COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
 def watched(folder: Path) -> tuple[subprocess.Popen[str], str]:
     """A process that serves a run folder, and its address."""
-    words = [sys.executable, "-m", "inkloop.cli", "watch", str(folder), "--port", "0"]
-    code = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *words[3:]], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    words = [sys.executable, "-c", COMMAND, "watch", str(folder), "--port", "0"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     line = process.stdout.readline()
     found = re.search(r"http://127\.0\.0\.1:\d+/", line)
@@ -132,9 +132,8 @@ def watched(folder: Path) -> tuple[subprocess.Popen[str], str]:
 
 def printing(folder: Path) -> subprocess.Popen[str]:
     """A process that prints the cuboid, slowly enough to be watched."""
-    code = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
     words = ["run", str(quick_cuboid()), "--out", str(folder), "--no-compare", "--no-pictures", *SLOW]
-    return subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.DEVNULL, text=True)
+    return subprocess.Popen([sys.executable, "-c", COMMAND, *words], stdout=subprocess.DEVNULL, text=True)
 
 
 def test_live_page_shows_layers_and_neither_kill_nor_stall_of_the_watcher_changes_the_print(tmp_path: Path) -> None:

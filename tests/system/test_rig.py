@@ -9,8 +9,7 @@ import subprocess
 import sys
 import time
 import zlib
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,8 +19,8 @@ import pytest
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.devices.stop import release_stop, request_stop
-from inkloop_hardware.errors import AnotherMaster, BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
+from inkloop_hardware.doctor.inquiry import links
+from inkloop_hardware.errors import AnotherMaster, BusError, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -29,7 +28,7 @@ from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
 from inkloop_hardware.protocol.node_state import NodeTimes
 from inkloop_hardware.protocol.records import MasterAlive, unpack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.vocabulary import Node, State
 from support.benches import node_bench
 
 FULL = np.ones((9, 9), np.uint8)
@@ -103,46 +102,20 @@ class Observer:
     """A separate adapter on the bench's bus, which sends requests and never MasterAlive."""
 
     def __init__(self, channel: str) -> None:
-        self.adapter = Adapter(settings(channel))
-        self.found: deque[bytes] = deque()
-        self.codec = Codec()
-
-    def begin(self) -> None:
-        pass
-
-    def check(self) -> None:
-        pass
-
-    def now(self) -> float:
-        return time.monotonic()
-
-    def send(self, frames: Sequence[Frame]) -> None:
-        for frame in frames:
-            self.adapter.send(frame)
-
-    def receive(self, wait_s: float) -> bytes | None:
-        until = self.now() + wait_s
-        while not self.found:
-            for message in self.adapter.receive(max(0.0, until - self.now())):
-                if message.arbitration_id == self.answer_id:
-                    self.found.append(bytes(message.data))
-            if self.now() >= until:
-                break
-        return self.found.popleft() if self.found else None
+        self.adapter, self.codec = Adapter(settings(channel)), Codec()
 
     def wait_for_lamp(self) -> None:
         """Until the lamp's node reports that it is on. Nothing is asked: two clients of one node disturb each other."""
-        status, until = self.codec.message("CureStatus").frame_id, self.now() + LIMIT
+        status, until = self.codec.message("CureStatus").frame_id, time.monotonic() + LIMIT
         while True:
-            assert self.now() < until
+            assert time.monotonic() < until
             for message in self.adapter.receive(LIMIT):
                 frame = Frame(message.arbitration_id, bytes(message.data))
                 if frame.arbitration_id == status and self.codec.decode(frame).values["LampOn"]:
                     return
 
     def link(self, node: Node) -> Link:
-        self.answer_id = self.codec.answer_id(node)
-        return Link(node, self.codec, self, "the bus of the test")
+        return links(self.adapter, self.codec, [node])[0]
 
 
 def lamp_after_the_master_is_gone(channel: str) -> NodeTimes:
@@ -309,20 +282,6 @@ def test_ctrl_c_in_the_terminal_is_left_to_the_master(rig: Rig) -> None:
     assert rig.link(Node.HEAD).state().state is State.IDLE
 
 
-def test_stop_request_stays_until_it_is_taken_back_and_a_person_clears(rig: Rig) -> None:
-    head = rig.link(Node.HEAD)
-    key = Key(rig.job, 0)
-    assert len(list(request_stop(rig.settings))) == len(Node) + 1
-    wait_until(lambda: head.state().cause is Fault.STOP_REQUEST)
-    with pytest.raises(NodeRefused, match="clear"):
-        head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT)
-    list(release_stop(rig.settings))
-    wait_until(lambda: head.state().flags == 1)
-    with pytest.raises(NodeRefused):
-        head.routine(Routine.CLEAR, key, b"\0", limit_s=LIMIT)
-    assert head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT) is Outcome.DONE
-
-
 def test_second_master_does_not_begin_and_disturbs_nothing(rig: Rig, channel: str) -> None:
     other = Rig(settings(channel))
     with pytest.raises(AnotherMaster, match=f"session {rig.session}: end it"):
@@ -342,54 +301,6 @@ def test_master_that_follows_another_one_needs_no_person(channel: str) -> None:
         assert second.link(Node.HEAD).state().session == second.session != first.session
 
 
-def test_second_master_that_does_not_listen_makes_the_bench_safe(
-    rig: Rig, channel: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    other = Rig(settings(channel))
-    monkeypatch.setattr(other.supervision, "_listen", lambda: None)
-    with other:
-        assert other.session != rig.session
-        wait_until(lambda: rig.link(Node.HEAD).state().cause is Fault.TWO_MASTERS)
-        with pytest.raises(NodeRefused):
-            rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\0", limit_s=LIMIT)
-    wait_until(lambda: rig.link(Node.HEAD).state().session == rig.session)
-
-
-def test_bench_that_disappears_is_reported(program: Path) -> None:
-    with bench(program) as (running, channel), Rig(settings(channel)) as rig:
-        cleared(rig)
-        running.kill()
-        running.wait()
-        with pytest.raises((BusError, NodeLost), match=r"unplugged|silent"):
-            wait_until(lambda: rig.link(Node.HEAD).state().state is State.FAULT)
-
-
-def test_node_that_is_not_there_is_named(program: Path) -> None:
-    with bench(program, "one_node=1") as (_, channel), Rig(settings(channel)) as rig:
-        rig.wait_for([Node.HEAD], LIMIT)
-        with pytest.raises(NodeLost, match=r"the stage has sent no status; the profiler has sent no status"):
-            rig.wait_for([Node.HEAD, Node.STAGE, Node.PROFILER], 0.5)
-        with pytest.raises(NodeLost, match="stage has sent no status"):
-            rig.link(Node.STAGE).state()
-
-
-def test_bus_is_open_from_the_first_attach_to_the_last_detach(channel: str) -> None:
-    rig = Rig(settings(channel))
-    with pytest.raises(HardwareError, match="attach"):
-        rig.keep_alive()
-    rig.job = 77
-    for _ in range(2):
-        rig.attach()
-        rig.attach()
-        rig.detach()
-        cleared(rig)
-        assert rig.job == 77
-        rig.detach()
-        with pytest.raises(HardwareError, match="attach"):
-            rig.keep_alive()
-    rig.detach()
-
-
 def test_files_of_the_present_folder_are_not_taken_for_libraries(
     channel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -397,26 +308,6 @@ def test_files_of_the_present_folder_are_not_taken_for_libraries(
     monkeypatch.chdir(tmp_path)
     with Rig(settings(channel)) as rig:
         rig.wait_for(Node, LIMIT)
-
-
-def test_bus_that_cannot_be_opened_does_not_count(channel: str) -> None:
-    rig = Rig(settings("socket://127.0.0.1:1"))
-    with pytest.raises(BusError, match=r"socket://127.0.0.1:1 at 500 kbit/s cannot be opened.*inkloop bench emulate"):
-        rig.attach()
-    rig.settings = settings(channel)
-    rig.attach()
-    rig.wait_for(Node, LIMIT)
-    rig.detach()
-
-
-@pytest.mark.parametrize("suffix", [".txt", ""])
-def test_traffic_log_of_an_unknown_kind_is_refused(channel: str, tmp_path: Path, suffix: str) -> None:
-    rig = Rig(
-        settings(channel, traffic_log=Path("traffic").with_suffix(f".{suffix}" if suffix else "")), folder=tmp_path
-    )
-    with pytest.raises(BusError, match=r"traffic.*expected \.blf or \.asc"):
-        rig.attach()
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("cells", [100, pytest.param(1000, marks=pytest.mark.long)])

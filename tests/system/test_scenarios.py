@@ -19,7 +19,7 @@ from support import prints
 from support.benches.bench_run import FMUS, assert_same_print, emulated
 from support.long_proofs import rest_is_long
 from support.places import SCENARIOS as FOLDER
-from support.prints import overrides_of, quick_cuboid
+from support.prints import overrides_of
 
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
 WHOLE = (
@@ -57,11 +57,14 @@ def mean_over(seeds: range, name: str, variant: str = "") -> dict[str, float]:
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_scenario_names_what_to_look_at(path: Path) -> None:
+def test_scenario_names_what_to_look_at_and_every_variant_of_it_is_one(path: Path) -> None:
     comment = [line for line in path.read_text().split("title =")[0].splitlines() if line]
     assert comment
     assert all(line.startswith("#") for line in comment)
     assert "What to look at:" in " ".join(comment)
+    scenario = Scenario.load(path)
+    for variant in scenario.tables.compare:  # those that no test prints, too
+        assert scenario.variant(variant).job().nx == scenario.job().nx
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -107,21 +110,6 @@ def test_cylinder_beats_the_papers_algorithm_on_the_same_plant(seeds: range) -> 
     assert ours["mae"] < theirs["mae"]
 
 
-@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_every_variant_of_a_scenario_is_one(path: Path) -> None:
-    """Those that no test prints, too."""
-    scenario = Scenario.load(path)
-    for variant in scenario.tables.compare:
-        assert scenario.variant(variant).job().nx == scenario.job().nx
-
-
-def test_same_seed_prints_the_same_bits() -> None:
-    scenario = Scenario.load(quick_cuboid())
-    first, second = print_part(scenario).dataset, print_part(scenario).dataset
-    for name in ("height", "pattern", "measured_height"):
-        np.testing.assert_array_equal(first[name], second[name])
-
-
 def test_two_inks_stay_where_the_part_puts_them() -> None:
     """Cells as wide as these leave a tenth of the walls to the wrong ink, with any controller."""
     closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
@@ -135,16 +123,6 @@ def test_noise_of_the_sensor_is_filtered_out() -> None:
     filtered, exact = printed("noisy-sensor", 1).metrics(), printed("cylinder", 1).metrics()
     assert abs(filtered["mean_error"]) < 0.3e-6
     assert filtered["std"] < 1.3 * exact["std"]
-
-
-@pytest.mark.long
-def test_controller_that_takes_scans_as_exact_ends_uneven() -> None:
-    """Also in tests/reference/test_noisy_cylinder.py, in a print of fewer layers ahead."""
-    filtered, taken = (
-        printed("noisy-sensor", 1, variant, as_shipped=True).metrics() for variant in ("", "scans taken as exact")
-    )
-    assert taken["std"] > 2 * filtered["std"]
-    assert taken["mae"] > 2 * filtered["mae"]
 
 
 def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:

@@ -14,7 +14,7 @@ import isotp
 import pytest
 
 from inkloop_hardware.emulated_bench import EmulatedBench
-from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.fault_run import BLOB, JOB, faulty, looked_at
 from support.benches.stock_tools import adapter
@@ -124,11 +124,3 @@ def test_stock_stack_loses_its_thread_in_silence_where_the_bus_fails(monkeypatch
     with pytest.raises(isotp.BlockingSendTimeout):
         stack.send(b"\x3e\x00", send_timeout=0.5)
     bus.shutdown()
-
-
-def test_link_reports_that_the_bus_fails() -> None:
-    with faulty("unplugged:step=download,count=1000000", reopen_s=0.2) as run:
-        with pytest.raises(HardwareError, match="unplugged"):
-            run.rig.link(Node.HEAD).download(1, BLOB)
-        with pytest.raises(HardwareError, match="unplugged"):
-            run.state()

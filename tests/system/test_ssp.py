@@ -114,37 +114,42 @@ def test_any_text_has_an_identifier(text: str, name: str) -> None:
 
 @EVERY_VERSION
 def test_pyssp_reads_all_of_it(version: str, tmp_path: Path) -> None:
+    """Its components, parameters and connectors are those of the system and of its FMUs."""
     path, system = exported(tmp_path, version)
+    assert system.part("controller").values["sweeps_max"] == 2  # by the name that the FMU has for it
+    expected = {
+        f"{part.name}.{scalar}" for part in system.parts for name in part.values for scalar in part.scalars(name)
+    }
+    known = set()
     with SSP(path, mode="r") as opened:
-        with opened.system_structure as structure:
-            assert structure.version == version
-            assert [element.name for element in structure.system.elements] == [part.name for part in system.parts]
         (parameters,) = opened.ssv
         with parameters as values:
             assert values.version == version
-            names = {entry["name"] for entry in values.parameters}
-        expected = {
-            f"{part.name}.{scalar}" for part in system.parts for name in part.values for scalar in part.scalars(name)
-        }
-        assert names == expected
-
-
-@EVERY_VERSION
-def test_connectors_are_variables_of_the_fmus(version: str, tmp_path: Path) -> None:
-    path, _ = exported(tmp_path, version)
-    known = set()
-    with SSP(path, mode="r") as opened, opened.system_structure as structure:
-        for component in structure.system.elements:
-            file = opened.unpacked_path / component.source
-            model = fmpy.read_model_description(str(file), validate=False)
-            variables = {variable.name: variable.causality for variable in model.modelVariables}
-            assert component.connectors
-            assert all(variables[connector.name] == connector.kind for connector in component.connectors)
-            known |= {(component.name, connector.name) for connector in component.connectors}
-        ends = [(wire.start_element, wire.start_connector) for wire in structure.system.connections]
-        ends += [(wire.end_element, wire.end_connector) for wire in structure.system.connections]
+            assert {entry["name"] for entry in values.parameters} == expected
+        with opened.system_structure as structure:
+            assert structure.version == version
+            assert [element.name for element in structure.system.elements] == [part.name for part in system.parts]
+            for component in structure.system.elements:
+                model = fmpy.read_model_description(str(opened.unpacked_path / component.source), validate=False)
+                causalities = {variable.name: variable.causality for variable in model.modelVariables}
+                assert component.connectors
+                assert all(causalities[connector.name] == connector.kind for connector in component.connectors)
+                known |= {(component.name, connector.name) for connector in component.connectors}
+            wires = structure.system.connections
+    ends = {(wire.start_element, wire.start_connector) for wire in wires}
+    ends |= {(wire.end_element, wire.end_connector) for wire in wires}
     assert ends
-    assert set(ends) <= known
+    assert ends <= known
+    if version == "2.0":
+        with zipfile.ZipFile(path) as packed:
+            root = ET.fromstring(packed.read("SystemStructure.ssd"))
+        sizes = {
+            (part.get("name"), connector.get("name")): [size.get("size") for size in connector[1:]]
+            for part in root.iterfind(".//{*}Component")
+            for connector in part.iterfind(".//{*}Connector")
+        }
+        assert sizes["printer", "pattern"] == sizes["printer", "height"] == sizes["profiler", "valid"] == ["6", "5"]
+        assert sizes["printer", "layer_command"] == sizes["profiler", "layers_scanned"] == []
 
 
 @EVERY_VERSION
@@ -160,7 +165,7 @@ def test_print_from_an_ssp_is_that_of_its_scenario(version: str, text: str, tmp_
         np.testing.assert_array_equal(found.dataset[name].values, expected.dataset[name].values)
 
 
-def test_controller_in_python_stays_outside_with_a_message(tmp_path: Path) -> None:
+def test_what_an_fmu_cannot_express_stays_outside_with_a_message(tmp_path: Path) -> None:
     path, system = exported(tmp_path, "1.0", OPEN_LOOP)
     assert system.notes() == ["controller is not in it: kind OpenLoop is no FMU"]
     structure = read_ssd(str(path))
@@ -168,21 +173,11 @@ def test_controller_in_python_stays_outside_with_a_message(tmp_path: Path) -> No
     assert connectors["pattern[1,1]"] == connectors["layer_command"] == "input"
     assert connectors["measured_height[6,5]"] == connectors["layers_scanned"] == "output"
     assert "controller is not in it" in structure.system.description
-
-
-def test_what_an_fmu_cannot_express_is_reported(tmp_path: Path) -> None:
     certified = TEXT.replace("horizon = 2", "horizon = 1\nalpha = 1.0\ncertified = true")
     event = '[[events]]\nat_layer = 1\naction = "override"\nport = "printer.pattern"\nvalue = 0\ncells = [[0, 0]]\n'
-    _, system = exported(tmp_path, "1.0", certified + event)
-    controller, events = system.notes()
+    controller, events = system_of(scenario_in(tmp_path, certified + event), "2", tmp_path).notes()
     assert "LayerController.fmu cannot stand in for it: certified is no option" in controller
     assert "the events of the scenario are not in it" in events
-
-
-@EVERY_VERSION
-def test_options_go_by_the_name_that_the_controller_fmu_has_for_them(version: str, tmp_path: Path) -> None:
-    _, system = exported(tmp_path, version)
-    assert system.part("controller").values["sweeps_max"] == 2
 
 
 def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> None:
@@ -228,27 +223,6 @@ def test_fmpy_runs_the_system_with_the_controller_outside(tmp_path: Path) -> Non
     rows = simulate_ssp(str(path), stop_time=14.0, step_size=1.0, parameter_set=values, input=inputs)
     for (i, j), height in np.ndenumerate(expected["height"].values[-1]):
         assert rows[f"printer.height[{i + 1},{j + 1}]"][-1] == height
-
-
-def test_libcosim_prints_the_same_part(tmp_path: Path) -> None:
-    execution_module = pytest.importorskip("libcosimpy.CosimExecution", reason="libcosimpy is not installed")
-    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
-    from libcosimpy.CosimObserver import CosimObserver
-
-    log_output_level(CosimLogLevel.ERROR)
-    scenario_in(tmp_path)
-    folder = tmp_path / "osp"
-    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(folder)]) == 0
-    execution = execution_module.CosimExecution.from_osp_config_file(osp_path=str(folder))
-    observer = CosimObserver.create_last_value()
-    execution.add_observer(observer=observer)
-    printer = execution.slave_index_from_instance_name("printer")
-    expected = Print(Scenario.load(tmp_path / "block.toml")).run().dataset["height"].values[-1]
-    for _ in range(60):
-        assert execution.step()
-    height = describe(folder / "printer.fmu").variables["height"]
-    found = np.reshape(observer.last_real_values(printer, list(height.references)), expected.shape)
-    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.fixture
@@ -404,16 +378,3 @@ def test_experiment_ends_when_a_print_ought_to_be_over(old: str, new: str, expec
     with zipfile.ZipFile(path) as packed:
         (experiment,) = ET.fromstring(packed.read("SystemStructure.ssd")).findall("{*}DefaultExperiment")
     assert (float(experiment.attrib["startTime"]), float(experiment.attrib["stopTime"])) == (0.0, expected)
-
-
-def test_connectors_of_maps_have_the_dimensions_of_the_grid(tmp_path: Path) -> None:
-    path, _ = exported(tmp_path, "2.0")
-    with zipfile.ZipFile(path) as packed:
-        root = ET.fromstring(packed.read("SystemStructure.ssd"))
-    found = {
-        f"{part.attrib['name']}.{connector.attrib['name']}": [int(size.attrib["size"]) for size in connector[1:]]
-        for part in root.findall(".//{*}Component")
-        for connector in part.findall(".//{*}Connector")
-    }
-    assert found["printer.pattern"] == found["printer.height"] == found["profiler.valid"] == [6, 5]
-    assert found["printer.layer_command"] == found["profiler.layers_scanned"] == []

@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from inkloop.fmu_writer.export import find_fmu
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
@@ -54,14 +52,6 @@ def test_light_commands_load_no_heavy_library_and_version_and_help_none_at_all(t
         assert (words, code, packages & {*HEAVY}) == (words, 0, set())
     for _, packages in found[: len(LIGHTEST)]:
         assert not packages & {"numpy", "pydantic", "tomlkit", "fmpy", "rich", "shtab"}
-
-
-@pytest.mark.long
-def test_heavy_libraries_are_seen_where_a_command_loads_them(tmp_path: Path) -> None:
-    """So that the test above can fail."""
-    ((code, packages),) = loaded(tmp_path, ("score", "absent:Controller"))
-    assert code == 1
-    assert packages >= {"matplotlib", "xarray"}
 
 
 def test_run_without_pictures_draws_nothing(tmp_path: Path) -> None:

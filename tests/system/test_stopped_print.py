@@ -146,20 +146,6 @@ def test_stopped_print_says_why_and_goes_on_after_a_repair(
     assert not result.dataset.stop_reason[12:].any()
 
 
-def test_print_is_stopped_again_as_long_as_the_scans_lie(
-    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "run"
-    assert main(["run", str(scenario), "--out", str(folder), "--json", "--no-isolate"]) == 4
-    (figures,) = json.loads(capsys.readouterr().out)["runs"].values()
-    assert (figures["stop_reason"], figures["layers"]) == ("stopped", 11)
-    assert figures["remarks"][0].startswith("stopped: the scans do not show what was printed: the profiler shows")
-    assert main(["resume", str(folder), "--isolate"]) == 4
-    result = Result.load(folder)
-    assert result.stop_reason == "stopped"
-    assert np.flatnonzero(result.dataset.stop_reason).tolist() == [11, 13]
-
-
 def test_print_whose_comparison_alone_is_stopped_is_done(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

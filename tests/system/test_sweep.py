@@ -26,8 +26,8 @@ from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan
-from inkloop_lab.sweep.processes import on_processes
 from inkloop_lab.sweep.report import sweep_of
+from inkloop_lab.sweep.sites import on_processes
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Order, perform
 from support.once_per_run import once
@@ -183,17 +183,6 @@ def kill_and_resume(
 
 @pytest.mark.long
 @pytest.mark.parametrize("workers", [1, 2])
-def test_study_killed_at_random_moments_resumes_to_the_same_file(workers: int, tmp_path: Path) -> None:
-    path, out, rng = study_file(tmp_path, seeds=10), tmp_path / "out", np.random.default_rng(workers)
-    words = [str(path), "--out", str(out), "--workers", str(workers)]
-    kill_and_resume(words, out, 12, rng, workers_of)
-    found = netcdf.read(out / "sweep.nc")
-    assert np.isin(found["status"], [1, 5]).all()
-    assert_same(found, undisturbed(path, tmp_path / "undisturbed"))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("workers", [1, 2])
 def test_200_cylinders_killed_at_random_moments_are_those_of_a_study_left_alone(workers: int, tmp_path: Path) -> None:
     """Five settings with 40 seeds each; layers are kept, so that prints continue where they were killed."""
     path, out = tmp_path / "cylinders.toml", tmp_path / "out"
@@ -250,29 +239,13 @@ def _registered(cluster: Any) -> list[int]:
 
 
 @pytest.mark.long
-def test_cluster_of_which_a_worker_is_killed_gives_the_same_file(
-    dask_workers: tuple[str, Callable[[Any], list[int]]], tmp_path: Path
-) -> None:
-    address, processes = dask_workers
-    path, out = study_file(tmp_path, seeds=2, keep='maps = "none"'), tmp_path / "out"
-    expected = undisturbed(path, tmp_path / "undisturbed")
-    with begun(str(path), "--out", str(out), "--scheduler", address) as process:
-        wait_until(lambda: any(out.glob("prints/*.json")), process)
-        end(processes(process)[0])
-        shown, errors = process.communicate()
-    assert process.returncode == 3, shown + errors
-    assert_same(netcdf.read(out / "sweep.nc"), expected)
-    assert list((tmp_path / "workers").rglob("cuboid.toml"))
-
-
-@pytest.mark.long
 def test_200_cylinders_on_a_cluster_killed_at_random_moments_are_those_of_a_study_left_alone(
     dask_workers: tuple[str, Callable[[Any], list[int]]], tmp_path: Path
 ) -> None:
     address, processes = dask_workers
     path, out = tmp_path / "cylinders.toml", tmp_path / "out"
     path.write_text(CYLINDERS)
-    kill_and_resume(
-        [str(path), "--out", str(out), "--scheduler", address], out, 17, np.random.default_rng(3), processes
-    )
+    words = [str(path), "--out", str(out), "--scheduler", address]
+    kill_and_resume(words, out, 17, np.random.default_rng(3), processes)
     assert_same(netcdf.read(out / "sweep.nc"), cylinders())
+    assert list((tmp_path / "workers").rglob("cylinder.toml"))  # what the workers were sent

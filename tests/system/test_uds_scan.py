@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.protocol.node_state import NodeState, Roles
 from inkloop_hardware.protocol.vocabulary import Node
 from support.masters.other_programs import CARINGCARIBOU, SCAPY
-from support.masters.uds_scanners import SERVICES, by_caringcaribou, by_scapy, objection, servers_by_caringcaribou
+from support.masters.uds_scanners import (
+    SERVICES,
+    answers_by_scapy,
+    by_caringcaribou,
+    by_scapy,
+    objection,
+    servers_by_caringcaribou,
+)
 
 
 @pytest.mark.parametrize(
@@ -42,6 +52,16 @@ def test_scapy_finds_the_services_of_the_profiler_and_nothing_wrong() -> None:
     assert not scan.wrong
     assert (scan.services, scan.identifiers) == (SERVICES[Node.PROFILER], set(range(0x0100, 0x0104)))
     assert scan.routines == {0x0205, 0x0206}
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="slcan on a pseudo-terminal")
+@pytest.mark.skipif(bool(SCAPY.reason_it_is_absent()), reason="scapy is not installed; make peers")
+def test_every_answer_of_several_frames_reaches_isotp_of_scapy() -> None:
+    """On a terminal: over socket:// python-can returns a byte to a reader that does not wait, see peers.md."""
+    with EmulatedBench({}, terminal=True) as bench:
+        answers = answers_by_scapy(bench.channel, Node.HEAD, [b"\x22\x01\x00"] * 4)
+    assert [NodeState.of(answer[3:]).roles for answer in answers] == [Roles.HEAD] * 4
 
 
 @pytest.mark.long

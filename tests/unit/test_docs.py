@@ -22,7 +22,7 @@ from inkloop.components import catalog
 from inkloop.results.result import Result
 from inkloop.tables import schema
 from inkloop.testing import CONTRACT_CHECKS, job
-from inkloop_controller.baselines.planners import OpenLoop
+from inkloop_controller.baseline_planners import OpenLoop
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.planning.horizon_planner import Finish, ending_of

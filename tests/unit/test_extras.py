@@ -43,7 +43,7 @@ CALLS: Mapping[str, Callable[[], object]] = {
 }
 """Library -> what needs it in Python."""
 ELSEWHERE = {
-    "distributed": "tests/unit/lab/sweep/test_sweep_cluster.py",
+    "distributed": "tests/unit/lab/sweep/test_sweep_prints.py",
     "skfem": "tests/unit/lab/reproduce/test_reproduce.py",
 }
 """Library -> the test that does without it."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from benchmarks.names import RECORDED
-from tools.figures import gallery, house, performance, the_papers
-from tools.figures.pages import filled, marks, read_json, table
-from tools.figures.writers import ALONE, WRITERS, writer
+from benchmarks import RECORDED
+from tools.figures import can_protocol, command_line, gallery, house, performance, the_papers
+from tools.figures.pages import ALONE, WRITERS, filled, marks, read_json, table, writer
 
 from support.places import ROOT, SCENARIOS
 
@@ -54,6 +53,21 @@ def test_table_of_a_paper_becomes_a_spreadsheet() -> None:
 def test_page_of_the_score_board_leaves_out_the_inks() -> None:
     inks = "Ink assumed by each controller, h1, h2, h3 in µm:\n\n| controller | lu |\n|---|---|\n| ours | 4.40 |\n"
     assert the_papers.without_inks(f"## v1\n\n{inks}\n## v2\n\n| a |\n\n{inks}") == "## v1\n\n## v2\n\n| a |\n"
+
+
+def test_page_of_commands_names_every_option_and_explains_a_frequent_one_once() -> None:
+    often = [("`--set K`", "a key")]
+    section = command_line._section("inkloop weigh", "weigh", [*often, ("`PART`", "a part")], often)
+    assert section == "\n## inkloop weigh\n\nWeigh. Takes `--set`.\n\n- `PART`: a part\n"
+    page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
+    assert page.count("`--set KEY=VALUE`: override a key") == 1
+
+
+def test_comments_of_frames_that_differ_by_their_node_are_one() -> None:
+    assert can_protocol._shared(["State of the stage; and more", "State of the head; and more"]) == (
+        "State of the node; and more"
+    )
+    assert can_protocol._shared(["Sender", "Sender"]) == "Sender"
 
 
 def test_altered_figure_is_put_right_and_the_rest_is_kept() -> None:

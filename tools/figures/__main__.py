@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from tools.figures.pages import ROOT, fill
-from tools.figures.writers import ALONE, WRITERS, writer
+from tools.figures.pages import ALONE, ROOT, WRITERS, fill, writer
 
 
 def main() -> None:

@@ -29,6 +29,13 @@ GROUPS = {
 }
 
 
+OPTIONS = "[Options](scenario.md#layermpc), in SI"
+EXPLAINED = {
+    **dict.fromkeys(("Criterion", "DropletChoices", "HeightEstimator", "LayerMpc", "Work"), OPTIONS),
+    "LayerEnv": "[Observation, action, reward](../how-to/learn-a-policy.md)",
+    "LayerPlan": "[Fields](layer-plan.md#the-record)",
+}
+"""Class -> the page that explains its arguments; here stands the first paragraph of its docstring."""
 BUILD_ON = (
     "A command, a study or a component of your own may also import these, as `inkloop_lab` does, and all modules of "
     "[the floor](../explanation/architecture.md#the-rooms)."
@@ -73,14 +80,20 @@ def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterato
             yield from (inspect.cleandoc(entry.__doc__ or ""), "")
             yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
         else:
-            yield from ("```text", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
+            yield from ("```text", _signature(name, entry), "```", "", _explained(name, entry), "")
         if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
             members = list(_members(name, entry))
             yield from (*members, "") if members else ()
 
 
+def _explained(name: str, entry: object) -> str:
+    if name in EXPLAINED:
+        return f"{_first_paragraph(entry)} {EXPLAINED[name]}."
+    return inspect.cleandoc(entry.__doc__ or "")
+
+
 def _members(name: str, entry: type) -> Iterator[str]:
-    """A line for each public method and property that the class defines itself."""
+    """A line for each public method and property that the class defines itself, without types of arguments."""
     for member, value in vars(entry).items():
         if member.startswith("_"):
             continue
@@ -107,7 +120,7 @@ def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) 
         if parameter.kind is parameter.KEYWORD_ONLY and not keyword_only:
             shown.append("*")
         keyword_only |= parameter.kind is parameter.KEYWORD_ONLY
-        shown.append(_parameter(parameter, entry))
+        shown.append(_parameter(parameter, entry, is_typed=not is_bound))
     returned = signature.return_annotation
     arrow = "" if inspect.isclass(entry) or returned is signature.empty else f" -> {_annotation(returned)}"
     line = f"{name}({', '.join(shown)}){arrow}"
@@ -118,9 +131,10 @@ def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) 
     )
 
 
-def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any]) -> str:
+def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any], *, is_typed: bool) -> str:
     text = "**" + parameter.name if parameter.kind is parameter.VAR_KEYWORD else parameter.name
-    if parameter.annotation is not parameter.empty:
+    is_typed = is_typed and parameter.annotation is not parameter.empty
+    if is_typed:
         text += f": {_annotation(parameter.annotation)}"
     if parameter.default is parameter.empty:
         return text
@@ -128,7 +142,8 @@ def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any]) -> str:
     field = fields.get(parameter.name)
     has_factory = field is not None and field.default_factory is not dataclasses.MISSING
     default = "..." if has_factory else repr(parameter.default)
-    return f"{text} = {default if len(default) <= WIDTH // 3 else '...'}"
+    equals = " = " if is_typed else "="
+    return f"{text}{equals}{default if len(default) <= WIDTH // 3 else '...'}"
 
 
 def _annotation(annotation: object) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from itertools import takewhile
 
 from cantools.database.can import Message, Signal
 from tools.figures.pages import DOCS, Texts
@@ -12,7 +14,7 @@ from inkloop_hardware.protocol.codec import Codec
 
 SUPERVISION = ("Crc8", "Counter")
 """The signals of E2E profile 1, alike in all supervised frames."""
-SIGNAL_HEADS = ("| signal | bits | step | limits | unit | meaning |", "|---|---|---|---|---|---|")
+SIGNAL_HEADS = ("| signal | bits | value | meaning |", "|---|---|---|---|")
 
 
 def run() -> None:
@@ -28,7 +30,7 @@ def tables(codec: Codec) -> str:
     """One table of all frames, one of signals per layout, one per value table."""
     messages = sorted(codec.database.messages, key=lambda message: message.frame_id)
     lines = ["| id | message | from | bytes | cycle | supervised | what it is |", "|---|---|---|---|---|---|---|"]
-    lines += [_frame_row(codec, message) for message in messages]
+    lines += [_frame_row(codec, alike) for alike in _alike(messages)]
     layouts: dict[tuple[str, ...], list[Message]] = {}
     for message in messages:
         layouts.setdefault(tuple(_layout(signal) for signal in message.signals), []).append(message)
@@ -56,22 +58,54 @@ def _cycle(message: Message) -> str:
     return cycle if message.send_type == "Cyclic" else f"on event, then {cycle} while active"
 
 
-def _frame_row(codec: Codec, message: Message) -> str:
-    data_id = codec.data_id(message.name)
-    supervised = f"data id 0x{data_id:X}" if data_id else ""
-    comment = re.sub(r"\s+", " ", message.comment or "")
-    return (
-        f"| 0x{message.frame_id:03X} | `{message.name}` | {', '.join(message.senders)} | {message.length} | "
-        f"{_cycle(message)} | {supervised} | {comment} |"
-    )
+def _alike(messages: list[Message]) -> list[list[Message]]:
+    """The messages by their signals and direction: those of one group differ by the node."""
+    groups: dict[tuple[object, ...], list[Message]] = {}
+    for message in messages:
+        key = (*map(_layout, message.signals), "Master" in message.senders)
+        groups.setdefault(key, []).append(message)
+    return list(groups.values())
+
+
+def _frame_row(codec: Codec, alike: list[Message]) -> str:
+    first = alike[0]
+    ids = ", ".join(f"0x{message.frame_id:03X}" for message in alike)
+    names = ", ".join(f"`{message.name}`" for message in alike)
+    senders = ", ".join(dict.fromkeys(sender for message in alike for sender in message.senders))
+    supervised = "yes" if codec.data_id(first.name) else ""
+    meaning = _shared([re.sub(r"\s+", " ", message.comment or "") for message in alike])
+    return f"| {ids} | {names} | {senders} | {first.length} | {_cycle(first)} | {supervised} | {meaning} |"
+
+
+def _shared(comments: list[str]) -> str:
+    """The comment of messages alike: where they differ stands "the node"."""
+    begin = _common(comments)
+    if begin == comments[0]:
+        return begin
+    end = _common(comment[len(begin) :][::-1] for comment in comments)[::-1]
+    return f"{begin.removesuffix('the ')}the node{end}"
+
+
+def _common(texts: Iterable[str]) -> str:
+    """The begin that the texts share."""
+    return "".join(alike[0] for alike in takewhile(lambda alike: len(set(alike)) == 1, zip(*texts, strict=False)))
 
 
 def _signal_row(signal: Signal, alike: list[Message]) -> str:
     last = signal.start + signal.length - 1
     bits = f"{signal.start}" if last == signal.start else f"{signal.start}-{last}"
-    limits = "" if signal.minimum is None else f"{signal.minimum:.10g} to {signal.maximum:.10g}"
     comments = {message.name: message.get_signal_by_name(signal.name).comment or "" for message in alike}
     shared = len(set(comments.values())) == 1
     meaning = comments[alike[0].name] if shared else "; ".join(f"{name}: {text}" for name, text in comments.items())
     signed = ", signed" if signal.is_signed else ""
-    return f"| `{signal.name}` | {bits}{signed} | {signal.scale:g} | {limits} | {signal.unit or ''} | {meaning} |"
+    return f"| `{signal.name}` | {bits}{signed} | {_value(signal)} | {meaning} |"
+
+
+def _value(signal: Signal) -> str:
+    """Limits, unit and step."""
+    if signal.length == 1:
+        return "flag"
+    if signal.minimum is None:
+        return "bytes"
+    limits = f"{signal.minimum:.10g} to {signal.maximum:.10g} {signal.unit or ''}".rstrip()
+    return limits if signal.scale == 1 else f"{limits}, step {signal.scale:g}"

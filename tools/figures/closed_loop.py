@@ -8,8 +8,7 @@ from math import isnan
 from pathlib import Path
 
 from benchmarks import closed_loop
-from benchmarks.prints import OURS, SHOWN, Metrics, printed
-from benchmarks.target_table import Figure
+from benchmarks.prints import OURS, SHOWN, Figure, Metrics, printed
 from tools.figures.pages import DOCS, Texts, table
 
 from inkloop.files import replaced
@@ -67,7 +66,7 @@ def texts_of(metrics: Metrics) -> dict[str, str]:
 
 
 def lines(found: Mapping[str, Sequence[Figure]]) -> Iterator[list[str]]:
-    """A line for each case: the figure, what must be and what is aimed at; of the shifts, those along both axes."""
+    """A line for each case: the figure and what must be; of the shifts, those along both axes."""
     one_axis = {case.name for case in closed_loop.SHIFTED if not case.name.endswith(" x and y")}
     for case in (case for case in closed_loop.CASES if case.name not in one_axis):
         figures = {wanted.metric: figure for wanted, figure in zip(case.wanted, found[case.name], strict=True)}
@@ -76,7 +75,7 @@ def lines(found: Mapping[str, Sequence[Figure]]) -> Iterator[list[str]]:
 
 
 def cell(figure: Figure) -> str:
-    """Now / must / aim; bold if it must be better."""
+    """Now / must; bold if it must be better."""
     now = f"{figure.now:.3f}" if figure.now < 0.01 else f"{figure.now:.3g}"
-    limits = [f"{limit:.3g}" for limit in (figure.must, figure.aim) if not isnan(limit)]
-    return " / ".join([f"**{now}**" if figure.reached.startswith("MISSED") else now, *limits])
+    shown = f"**{now}**" if figure.reached.startswith("MISSED") else now
+    return shown if isnan(figure.must) else f"{shown} / {figure.must:.3g}"

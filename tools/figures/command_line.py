@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Container, Iterator
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Sequence
+from typing import TypeAlias
 
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.cli import parser
 from inkloop.commands.options import add_output
 
 PAGE = DOCS / "reference" / "command-line.md"
+Row: TypeAlias = tuple[str, str]
 
 
 def run() -> None:
@@ -18,18 +21,36 @@ def run() -> None:
 
 
 def texts() -> Texts:
-    """A section for each command, and the options that all commands have."""
+    """A section for each command, the options that all commands have, and those that many have."""
     shared = argparse.ArgumentParser(add_help=False)
     add_output(shared)
     own = {action.dest for action in shared._actions}
-    sections = [
-        f"\n## {command.prog}\n\n{_sentence(meaning)}\n{table(HEADS, _rows(command, own))}"
-        for command, meaning in _commands(parser())
-    ]
-    return {PAGE: {"output": table(HEADS, _rows(shared, set())), "commands": "".join(sections)}}
+    commands = [(command.prog, meaning, list(_rows(command, own))) for command, meaning in _commands(parser())]
+    count = Counter(row for *_, rows in commands for row in rows if row[0].startswith("`--"))
+    often = [row for row, times in count.items() if times >= OFTEN]
+    return {
+        PAGE: {
+            "output": _listed(_rows(shared, set())),
+            "often": _listed(often),
+            "commands": "".join(_section(*command, often) for command in commands),
+        }
+    }
 
 
-HEADS = ("argument", "meaning")
+OFTEN = 3
+"""Number of commands from which on the page explains an option once."""
+
+
+def _section(prog: str, meaning: str, rows: Sequence[Row], often: Sequence[Row]) -> str:
+    """Heading, meaning and arguments of a command; of the options explained above the names alone."""
+    own = [row for row in rows if row not in often]
+    names = ", ".join(f"`{row[0].strip('`').split()[0]}`" for row in rows if row in often)
+    return f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{_listed(own)}"
+
+
+def _listed(rows: Iterable[Row]) -> str:
+    """A line for each argument."""
+    return "".join(f"\n- {names}: {meaning}" for names, meaning in rows) + "\n"
 
 
 def _commands(above: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
@@ -42,14 +63,14 @@ def _commands(above: argparse.ArgumentParser) -> Iterator[tuple[argparse.Argumen
                 yield from below or [(command, meanings[name])]
 
 
-def _rows(parser: argparse.ArgumentParser, left_out: Container[str]) -> Iterator[tuple[str, str]]:
+def _rows(parser: argparse.ArgumentParser, left_out: Container[str]) -> Iterator[Row]:
     """An argument or option, as it is typed, and its help."""
     for action in parser._actions:
         if action.dest == "help" or action.dest in left_out:
             continue
         value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
         names = ", ".join(action.option_strings)
-        yield f"`{f'{names} {value}'.strip()}`".replace("|", r"\|"), str(action.help).replace("|", r"\|")
+        yield f"`{f'{names} {value}'.strip()}`", str(action.help)
 
 
 def _sentence(text: str) -> str:

@@ -13,8 +13,7 @@ from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, writ
 from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
 from inkloop.components.devices import KINDS
-from inkloop.report import run_report
-from inkloop.report.formats import PNG
+from inkloop.report import PNG, run_report
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
@@ -49,7 +48,7 @@ PICTURES = {
 DEFAULT_PICTURE = "open-against-closed"
 LOOK_AT = "What to look at: "
 """Begins the second part of a comment; the page shows what follows."""
-COLUMNS = {"mean_error_um": "mean error", "mae_um": "mae", "std_um": "std"}
+COLUMNS = {"mean_error_um": "mean error", "std_um": "std"}
 
 
 def run(*names: str) -> None:
@@ -111,15 +110,15 @@ def texts() -> Texts:
     paths = sorted(SCENARIOS.glob("*.toml"))
     lines = [line for path in paths for line in figure_lines(path.stem, record[path.stem])]
     entries = (entry(path, record[path.stem]) for path in paths)
-    heads = ("scenario", "run", *COLUMNS.values(), "layers")
+    heads = ("scenario: run", *COLUMNS.values(), "layers")
     return {HERE / "README.md": {"figures": table(heads, lines), "scenarios": block(["", *entries])}}
 
 
 def figure_lines(name: str, record: Mapping[str, Any]) -> Iterator[list[str]]:
-    """A line of the table for each run; the first one names the scenario."""
-    for index, (label, each) in enumerate(record["runs"].items()):
+    """A line of the table for each run of a scenario."""
+    for label, each in record["runs"].items():
         errors = (f"{each[key]:z.2f}" for key in COLUMNS)
-        yield [name if index == 0 else "", label, *errors, f"{each['layers']}"]
+        yield [f"{name}: {label}", *errors, f"{each['layers']}"]
 
 
 def entry(path: Path, record: Mapping[str, Any]) -> str:

@@ -1,17 +1,19 @@
-"""Rows of options in scenario.md and sweep-settings.md, one table for each class.
+"""Options in scenario.md and sweep-settings.md, one list for each class.
 
 The rows of `LayerMpc` and its parts come from the options that the class marks, whose texts stand in
-fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
+fmus/layer_controller/variables.toml. The other rows come from the fields of a table; of a height map those that a
+map folder has too are left out.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from typing import TypeAlias
+from collections.abc import Iterable
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.components.port_tables import PortTable
 from inkloop.components.python_class import options_table
@@ -33,18 +35,8 @@ STUDY_TABLES = (SampleTable, SeedsTable, OptimiseTable, KeepTable)
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
 TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, MetrologyTable, *PARTS)}
-Row: TypeAlias = tuple[str, str, str]
-FIRST = {
-    "PortTable": "key",
-    "MetrologyTable": "key",
-    **{each.__name__: "key" for each in PARTS},
-    "LayerMpc": "plan",
-    "Criterion": "objective",
-    "DropletChoices": "allowed droplets",
-    "Work": "computing effort per layer",
-    "HeightEstimator": "knowledge of the machine",
-}
-"""Head of the first column of a table, where it is not "option"."""
+OF_ALL_PARTS = {"shape", "center_x_um", "center_y_um"}
+"""Keys that the table on top of the page explains."""
 
 
 def run() -> None:
@@ -55,32 +47,39 @@ def texts() -> Texts:
     """The rows as the classes have them."""
     rows = {name: [row_of_keyword(each) for each in keywords(marked)] for name, marked in MARKED.items()}
     rows["HeightEstimator"] += map(row_of_keyword, keywords(on_doubt_option))
-    for name, fields in TABLES.items():
-        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
-    study = {
-        f"options of {each.__name__}": table(
-            ("key", "default", "meaning"), [row_of_field(key, field) for key, field in each.model_fields.items()]
-        )
-        for each in STUDY_TABLES
+    rows |= {name: rows_of(fields) for name, fields in TABLES.items()}
+    of_map = set(rows[MapFolder.__name__])
+    rows[HeightMapTable.__name__] = [each for each in rows[HeightMapTable.__name__] if each not in of_map]
+    study = {each.__name__: rows_of(each) for each in STUDY_TABLES}
+    return {
+        page: {f"options of {name}": lines(own[name]) for name in own}
+        for page, own in ((PAGE, rows), (STUDY_PAGE, study))
     }
-    heads = {name: (FIRST.get(name, "option"), "default", "meaning") for name in rows}
-    own = {f"options of {name}": table(heads[name], each) for name, each in rows.items()}
-    return {PAGE: own, STUDY_PAGE: study}
 
 
-def row_of_keyword(keyword: Keyword) -> Row:
+def lines(rows: Iterable[str]) -> str:
+    """A line each."""
+    return "\n" + "\n".join(rows) + "\n"
+
+
+def rows_of(fields: type[BaseModel]) -> list[str]:
+    """The rows of a table."""
+    return [row_of_field(key, field) for key, field in fields.model_fields.items() if key not in OF_ALL_PARTS]
+
+
+def row_of_keyword(keyword: Keyword) -> str:
     """The row of a marked option."""
     return row(keyword.key, default(keyword.default, keyword.option.absent), with_code(keyword.option.meaning))
 
 
-def row_of_field(key: str, field: FieldInfo) -> Row:
+def row_of_field(key: str, field: FieldInfo) -> str:
     """The row of a field of a table."""
     return row(key, "" if field.is_required() else default(field.default, "none"), with_code(field.description or ""))
 
 
-def row(key: str, value: str, text: str) -> Row:
-    """Key, default, meaning."""
-    return f"`{key}`", value, f"{text[0].lower()}{text[1:]}"
+def row(key: str, value: str, text: str) -> str:
+    """Key, default and meaning."""
+    return f"- `{key}`{f' ({value})' if value else ''}: {text[0].lower()}{text[1:]}"
 
 
 def with_code(text: str) -> str:

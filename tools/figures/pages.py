@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, cast
 
 from inkloop.files import write_text
 
@@ -72,3 +73,24 @@ def write_json(path: Path, record: object) -> None:
 def read_json(path: Path) -> Any:
     """The record."""
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+WRITERS = (
+    "options",
+    "api",
+    "command_line",
+    "can_protocol",
+    "house",
+    "gallery",
+    "closed_loop",
+    "lying_scans",
+    "the_papers",
+)
+"""Modules of this folder."""
+ALONE = ("performance",)
+"""Run only when named: `make benchmarks` wants the machine for itself."""
+
+
+def writer(name: str) -> Writer:
+    """The module of a writer."""
+    return cast(Writer, import_module(f"tools.figures.{name}"))

@@ -6,12 +6,13 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from benchmarks import RECORDED
 from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
 
 PAGE = DOCS / "reference" / "performance.md"
 RECORD = PAGE.with_suffix(".json")
 PRINTERS = "whole_layer"
-RECORD_ONLY = frozenset({"estimator"})
+RECORD_ONLY = frozenset({"controller_time", "estimator", "time_limit"})
 """Benchmarks whose tables are in the record only."""
 FOLLOWING = frozenset({"Numba / inkloop", "Numba, branch-free / inkloop", "NumPy / inkloop", "FMPy / inkloop", "gain"})
 """Columns of the record that follow from other columns, which the page leaves out."""
@@ -20,7 +21,6 @@ FOLLOWING = frozenset({"Numba / inkloop", "Numba, branch-free / inkloop", "NumPy
 def run(*parts: str) -> None:
     """Measure everything, or these benchmarks; keep the other tables of the record."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from benchmarks.names import RECORDED
     from benchmarks.record import measured
     from rich.console import Console
 
@@ -32,8 +32,6 @@ def run(*parts: str) -> None:
 
 
 def _place(name: str) -> int:
-    from benchmarks.names import RECORDED
-
     return RECORDED.index(name) if name in RECORDED else len(RECORDED)
 
 

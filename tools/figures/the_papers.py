@@ -35,11 +35,10 @@ SCORE_PAGE = """# The score board
     inkloop score env:module:Policy        # also a policy, e.g. a learned one
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
-[plant-v2](../../lab/inkloop_lab/score/plant-v2), a scenario without a controller. Version 1 has several printers, with
-sensors in register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with
-the same three seeds and therefore the same droplets. A version never changes and has a score of its own; tables with
-the same hash of its files (after "plants") can be compared. Your class is the same as [in a
+Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) (several printers, sensors in register) or
+[plant-v2](../../lab/inkloop_lab/score/plant-v2) (scans that are shifted, blurred and incomplete), a scenario without a
+controller. Every controller prints a plant with the same three seeds. A version never changes and has a score of its
+own; tables with the same hash of its files (after "plants") can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
 run the command in the folder of `module.py`.
 
@@ -63,11 +62,10 @@ The run folder holds `score.md`, also with the ink that each controller assumes,
 | `plant-v2/caps-scans` | that of `caps` | the same |
 | `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
-"Lu nominal" knows the volume of a droplet, in the proportions of Lu et al., Table I. "Identified" is the least-squares
-fit of `h1`, `h2`, `h3` to eight random layers printed on the plant. "Single droplet" is what one droplet leaves on flat
-ground, which "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits the three
-heights during the print (`adapt_ink = "full"`), and plans by them while they predict the scans clearly better than the
-volume alone.
+"Lu nominal" knows the volume of a droplet, in the proportions of Lu et al., Table I. "Identified" is fitted to eight
+random layers printed on the plant. "Single droplet" is what one droplet leaves on flat ground; "superposition" (greedy
+geometric feedback, Cohen and Lipson 2010) adds it up. "Learning" also fits the three heights during the print
+(`adapt_ink = "full"`).
 
 With a sensor in register no controller leaves a larger rms error than printing open loop. With the scans of version 2
 superposition, error diffusion and the paper's search do: they pour ink on walls that are not where the scan shows them.
@@ -131,9 +129,9 @@ def texts() -> Texts:
 
 
 def printed_figures(paper: str) -> str:
-    """Table of the figures that a paper prints; a place is named in its first row."""
-    is_printed = HEADINGS.index("printed")
-    rows = [row for row in rows_of(paper) if row[is_printed] != "-"]
+    """Table of the figures that a paper prints and that can be compared; a place is named in its first row."""
+    verdict, is_printed = HEADINGS.index("reproduced"), HEADINGS.index("printed")
+    rows = [row for row in rows_of(paper) if "-" not in (row[is_printed], row[verdict])]
     places = [row[0] for row in rows]
     above = ["", *places[:-1]]
     shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(rows, above, strict=True)]

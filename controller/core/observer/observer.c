@@ -146,6 +146,16 @@ static double take_ground(const EstimatorOptions *options, const SurfaceEstimate
     return noise;
 }
 
+/* Cells with a droplet of each ink, as a share of the part. */
+static void count_printed(const EstimatorOptions *options, const int32_t *pattern, double printed[INKS_MAX]) {
+    const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
+    size_t count[INKS_MAX + 1] = {0};
+    for (size_t cell = 0; cell < cells; cell++)
+        count[pattern[cell]]++;
+    for (size_t ink = 0; ink < INKS_MAX; ink++)
+        printed[ink] = fmin((double)count[ink + 1] / fmax((double)part, 1.0), 1.0);
+}
+
 static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate *before, int32_t number,
                          bool is_unknown, const double *measured, const uint8_t *valid, LayerMaps *maps,
                          SurfaceEstimate *after) {
@@ -165,6 +175,7 @@ static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate 
                              .noise_variance = noise,
                              .droplet_variance = DROPLET_STD * DROPLET_STD * known->droplet_variance,
                              .datum = &datum};
+    count_printed(options, maps->living.pattern, evidence.printed);
     slope_squares(options->nx, options->ny, maps->predicted, maps->slopes);
     evidence.noise_variance =
         take_lines_off(&evidence, known->neighbours, maps->slopes, maps->room.marks, &maps->room, maps->scan);

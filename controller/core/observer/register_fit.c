@@ -5,8 +5,8 @@
 
 #include "small_algebra.h"
 
-/* step of a share from layer to layer, as one share or as three (assumed) */
-static const double SHARE_STEP = 0.003, FULL_STEP = 0.014;
+/* step of a share by a full layer, as one share or as three: ink drifts while it is printed (assumed) */
+static const double SHARE_STEP = 0.004, FULL_STEP = 0.014;
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 enum { POWERS = 5 };
 
@@ -153,8 +153,9 @@ bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, do
     const double step = evidence->options->ink.model == INK_FULL ? FULL_STEP : SHARE_STEP;
     double covariance[SHARES_MAX * SHARES_MAX], of_shares[SHARES_MAX * SHARES_MAX];
     memcpy(covariance, evidence->known->share_covariance, sizeof covariance);
+    const size_t of_ink = evidence->options->ink.model == INK_FULL ? ORDERS : 1;
     for (size_t k = 0; k < shares; k++)
-        covariance[k * shares + k] += step * step;
+        covariance[k * shares + k] += step * step * evidence->printed[k / of_ink];
     if (!invert_definite(shares, covariance, of_shares))
         return false;
     copy_block(DATUM_TERMS, evidence->datum->precision, DATUM_TERMS, precision, stride);

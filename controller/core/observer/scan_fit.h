@@ -18,6 +18,7 @@ typedef struct {
     const DropletIncrements *increments; /* increments of the layer */
     double noise_variance;               /* variance of a reading [m^2] */
     double droplet_variance;             /* variance of a droplet's volume [1] */
+    double printed[INKS_MAX];            /* cells with a droplet of each ink in the layer, as a share of the part */
     const ScanDatum *datum;              /* datum that was subtracted */
 } ScanEvidence;
 

@@ -5,7 +5,6 @@
 
 #include "error_diffusion.h"
 #include "horizon_solver.h"
-#include "ordered_dither.h"
 #include "plan_starts.h"
 #include "plan_surface.h"
 #include "stopwatch.h"

@@ -1,4 +1,5 @@
-/* Whole droplets from relaxed ones: ordered error diffusion (Floyd, Steinberg 1976) of their sums over the horizon. */
+/* Whole droplets from relaxed ones: ordered error diffusion (Floyd, Steinberg 1976) of their sums over the horizon, and
+ * ordered dither (Bayer 1973) of a single layer. */
 #ifndef INKLOOP_ERROR_DIFFUSION_H
 #define INKLOOP_ERROR_DIFFUSION_H
 
@@ -10,5 +11,9 @@
  * CORE_NO_MEMORY, or CORE_TIME if `ends_at` by the stopwatch came first: then the plan is invalid. The same input gives
  * the same bits. */
 int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, double ends_at, int32_t *plan);
+
+/* Jets a droplet of a cell's first kind where its relaxed droplet exceeds a threshold, one of sixteen that repeat every
+ * four cells: equal shares give a regular pattern. */
+void dither_droplets(const HorizonProblem *problem, const double *droplets, int32_t *plan);
 
 #endif

@@ -1,9 +1,9 @@
 #include "relaxed_flow.h"
 
-#include "cell_colour.h"
 #include "drop_levels.h"
 #include "droplet_flow.h"
 #include "instruction_sets.h"
+#include "pass_colour.h"
 #include "stopwatch.h"
 
 enum { BAND = 128, LINE = BAND + 2, ROWS_BETWEEN_LOOKS = BAND_CELLS / BAND };

@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cell_colour.h"
 #include "drop_levels.h"
 #include "parallel.h"
+#include "pass_colour.h"
 #include "stopwatch.h"
 
 static size_t framed_cell(const HorizonProblem *problem, size_t i, size_t j) {

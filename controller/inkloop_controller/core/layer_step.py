@@ -25,7 +25,7 @@ from inkloop_controller.core.bindings import answered
 from inkloop_controller.core.library import PlanFiguresStruct, StepStruct, library
 from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import IntPlan
-from inkloop_controller.problem.variables import variables
+from inkloop_controller.problem.options import variables
 
 Block = NDArray[np.uint8]
 """Bytes of a state, or of an estimate."""

@@ -15,7 +15,7 @@ from inkloop_controller.core.library import FinishStruct, PlanReportStruct, libr
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
 from inkloop_controller.problem.arrays import checked, pointer
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
-from inkloop_controller.problem.variables import variables
+from inkloop_controller.problem.options import variables
 
 RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 """Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""

@@ -14,16 +14,12 @@ import numpy as np
 from inkloop.component import FloatMap, Job
 from inkloop_controller.core.bindings import split
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.layer_problems import LayerProblems
-from inkloop_controller.model.starts import even_droplets
+from inkloop_controller.model import DropletChoices, LayerModel, LayerProblems
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
-from inkloop_controller.problem.criterion import PLAIN, Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress
+from inkloop_controller.problem.criterion import DEFAULT_WORK, PLAIN, Criterion, Stopwatch, Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchProgress, even_droplets
 from inkloop_controller.problem.options import declared, default, errors_of, refuse
-from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
     from inkloop_controller.program.program import HorizonProgram

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import inf, sqrt
-from statistics import NormalDist, fmean, stdev
+from math import sqrt
+from statistics import fmean, stdev
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from inkloop.component import FloatMap
 from inkloop.units import M_PER_UM
@@ -96,23 +97,10 @@ def certify(
     excess = fmean(gaps)
     if len(gaps) < len(tiles):
         unseen = 1.0 - len(gaps) / len(tiles)  # finite population correction
-        excess += student_t(confidence, len(gaps) - 1) * stdev(gaps) * sqrt(unseen / len(gaps))
+        excess += float(stdtrit(len(gaps) - 1, confidence)) * stdev(gaps) * sqrt(unseen / len(gaps))
     bound = max(0.0, value - excess * len(tiles) / float(problem.part.sum()))
     sure = 1.0 if len(gaps) == len(tiles) else confidence
     return Certificate(value, bound, sure, len(tiles), len(gaps), proven, time.monotonic() - began)
-
-
-def student_t(confidence: float, degrees: int) -> float:
-    """Quantile of Student's t (Abramowitz, Stegun 26.7.5, three terms); infinite without a degree of freedom."""
-    if degrees < 1:
-        return inf
-    z = NormalDist().inv_cdf(confidence)
-    return (
-        z
-        + (z**3 + z) / (4 * degrees)
-        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * degrees**2)
-        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * degrees**3)
-    )
 
 
 def _costs(problem: HorizonProblem, plan: IntPlan) -> FloatMap:

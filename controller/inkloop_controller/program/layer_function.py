@@ -25,9 +25,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_shares
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
-from inkloop_controller.program.statement import jetted_maps, over, variance
+from inkloop_controller.program.statement import Symbolic, jetted_maps, over, symbolic_shares, variance
 
 NO_CHANCE_M = 1e-30  # instead of 0 where a division by it makes 0 of 0
 FLAT_M2 = 1e-36  # added to the variance, so that a flat surface has a gradient

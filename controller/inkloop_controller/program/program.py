@@ -11,11 +11,11 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.units import M_PER_UM
-from inkloop_controller.model.symbolic_layer import Symbolic
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program.statement import (
     HorizonStatement,
     LayerSymbols,
+    Symbolic,
     exact_cost,
     jet,
     numbers_of,
@@ -88,11 +88,7 @@ class HorizonProgram:
 
         Raises ValueError for a problem of another shape than the program was built for.
         """
-        if shape_of(problem) != self._shape:
-            raise ValueError(
-                "the problem differs from that which the program was built for in its grid, part, layers, passes, "
-                "ceiling, or in whether alpha is 1; build another HorizonProgram"
-            )
+        check_shape(problem, self._shape, "HorizonProgram")
         numbers = numbers_of(problem)
         for symbol, value in zip(self._given.values(), numbers.values(), strict=True):
             self._opti.set_value(symbol, value)
@@ -173,6 +169,15 @@ def shape_of(problem: HorizonProblem) -> tuple[Any, ...]:
     """Structure that a program is built for; everything else is a value."""
     part: BoolMap = problem.part
     return (part.shape, part.tobytes(), problem.layers, problem.passes, problem.ceiling is None, problem.alpha == 1.0)
+
+
+def check_shape(problem: HorizonProblem, shape: tuple[Any, ...], program: str) -> None:
+    """Raises ValueError for a problem of another shape than a program was built for."""
+    if shape_of(problem) != shape:
+        raise ValueError(
+            "the problem differs from that which the program was built for in its grid, part, layers, passes, ceiling, "
+            f"or in whether alpha is 1; build another {program}"
+        )
 
 
 def _solver_options(engine: Engine, seconds_max: float) -> dict[str, Any]:

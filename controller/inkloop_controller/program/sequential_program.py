@@ -9,10 +9,9 @@ import numpy as np
 
 from inkloop.component import FloatMap
 from inkloop.units import M_PER_UM
-from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
 from inkloop_controller.program.linear_step import LinearProgram, Point, as_cells
-from inkloop_controller.program.program import RelaxedPlan, shape_of
+from inkloop_controller.program.program import RelaxedPlan, check_shape, shape_of
 from inkloop_controller.program.statement import HorizonStatement, drop_limits, numbers_of
 
 PROGRAMS_MAX = 40  # linear programs of one problem (by trial: most end after 5 to 25)
@@ -48,11 +47,7 @@ class SequentialProgram:
         then the best so far, and `solved` is false. Raises ValueError for a problem of another shape than the program
         was built for.
         """
-        if shape_of(problem) != self._shape:
-            raise ValueError(
-                "the problem differs from that which the program was built for in its grid, part, layers, passes, "
-                "ceiling, or in whether alpha is 1; build another SequentialProgram"
-            )
+        check_shape(problem, self._shape, "SequentialProgram")
         numbers, limits = numbers_of(problem), drop_limits(problem)
         begin = np.clip(even_droplets(problem) if start is None else start, 0.0, limits)
         best, message = self._improved(

@@ -1,4 +1,4 @@
-"""The layer problem as it is written on paper, over CasADi symbols or numbers alike."""
+"""The layer-to-layer map and the layer problem as they are written on paper, over CasADi symbols or numbers alike."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap
 from inkloop.contract import pass_colour
 from inkloop.units import M_PER_UM
-from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_layer
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 
+Symbolic: TypeAlias = Any
+"""A CasADi matrix (MX, SX or DM), or a number where one will do."""
+
+SIDES = ((-1, 0), (0, -1), (0, 1), (1, 0))
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 PositivePart: TypeAlias = Callable[[Symbolic], Symbolic]
 """max(x, 0) of every entry, in the form that a solver wants."""
 Deviation: TypeAlias = Callable[[Symbolic], Symbolic]
@@ -156,3 +160,38 @@ def jetted_maps(problem: HorizonProblem) -> tuple[tuple[FloatMap, ...], ...]:
         return ((np.ones(problem.part.shape),),) * problem.layers
     colour = pass_colour(i, j)
     return tuple(tuple((colour == each).astype(np.float64) for each in order) for order in problem.colours)
+
+
+def symbolic_layer(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Symbolic) -> Symbolic:
+    """Surface after one pass over the surface H (Lu, Zheng, Mishra 2015, eq. 3-7), open edge.
+
+    H: (nx, ny) heights; U: (nx, ny) droplets, relaxed to 0..1; h1, h2, h3: the ink of each cell's droplet in the unit
+    of H, numbers or (nx, ny). Linear in U; clipped, hence not smooth, in H.
+    """
+    kept, given = symbolic_shares(H, U, h1, h2, h3)
+    return H + kept + given
+
+
+def symbolic_shares(H: Symbolic, U: Symbolic, h1: Symbolic, h2: Symbolic, h3: Symbolic) -> tuple[Symbolic, Symbolic]:
+    """Height that droplets of symbolic_layer leave on their own cells, and that cells get from their neighbours'."""
+    kept, given = h1 * U, ca.DM.zeros(H.shape)
+    for neighbours, spread in ((SIDES, h2), (CORNERS, h3)):
+        for di, dj in neighbours:
+            inside = _shifted(ca.DM.ones(H.shape), di, dj)
+            rise = inside * (H - _shifted(H, di, dj))
+            taken = spread * ca.fmax(0, ca.fmin(1, 1 + rise / (h1 + spread)))
+            kept += (spread - taken) * U
+            given += _shifted(taken * U, -di, -dj)
+    return kept, given
+
+
+def _shifted(M: Symbolic, di: int, dj: int) -> Symbolic:
+    """Cell (i, j) of the result is cell (i + di, j + dj) of M, zero where that lies outside."""
+    nx, ny = M.shape
+    rows = ca.DM.zeros(1, ny)
+    if di:
+        M = ca.vertcat(M[1:, :], rows) if di > 0 else ca.vertcat(rows, M[:-1, :])
+    columns = ca.DM.zeros(nx, 1)
+    if dj:
+        M = ca.horzcat(M[:, 1:], columns) if dj > 0 else ca.horzcat(columns, M[:, :-1])
+    return M

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -76,34 +76,63 @@ def act(scenario: Scenario, action: str, console: Terminal, *, give_up: bool = F
     give_up: `clear` abandons the open layer.
     """
     bench = Bench(scenario.tables.bench)
-    if mapped := [name for name, table in scenario.tables.components.items() if table.kind == MAPPED]:
-        if action != "stop":
-            raise InkloopError(
-                f"{scenario.source}: {action} is for inkloop's own nodes; this rig goes by its mapping, which knows "
-                "[[stop]] steps alone"
-            )
-        stop_rig = load("inkloop_hardware.mapped.mapped_stop", "stop_rig")
-        for name in mapped:
-            _show(stop_rig(bench.rig.settings, Path(scenario.options(name)["mapping"]), scenario.job()), console)
-        return 0
-    if action in ("stop", "release"):
-        stop = importlib.import_module("inkloop_hardware.devices.stop")
-        send = stop.request_stop if action == "stop" else stop.release_stop
-        _show(send(bench.rig.settings), console)
-        return 0
-    commands = importlib.import_module("inkloop_hardware.devices.commands")
     check_listening(scenario)
-    with live_words(console, None), bench.rig as rig:
-        if action == "status":
-            lines = commands.status(rig)
-        elif action == "clear":
-            lines = commands.clear_all(rig, give_up=give_up)
-        elif action == "dry-run":
-            lines = commands.dry_run(rig, job_of_printer(scenario), cure_ms=scenario.tables.bench.cure_ms)
-        else:
-            lines = getattr(commands, action)(rig)
+    mapped = [name for name, table in scenario.tables.components.items() if table.kind == MAPPED]
+    with live_words(console, None):
+        lines = _of_mapped(scenario, action, mapped, bench) if mapped else _of_nodes(scenario, action, bench, give_up)
         _show(lines, console)
     return 0
+
+
+def mapping_of(scenario: Scenario, name: str) -> Any:
+    """The mapping of a component of a valid scenario."""
+    return load("inkloop_hardware.mapped.mapping_file", "load")(Path(scenario.options(name)["mapping"]), scenario.job())
+
+
+def _of_mapped(scenario: Scenario, action: str, names: Iterable[str], bench: Bench) -> Iterator[Any]:
+    """Lines of an action on mapped rigs. Raises InkloopError for one that they do not have."""
+    actions = {
+        "status": ("inkloop_hardware.doctor.status", "rig_status"),
+        "stop": ("inkloop_hardware.mapped.mapped_steps", "stop_rig"),
+    }
+    if action not in actions:
+        raise InkloopError(
+            f"{scenario.source}: {action} is for inkloop's own nodes; this rig goes by its mapping: `status` shows the "
+            "frames that it waits for, `stop` makes its [[stop]] steps"
+        )
+    act_on = load(*actions[action])
+    for name in names:
+        yield from act_on(bench.rig.settings, mapping_of(scenario, name))
+
+
+def _of_nodes(scenario: Scenario, action: str, bench: Bench, give_up: bool) -> Iterator[Any]:
+    """Lines of an action on the nodes."""
+    if action in ("stop", "release"):
+        stop = importlib.import_module("inkloop_hardware.devices.commands")
+        send = stop.request_stop if action == "stop" else stop.release_stop
+        yield from send(bench.rig.settings)
+        return
+    if action == "status":
+        yield from load("inkloop_hardware.doctor.status", "status")(bench.rig)
+        return
+    commands = importlib.import_module("inkloop_hardware.devices.commands")
+    with bench.rig as rig:
+        if action == "clear":
+            yield from commands.clear_all(rig, give_up=give_up)
+        elif action == "dry-run":
+            yield from commands.dry_run(rig, job_of_printer(scenario), cure_ms=scenario.tables.bench.cure_ms)
+        else:
+            yield from getattr(commands, action)(rig)
+
+
+def job_of_printer(scenario: Scenario) -> Job:
+    """The job as the printer of a scenario gets it."""
+    printers = (
+        devices.job_with_overrides(scenario.job(name), table.options)
+        for name, table in scenario.tables.components.items()
+        if table.kind == "hardware.printer"
+    )
+    return next(printers, scenario.job())
 
 
 def _show(found: Iterable[Any], console: Terminal) -> None:
@@ -173,14 +202,3 @@ def emulation_of(scenario: Scenario) -> Emulation:
 def _unknown(emulated: Set[str], values: Mapping[str, Any]) -> list[str]:
     known = {*emulated, *_SAID_OTHERWISE, "seed", "nx", "ny"}
     return [f"{name} is not emulated on a bench; leave it out" for name in values if name not in known]
-
-
-def job_of_printer(scenario: Scenario) -> Job:
-    """The job as the printer of a scenario gets it."""
-    tables = scenario.tables.components.items()
-    printers = (
-        devices.job_with_overrides(scenario.job(name), table.options)
-        for name, table in tables
-        if table.kind == "hardware.printer"
-    )
-    return next(printers, scenario.job())

@@ -12,7 +12,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from inkloop.bench.commands import job_of_printer
+from inkloop.bench.commands import job_of_printer, mapping_of
 from inkloop.components import devices
 from inkloop.components.catalog import MAPPED
 from inkloop.components.kind import Bench
@@ -33,7 +33,8 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Ter
     self_test = options.self_test and (options.yes or _agreed(doctor.WHAT))
     waiting = console.status("looking at the bench ...") if console.is_terminal else nullcontext()
     with waiting:
-        looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapped=_is_mapped(scenario))
+        mapping = _mapping(scenario)
+        looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapping=mapping)
         found = [*_of_scenario(scenario), *looked]
     errors = sum(finding.grade == "error" for finding in found)
     code = ERRORS if errors else WELL
@@ -64,10 +65,13 @@ def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:
         yield finding.ok("scenario", f"{scenario.source}: {bench.interface} on {bench.channel}")
 
 
-def _is_mapped(scenario: Scenario | None) -> bool:
-    """Whether the only devices are those of a mapping."""
-    kinds = {table.kind for table in scenario.tables.components.values()} if scenario else set()
-    return MAPPED in kinds and kinds.isdisjoint(devices.KINDS)
+def _mapping(scenario: Scenario | None) -> Any:
+    """The mapping of a scenario whose only devices are those of one, else None."""
+    tables = scenario.tables.components if scenario else {}
+    kinds = {table.kind: name for name, table in tables.items()}
+    if scenario is None or MAPPED not in kinds or not kinds.keys().isdisjoint(devices.KINDS):
+        return None
+    return mapping_of(scenario, kinds[MAPPED])
 
 
 def _agreed(what: str) -> bool:

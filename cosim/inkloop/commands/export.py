@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ SCENARIOS = (".toml", ".ssp")
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command, which its parts are added to."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "export", help="write files for other tools: FMUs, systems of FMUs, layers, surfaces"
+        "export", help="write files for other tools: FMUs, systems of FMUs, layers, surfaces, services of nodes"
     )
     return parser
 
@@ -135,20 +136,20 @@ def _add_layers(commands: Any) -> argparse.ArgumentParser:
 
 def _export_layers(options: argparse.Namespace) -> int:
     require("PIL", "inkloop export layers")
-    from inkloop.exchange.layers import command, patterns
+    from inkloop.exchange.layers import archive, patterns
     from inkloop.results.result import Result
 
     source: Path = options.scenario
     if source.is_file() and source.suffix not in SCENARIOS:
         scenario = scenario_of_part(options, source, overrides_of(options.overrides, str(source)))
-        return command.export(patterns.of_open_loop(scenario), source, options, screen(options))
+        return archive.export(patterns.of_open_loop(scenario), source, options, screen(options))
     no_part_options(options)
     if not source.is_dir():
         with scenario_of(options) as scenario:
-            return command.export(patterns.of_open_loop(scenario), source, options, screen(options))
+            return archive.export(patterns.of_open_loop(scenario), source, options, screen(options))
     if options.overrides:
         raise ResultError(f"{source}: --set goes with a scenario; a run keeps what was jetted: leave it out")
-    return command.export(patterns.of_run(Result.load(source), str(source)), source, options, screen(options))
+    return archive.export(patterns.of_run(Result.load(source), str(source)), source, options, screen(options))
 
 
 def _add_surface(commands: Any) -> argparse.ArgumentParser:
@@ -171,9 +172,26 @@ def _add_surface(commands: Any) -> argparse.ArgumentParser:
 
 
 def _export_surface(options: argparse.Namespace) -> int:
-    from inkloop.exchange.layers import surface_command
+    from inkloop.exchange.layers import surface
 
-    return surface_command.export(options, screen(options))
+    return surface.export(options, screen(options))
+
+
+def _add_services(commands: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "services", help="write the diagnostic services of the nodes of a bench as a PDX file (ODX), for testers"
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="file to write, such as nodes.pdx")
+    return parser
+
+
+def _export_services(options: argparse.Namespace) -> int:
+    require("odxtools", "inkloop export services")
+    importlib.import_module("inkloop_hardware.protocol.odx_file").write_services(options.file)
+    terminal = screen(options)
+    terminal.sentence(f"wrote {options.file}: services of head, stage, cure lamp and profiler")
+    terminal.result(file=options.file)
+    return 0
 
 
 def _add_schema(commands: Any) -> argparse.ArgumentParser:
@@ -204,5 +222,6 @@ PARTS = (
     Part(_add_job, _export_job),
     Part(_add_layers, _export_layers),
     Part(_add_surface, _export_surface),
+    Part(_add_services, _export_services),
     Part(_add_schema, _export_schema),
 )

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError, missing
-from inkloop.report.formats import FORMATS, PNG, picture_formats
-from inkloop.report.wrapping import wrapped
+from inkloop.report import FORMATS, PNG, picture_formats, wrapped
 
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal

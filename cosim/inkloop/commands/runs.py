@@ -60,10 +60,10 @@ def _write_file(options: argparse.Namespace) -> int:
         path = options.run / page.FILE
         page.write(path, runs, options.run / LOG_FILE)
     else:
-        from inkloop.report import pdf
+        from inkloop.report import pictures
 
-        path = options.run / pdf.FILE
-        pdf.write(path, runs, str(summary))
+        path = options.run / pictures.PDF_FILE
+        pictures.write_pdf(path, runs, str(summary))
     terminal.print(summary.table)
     terminal.sentence(f"{path}: {size_text(path.stat().st_size)}")
     terminal.result(folder=options.run, file=path, runs=run_report.figures(runs))
@@ -71,8 +71,7 @@ def _write_file(options: argparse.Namespace) -> int:
 
 
 if TYPE_CHECKING:
-    from inkloop.report.page.feed import Feed
-    from inkloop.report.page.server import Server
+    from inkloop.report.page.live import Feed, Server
 
 PORT = 8050
 
@@ -107,7 +106,7 @@ def _watch(options: argparse.Namespace) -> int:
 
 def _server(feed: Feed, port: int) -> Server:
     """The server of a feed. Raises InkloopError where the port cannot be had."""
-    from inkloop.report.page.server import Server
+    from inkloop.report.page.live import Server
 
     if not 0 <= port < 65536:
         raise InkloopError(f"--port is {port}; expected a number from 0, any free port, to 65535")
@@ -218,8 +217,8 @@ def _metrology(options: argparse.Namespace) -> int:
     from inkloop.errors import HeightMapError
     from inkloop.metrology.evaluation.subject import Subject
     from inkloop.report import surface_parameters
-    from inkloop.results.evaluated_surface import subject_of
     from inkloop.results.result import Result
+    from inkloop.results.surface import subject_of
 
     source, is_run = options.source, options.source.is_dir()
     alien = ("unit", "pixel_um", "count_scale", "invalid_value") if is_run else ("layer", "map")

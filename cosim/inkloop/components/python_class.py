@@ -30,7 +30,7 @@ from inkloop.tables.messages import sentence
 
 ADAPTERS = "inkloop.adapters"
 """Group of entry points whose functions make components of objects that are none."""
-_RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
+_RULE_CONTROLLER = ("inkloop_controller.controllers", "rule_controller")
 
 
 @dataclass(frozen=True)

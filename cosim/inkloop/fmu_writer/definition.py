@@ -25,7 +25,7 @@ class VariableDefinition:
     `along`: structural parameter that is the number of maps; None: one map. `initial_from`: variables that the start
     value is computed from; `declared`: the enumeration; `is_tunable`: the parameter may be set between steps.
     `emulated`: the member of the emulator's WorldOptions (world.h) that holds this parameter; None: the emulator has
-    none. `absent`, `unlimited`, `needs`, `scenario`: of the option in Python (inkloop_controller.problem.variables),
+    none. `absent`, `unlimited`, `needs`, `scenario`: of the option in Python (inkloop_controller.problem.options),
     without meaning for an FMU.
     """
 

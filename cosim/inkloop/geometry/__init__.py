@@ -3,11 +3,10 @@
 The libraries that read meshes are imported when `load` meets their format.
 """
 
-from inkloop.geometry.cells import cell_centers
-from inkloop.geometry.columns import Columns
+from inkloop.geometry.body import Placement
+from inkloop.geometry.columns import Columns, cell_centers
 from inkloop.geometry.mesh import load, load_inks
 from inkloop.geometry.overhang import Overhangs, overhangs, resting, support_below
-from inkloop.geometry.placement import Placement
 from inkloop.geometry.shapes import TOLERANCE_M, Cuboid, Cylinder, PipeJunction, Shape, Staircase, contained
 
 __all__ = [

@@ -12,10 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Geometry, HeightIntervals
-from inkloop.geometry.cells import cell_centers, cell_index, check_grid
 from inkloop.geometry.library import ColumnsStruct, intervals_by, library
 
 _OF_FIRST, _OF_SECOND, _OF_BOTH = 1, 2, 4  # POINTS_OF_... of column_algebra.h
+
+
+def check_grid(nx: int, ny: int, pitch: float) -> None:
+    """Raises ValueError for a grid without cells or size."""
+    if nx < 1 or ny < 1 or not 0.0 < pitch < np.inf:
+        raise ValueError(f"a grid of {nx} x {ny} cells of {pitch} m; needs at least one and a length above 0")
+
+
+def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
+    """x and y of every cell, each (nx, ny) [m]."""
+    x, y = np.meshgrid(np.arange(nx) * pitch, np.arange(ny) * pitch, indexing="ij")
+    return x, y
+
+
+def _cell_index(x: FloatMap, y: FloatMap, nx: int, ny: int, pitch: float) -> NDArray[np.int64]:
+    """i * ny + j of the cell with the nearest centre, -1 outside the grid; a point between two centres is in the upper.
+
+    x, y: [m], broadcast against each other.
+    """
+    i, j = np.floor(np.asarray(x) / pitch + 0.5), np.floor(np.asarray(y) / pitch + 0.5)
+    is_on_grid = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)  # False for NaN
+    index: NDArray[np.int64] = np.where(is_on_grid, i * ny + j, -1.0).astype(np.int64)
+    return index
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +97,11 @@ class Columns:
         """Number of intervals of each cell, (nx, ny)."""
         counts: NDArray[np.int64] = np.diff(self.offsets).reshape(self.nx, self.ny)
         return counts
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """The cell of each interval, i ny + j."""
+        return np.repeat(np.arange(self.nx * self.ny), self.counts.ravel())
 
     @property
     def mask(self) -> BoolMap:
@@ -149,7 +176,7 @@ class Columns:
         return inside
 
     def _cell(self, x: FloatMap, y: FloatMap) -> NDArray[np.int64]:
-        return cell_index(x, y, self.nx, self.ny, self.pitch)
+        return _cell_index(x, y, self.nx, self.ny, self.pitch)
 
     def _span(self, cell: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """First interval of each cell and the number of its intervals; none outside the grid."""

@@ -35,7 +35,7 @@ def overhangs(part: Columns) -> Overhangs | None:
     if not (part.bottoms > _SUBSTRATE).any():
         return None
     below = _below(part)
-    cells, hangs = _cells(part), part.bottoms > below
+    cells, hangs = part.cells, part.bottoms > below
     if not hangs.any():
         return None
     number, first = int(np.count_nonzero(np.bincount(cells[hangs]))), int(np.argmax(hangs))
@@ -54,14 +54,14 @@ def resting(part: Columns) -> Columns:
     kept = part.bottoms == _SUBSTRATE
     if kept.all():
         return part
-    cells, bottoms, tops = _cells(part)[kept], part.bottoms[kept], part.tops[kept]
+    cells, bottoms, tops = part.cells[kept], part.bottoms[kept], part.tops[kept]
     return Columns.of_intervals(part.nx, part.ny, part.pitch, cells, bottoms, tops)
 
 
 def support_below(part: Columns) -> Columns:
     """Support of the overhangs: from the substrate, or from the part below, up to each of them."""
     part = _solid(part)
-    return Columns.of_intervals(part.nx, part.ny, part.pitch, _cells(part), _below(part), part.bottoms)
+    return Columns.of_intervals(part.nx, part.ny, part.pitch, part.cells, _below(part), part.bottoms)
 
 
 def _solid(part: Columns) -> Columns:
@@ -69,7 +69,7 @@ def _solid(part: Columns) -> Columns:
     above = part.tops > _SUBSTRATE
     if above.all() and (part.bottoms == _SUBSTRATE).all():
         return part
-    cells, tops = _cells(part)[above], part.tops[above]
+    cells, tops = part.cells[above], part.tops[above]
     bottoms = np.where(part.bottoms[above] <= GAP_M, _SUBSTRATE, part.bottoms[above])
     joined = (cells[1:] == cells[:-1]) & (bottoms[1:] - tops[:-1] <= GAP_M)
     bottoms[1:] = np.where(joined, tops[:-1], bottoms[1:])
@@ -79,11 +79,6 @@ def _solid(part: Columns) -> Columns:
 def _below(part: Columns) -> NDArray[np.float64]:
     """End of the part below each interval, or the substrate [m]."""
     below = np.full(part.bottoms.size, _SUBSTRATE)
-    is_above = _cells(part)[1:] == _cells(part)[:-1]
+    is_above = part.cells[1:] == part.cells[:-1]
     below[1:][is_above] = part.tops[:-1][is_above]
     return below
-
-
-def _cells(part: Columns) -> NDArray[np.int64]:
-    """The cell of each interval, i ny + j."""
-    return np.repeat(np.arange(part.nx * part.ny), part.counts.ravel())

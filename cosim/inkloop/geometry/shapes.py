@@ -29,6 +29,34 @@ class Shape(Geometry, Protocol):
         """Height of the top over the substrate at (x, y), within the footprint [m]."""
 
 
+def contained(intervals: HeightIntervals, z: FloatMap) -> BoolMap:
+    """True where the height z [m] lies in one of the intervals."""
+    inside: BoolMap = np.any([(bottom <= z) & (z <= top) for bottom, top in intervals], axis=0)
+    return inside
+
+
+def _contains(shape: Geometry, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+    """True where (x, y, z) [m] lies in the shape."""
+    return contained(shape.intervals(x, y), z)
+
+
+def _flat(shape: Shape, x: FloatMap, y: FloatMap) -> FloatMap:
+    """The same height everywhere [m]."""
+    return np.full_like(x, shape.height)
+
+
+def _up_to_top(shape: Shape, x: FloatMap, y: FloatMap, inside: BoolMap) -> HeightIntervals:
+    """From the substrate to the top where `inside` [m], nothing elsewhere."""
+    return ((np.where(inside, -TOLERANCE_M, np.inf), shape.top(x, y) + TOLERANCE_M),)
+
+
+def _on_rectangle(shape: Cuboid | Staircase, x: FloatMap, y: FloatMap) -> HeightIntervals:
+    """From the substrate to the top over the base [m]."""
+    inside_x = np.abs(x - shape.center_x) <= shape.size_x / 2 + TOLERANCE_M
+    inside_y = np.abs(y - shape.center_y) <= shape.size_y / 2 + TOLERANCE_M
+    return _up_to_top(shape, x, y, inside_x & inside_y)
+
+
 @dataclass(frozen=True)
 class Cylinder:
     """Upright cylinder: centre of the axis, radius and height [m]."""
@@ -38,18 +66,13 @@ class Cylinder:
     radius: float
     height: float
 
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        """True where (x, y, z) [m] lies in the cylinder."""
-        return contained(self.intervals(x, y), z)
+    contains = _contains
+    top = _flat
 
     def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
         """From the substrate to the top [m]."""
         distance = np.hypot(x - self.center_x, y - self.center_y)
-        return _up_to(self.top(x, y), distance <= self.radius + TOLERANCE_M)
-
-    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
-        """Flat [m]."""
-        return np.full_like(x, self.height)
+        return _up_to_top(self, x, y, distance <= self.radius + TOLERANCE_M)
 
 
 @dataclass(frozen=True)
@@ -62,19 +85,9 @@ class Cuboid:
     size_y: float
     height: float
 
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        """True where (x, y, z) [m] lies in the cuboid."""
-        return contained(self.intervals(x, y), z)
-
-    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        """From the substrate to the top [m]."""
-        inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
-        inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
-        return _up_to(self.top(x, y), inside_x & inside_y)
-
-    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
-        """Flat [m]."""
-        return np.full_like(x, self.height)
+    contains = _contains
+    intervals = _on_rectangle
+    top = _flat
 
 
 @dataclass(frozen=True)
@@ -88,15 +101,8 @@ class Staircase:
     steps: int
     height: float
 
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        """True where (x, y, z) [m] lies in the staircase."""
-        return contained(self.intervals(x, y), z)
-
-    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        """From the substrate to the step [m]."""
-        inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
-        inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
-        return _up_to(self.top(x, y), inside_x & inside_y)
+    contains = _contains
+    intervals = _on_rectangle
 
     def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
         """The step at x [m]; a point on an edge belongs to the lower step."""
@@ -120,9 +126,8 @@ class PipeJunction:
     inner_upright: float
     height: float
 
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        """True where (x, y, z) [m] lies in the wall of a pipe."""
-        return contained(self.intervals(x, y), z)
+    contains = _contains
+    top = _flat
 
     def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
         """The wall below the bores and the wall above them [m]; where there is no bore, both walls in one."""
@@ -133,23 +138,8 @@ class PipeJunction:
         above = np.where(is_bored, np.nextafter(middle + inner, np.inf), np.inf)
         return (middle - outer, below), (above, middle + outer)
 
-    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
-        """Flat [m]."""
-        return np.full_like(x, self.height)
-
     def _half_height(self, x: FloatMap, y: FloatMap, half_across: float, half_upright: float) -> FloatMap:
         """Half height of two elliptic cylinders, above and below the middle [m], -inf beside both."""
         across = np.minimum(np.abs(x - self.center_x), np.abs(y - self.center_y))
         left = 1.0 + 1e-9 - (across / half_across) ** 2
         return np.where(left >= 0.0, half_upright * np.sqrt(np.maximum(left, 0.0)), -np.inf)
-
-
-def contained(intervals: HeightIntervals, z: FloatMap) -> BoolMap:
-    """True where the height z [m] lies in one of the intervals."""
-    inside: BoolMap = np.any([(bottom <= z) & (z <= top) for bottom, top in intervals], axis=0)
-    return inside
-
-
-def _up_to(top: FloatMap, inside: BoolMap) -> HeightIntervals:
-    """From the substrate to the top where `inside`, nothing elsewhere."""
-    return ((np.where(inside, -TOLERANCE_M, np.inf), top + TOLERANCE_M),)

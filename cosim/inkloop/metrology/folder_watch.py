@@ -1,7 +1,8 @@
-"""Files written by another program: the expected file, and the detection that it is complete."""
+"""Files written by another program: their numbered names, the expected file, the detection that it is complete."""
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +10,6 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from inkloop.limits import filled
-from inkloop.metrology.file_names import numbered_files
 
 Complete: TypeAlias = Literal["stable", "renamed", "done"]
 """Criteria of a complete file.
@@ -21,6 +21,28 @@ programs do that write to a temporary name; "done": a file of its name and .done
 POLL_S = 0.05
 FIELD = "layer"
 """Field of a file name that holds the number of the layer."""
+
+
+def name_errors(key: str, template: str, field: str, example: str) -> list[str]:
+    """Errors of the template of a file name, one sentence each; key: which the scenario gives it by."""
+    expected = f"expected a name of its own for each layer, such as {example!r}"
+    try:
+        names = {filled(template, {field: number}) for number in (1, 2, 30)}
+    except ValueError as error:
+        return [f"{key} is {template!r} ({error}); {expected}"]
+    if len(names) < 3 or any(Path(name).name != name for name in names):
+        return [f"{key} is {template!r}; {expected}"]
+    return []
+
+
+def numbered_files(folder: Path, template: str, field: str) -> dict[int, Path]:
+    """Number -> file, of all files in the folder that have the name of a number. Raises OSError."""
+    number = re.compile(r"\d+")
+    found: dict[int, Path] = {}
+    for path in folder.iterdir():
+        numbers = map(int, number.findall(path.name))
+        found |= {each: path for each in numbers if filled(template, {field: each}) == path.name}
+    return found
 
 
 @dataclass(frozen=True)

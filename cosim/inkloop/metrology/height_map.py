@@ -20,7 +20,8 @@ class HeightMap:
     """Heights of a regular grid of pixels in the coordinates of the profiler.
 
     z: (m, n) [m], i along x, j along y, NaN where nothing was measured (infinities become NaN); dx, dy: size of a pixel
-    [m]; x0, y0: centre of pixel (0, 0) [m]; source: its name in messages. Raises HeightMapError.
+    [m]; x0, y0: centre of pixel (0, 0) [m]; source: its name in messages; remark: what a library took from its file.
+    Raises HeightMapError.
     """
 
     z: FloatMap
@@ -29,6 +30,7 @@ class HeightMap:
     x0: float = 0.0
     y0: float = 0.0
     source: str = "height map"
+    remark: str = ""
 
     def __post_init__(self) -> None:
         z = np.array(self.z, dtype=np.float64)

@@ -5,7 +5,6 @@ Neither is ever guessed: a map that is wrong by a factor of 1000 looks like any 
 
 from __future__ import annotations
 
-import importlib
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,8 +14,10 @@ import numpy as np
 
 from inkloop.errors import HeightMapError, missing
 from inkloop.limits import memory_error, unpacked_error
-from inkloop.metrology.file_contents import FileContents, length_factor, required_factor
+from inkloop.metrology import map_readers
 from inkloop.metrology.height_map import HeightMap
+from inkloop.metrology.map_readers import FileContents, length_factor
+from inkloop.metrology.table_file import read_table
 from inkloop.units import UM_PER_M
 
 __all__ = ["read"]
@@ -25,15 +26,22 @@ COPIES = 3
 """Times its size that reading an array takes: what is stored, the heights, and their transposed copy."""
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
 
-READERS: Mapping[str, tuple[str, str, str]] = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table", "")),
-    **dict.fromkeys((".npy", ".npz"), ("inkloop.metrology.array_file", "read_array", "")),
-    **dict.fromkeys((".tif", ".tiff"), ("inkloop.metrology.tiff_file", "read_tiff", "tifffile")),
-    **dict.fromkeys((".png", ".bmp"), ("inkloop.metrology.picture_file", "read_picture", "PIL")),
-    ".sdf": ("inkloop.metrology.instrument_file", "read_sdf", "sdfio"),
+
+def _picture(path: Path) -> FileContents:
+    from inkloop.metrology.picture_file import read_picture
+
+    return read_picture(path)
+
+
+_READERS: Mapping[str, tuple[Callable[[Path], FileContents], str]] = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), (read_table, "")),
+    **dict.fromkeys((".npy", ".npz"), (map_readers.read_array, "")),
+    **dict.fromkeys((".tif", ".tiff"), (map_readers.read_tiff, "tifffile")),
+    **dict.fromkeys((".png", ".bmp"), (_picture, "PIL")),
+    ".sdf": (map_readers.read_sdf, "sdfio"),
 }
-"""Suffix -> module, function, and the library of an extra that it needs; any other suffix is an instrument's own."""
-_INSTRUMENTS = ("inkloop.metrology.instrument_file", "read_instrument", "SurfaceTopography")
+"""Suffix -> reader, and the library of an extra that it needs; any other suffix is an instrument's own."""
+_INSTRUMENTS = (map_readers.read_instrument, "SurfaceTopography")
 
 
 def read(
@@ -57,7 +65,7 @@ def read(
     path = Path(path)
     contents = _contents(path)
     errors: list[str] = []
-    factor = _factor(path, contents, unit, errors)
+    factor = _factor(contents, unit, errors)
     dx, dy = _pixel(contents, pixel, errors)
     values = np.asarray(contents.values)
     if values.ndim != 2:
@@ -81,24 +89,22 @@ def read(
     z *= factor * (1.0 if scale is None else scale)
     if (rows_along or contents.rows_along) == "x":
         z = z.T
-    return HeightMap(z, dx, dy, source=str(path))
+    return HeightMap(z, dx, dy, source=str(path), remark=contents.remark)
 
 
 def library_error(path: Path) -> str:
     """A sentence that names the package which the format of a file needs, if that is not installed; else ""."""
-    library = READERS.get(path.suffix.lower(), _INSTRUMENTS)[2]
+    library = _READERS.get(path.suffix.lower(), _INSTRUMENTS)[1]
     return missing(library, f"{path}: a height map in this format") if library else ""
 
 
 def _contents(path: Path) -> FileContents:
-    module, name, _ = READERS.get(path.suffix.lower(), _INSTRUMENTS)
     try:
         if reason := _size_error(path):
             raise HeightMapError(f"{path}: {reason}; save a part of the map, or fewer pixels")
         if reason := library_error(path):
             raise HeightMapError(reason)
-        reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
-        return reader(path)
+        return _READERS.get(path.suffix.lower(), _INSTRUMENTS)[0](path)
     except HeightMapError:
         raise
     except OSError as error:
@@ -121,18 +127,19 @@ def _size_error(path: Path) -> str | None:
     return memory_error(unpacked * COPIES)
 
 
-def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[str]) -> float:
+def _factor(contents: FileContents, unit: str | None, errors: list[str]) -> float:
     """Metres per unit of the stored heights; file and option must agree."""
+    declared = contents.unit if contents.unit is not None else unit
+    factor = None if declared is None else length_factor(declared)
     if unit is not None and length_factor(unit) is None:
         errors.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
-        return 1.0
-    if unit is None and contents.unit is None:
+    elif declared is None:
         errors.append("does not declare the unit of its heights; give unit (--unit): nm, um, mm or m")
-        return 1.0
-    declared = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
-    if unit is not None and length_factor(unit) != declared:
+    elif factor is None:
+        errors.append(f"the unit of its heights is {declared!r}; expected one of nm, um, mm, m")
+    elif unit is not None and length_factor(unit) != factor:
         errors.append(f"declares heights in {contents.unit}, but unit is {unit!r}; leave unit out or correct it")
-    return declared
+    return factor or 1.0
 
 
 def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, errors: list[str]) -> tuple[float, float]:

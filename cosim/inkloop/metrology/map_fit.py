@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
@@ -28,8 +29,8 @@ CLIP = 4.0  # distance in standard deviations beyond which a point is left out: 
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _ROUNDS = 3
 
-Move: TypeAlias = tuple[float, float, float]
-"""Shift along x and y [m] and rotation [rad] about the middle of the map, added to the start registration."""
+Move: TypeAlias = NDArray[np.float64]
+"""(3,): shift along x and y [m] and rotation [rad] about the middle of the map, added to the start registration."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def fit_to_surface(
     coarse = _Relief.of(map_, surface, pitch, start, 1, SEARCH_POINTS_MAX)
     shifts = np.arange(-math.ceil(2 * reach / pitch), math.ceil(2 * reach / pitch) + 1) * pitch / 2
     turns = np.linspace(-rotation_reach, rotation_reach, ROTATION_STEPS if rotation_reach > 0.0 else 1)
-    moves = [(float(u), float(v), float(turn)) for turn in turns for u in shifts for v in shifts]
+    moves = [np.array((u, v, turn)) for turn in turns for u in shifts for v in shifts]
     best = min(moves, key=lambda move: float(np.sum(coarse.residuals(move) ** 2)))
     points = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL, FIT_POINTS_MAX)
     fits = [(fine := points.softened(width), _refined(fine, best, pitch, rotation_reach > 0.0)) for width in SOFTNESS]
@@ -213,7 +214,7 @@ def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -
     def residuals(cells: FloatMap) -> FloatMap:
         return relief.residuals(_move(cells, pitch, relief.radius)) / scale
 
-    start = np.array([first[0] / pitch, first[1] / pitch, first[2] * relief.radius / pitch][: 3 if may_turn else 2])
+    start = (first / (pitch, pitch, pitch / relief.radius))[: 3 if may_turn else 2]
     from scipy.optimize import least_squares
 
     return _move(least_squares(residuals, start, diff_step=[1e-3] * start.size).x, pitch, relief.radius)
@@ -221,16 +222,12 @@ def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -
 
 def _move(cells: FloatMap, pitch: float, radius: float) -> Move:
     """The move of a shift in cells and, for a fitted rotation, of the rotation as a shift of the rim in cells."""
-    return float(cells[0]) * pitch, float(cells[1]) * pitch, float(cells[2]) * pitch / radius if len(cells) > 2 else 0.0
+    return np.array([*cells, 0.0][:3]) * (pitch, pitch, pitch / radius)
 
 
 def _normal(relief: _Relief, move: Move, pitch: float) -> FloatMap:
     """(3, 3) normal matrix of the residuals by shifts in cells and by the rotation as a shift of the rim in cells."""
     steps = np.diag([0.1 * pitch, 0.1 * pitch, 0.1 * pitch / relief.radius])
-    slopes = [(relief.residuals(_added(move, step)) - relief.residuals(_added(move, -step))) / 0.2 for step in steps]
+    slopes = [(relief.residuals(move + step) - relief.residuals(move - step)) / 0.2 for step in steps]
     jacobian = np.stack(slopes, axis=1)
     return np.asarray(jacobian.T @ jacobian, np.float64)
-
-
-def _added(move: Move, step: FloatMap) -> Move:
-    return move[0] + float(step[0]), move[1] + float(step[1]), move[2] + float(step[2])

@@ -17,8 +17,7 @@ from inkloop.component import DEVICE_LOGGER, Job, Status, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology import map_folder_options as options
-from inkloop.metrology.file_names import name_errors
-from inkloop.metrology.folder_watch import FIELD, FolderWatch, Wait
+from inkloop.metrology.folder_watch import FIELD, FolderWatch, Wait, name_errors
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import library_error, read
 from inkloop.metrology.placement import Placement
@@ -217,7 +216,7 @@ class MapFolder:
         self._height = np.where(placed.valid, placed.height, self._height)
         self._valid, self._scanned, self._status = placed.valid, layer, Status.IDLE
         self._map_shape, self._digest, self._wait = map_.shape, digest, None
-        _LOG.info("layer %d: %s, %s", layer, path.name, placed.words)
+        _LOG.info("layer %d: %s", layer, ", ".join(filter(None, (path.name, map_.remark, placed.words))))
 
     def _checked(self, map_: HeightMap) -> bytes:
         """Fingerprint of a map, which must differ from the last one and have its size. Raises HeightMapError."""

@@ -15,7 +15,7 @@ from PIL import Image, ImageSequence, UnidentifiedImageError
 
 from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
-from inkloop.metrology.file_contents import FileContents
+from inkloop.metrology.map_readers import FileContents
 
 FORMATS = ("PNG", "TIFF", "BMP")
 """Formats that keep every value; JPEG and others change them."""

@@ -9,11 +9,10 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
 from inkloop.errors import HeightMapError
-from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import Datum, level, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import fit_to_surface
-from inkloop.metrology.registration import Registration
+from inkloop.metrology.registration import Registration, cell_means
 from inkloop.units import MM_PER_M, UM_PER_M
 
 Method: TypeAlias = Literal["given", "fiducials", "fit"]

@@ -9,7 +9,7 @@ from typing import Any
 from inkloop.errors import require
 from inkloop.printing.on_devices import log_devices
 from inkloop.printing.run import checked_run_folder, origin_of, print_part
-from inkloop.report.formats import picture_formats
+from inkloop.report import picture_formats
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result

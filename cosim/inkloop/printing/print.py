@@ -19,9 +19,9 @@ from inkloop.master.pacing import Pacing
 from inkloop.master.roles import StopReason
 from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
-from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import READ_AT_ONCE, RESULT_FILE, STOPPED, UNFINISHED, Result, saving
+from inkloop.results.surface import with_parameters
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S, UM_PER_M
 
@@ -82,7 +82,8 @@ class Print:
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
                 self._result("failed")
-                raise ComponentError(f"{error}\n{self._advice(self._folder, self._checkpoints)}") from error
+                advice = self._advice(self._folder, self._checkpoints, error)
+                raise ComponentError(f"{error}\n{advice}") from error
             raise
         result = self._result(reason)
         if self._folder and reason not in UNFINISHED:
@@ -148,13 +149,15 @@ class Print:
         result.save(self._folder, None if in_memory else maps)
         return result if in_memory else self._read_back(self._folder)
 
-    def _advice(self, folder: Path, checkpoints: Checkpoints) -> str:
-        """Advice after a failed print: which layers are kept, and how to resume it."""
+    def _advice(self, folder: Path, checkpoints: Checkpoints, error: ComponentError) -> str:
+        """Advice after a failed print: which layers are kept, and how to resume it unless the error says what to do."""
         kept = f"layers 0 to {checkpoints.layer} are in {folder}"
         if checkpoints.refusal:
             return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
         has_device = any(is_device(component) for component in self._components.values())
         bench = f" (`inkloop bench` takes {folder} as SCENARIO)" if has_device else ""
+        if error.remedy_is_said:
+            return f"{kept}{bench}"
         return f"{kept}; fix the cause{bench}, then continue with `inkloop resume {folder}`"
 
     def _read_back(self, folder: Path) -> Result:

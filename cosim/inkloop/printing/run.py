@@ -18,7 +18,7 @@ from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
 from inkloop.printing.on_devices import log_devices
 from inkloop.printing.print import Print, check_first_layer
-from inkloop.report.formats import PNG
+from inkloop.report import PNG
 from inkloop.report.terminal import Terminal, decimals
 from inkloop.results.checkpoint import remove_layers
 from inkloop.results.lock import LOCK_FILE, sole_writer
@@ -145,8 +145,8 @@ def print_part(
 
 def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: Sequence[str]) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
-    from inkloop.report import run_report, trust
-    from inkloop.report.remarks import ending, remarks
+    from inkloop.report import run_report
+    from inkloop.report.remarks import STOP_TITLE, ending, remarks
 
     gc.freeze()  # the imported objects stay: no collection has to search them
     notes = origin_of(scenario, compare=compare)
@@ -174,7 +174,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
     is_stopped = reason == STOPPED
     if is_stopped:
         main = printed.get(folder) or Result.load(folder)
-        console.sentence(f"{trust.STOPPED}:")
+        console.sentence(f"{STOP_TITLE}:")
         console.sentence(ending(main))
         console.sentence(_advice(main, f"when you have looked at it, continue with `inkloop resume {folder}`"))
     if console.as_json:

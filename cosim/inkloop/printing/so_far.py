@@ -17,7 +17,7 @@ from inkloop.errors import ResultError
 from inkloop.files import reason_of
 from inkloop.printing.on_devices import LOG_FILE
 from inkloop.printing.run import scenario_of_run
-from inkloop.report.page.feed import Feed
+from inkloop.report.page.live import Feed
 from inkloop.report.run_report import load_runs
 from inkloop.results import array_file
 from inkloop.results.checkpoint import layer_files

@@ -1,1 +1,51 @@
-"""Tables and pictures of a run folder."""
+"""Tables and pictures of a run folder.
+
+Here stands what commands use before they load any of it: formats of pictures, and sentences that fit into a window.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Sequence
+
+from inkloop.errors import InkloopError
+
+PNG = "png"
+FORMATS = (PNG, "svg", "pdf")
+_KEPT = "\0"
+_QUOTED = re.compile(r"`[^`\n]*`")
+
+
+def picture_formats(names: Sequence[str]) -> tuple[str, ...]:
+    """The formats, each once, in the order given. Raises InkloopError for one that pictures do not have."""
+    unknown = [name for name in names if name not in FORMATS]
+    if unknown:
+        found = ", ".join(repr(name) for name in unknown)
+        raise InkloopError(f"there is no picture format {found}; expected {', '.join(FORMATS)}, or several with commas")
+    return tuple(dict.fromkeys(names))
+
+
+def wrapped(text: str, columns: int) -> str:
+    """The text broken between words into lines of at most so many columns; `commands in backquotes` stay whole.
+
+    Lines that continue an item ("  - ...") or an indented line begin below its text.
+    """
+    return "\n".join(_lines(line, columns) for line in text.split("\n"))
+
+
+def _lines(line: str, columns: int) -> str:
+    if len(line) <= columns:
+        return line
+    indent = len(line) - len(line.lstrip(" "))
+    hanging = " " * (indent + 2 * line.startswith("- ", indent))
+    kept = _QUOTED.sub(lambda found: found[0].replace(" ", _KEPT), line.strip(" "))
+    broken = textwrap.wrap(
+        kept,
+        columns,
+        initial_indent=" " * indent,
+        subsequent_indent=hanging,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return "\n".join(broken).replace(_KEPT, " ")

@@ -11,12 +11,11 @@ from inkloop.report.plot import (
     ERROR_LABEL,
     Runs,
     draw_line,
-    error_of,
     middle_row,
     new_figure,
     outside_legend,
 )
-from inkloop.results.metrics import TOO_HIGH, TOO_LOW
+from inkloop.results.metrics import TOO_HIGH, TOO_LOW, error_of
 from inkloop.units import MM_PER_M, UM_PER_M
 
 __all__ = ["cross_section"]

@@ -17,8 +17,7 @@ from inkloop.component import BoolMap, Geometry, Job
 from inkloop.geometry import Columns, cell_centers
 from inkloop.report import plot
 from inkloop.report.part_report import PartReport
-from inkloop.report.solid_picture import SOLID_UPRIGHT, draw_scales
-from inkloop.report.solid_view import view
+from inkloop.report.solid_picture import SOLID_UPRIGHT, draw_scales, view
 from inkloop.units import MM_PER_M, UM_PER_M
 
 _LEVELS = 160  # of the solid and of the cut, from the substrate to the top

@@ -12,9 +12,8 @@ import numpy as np
 
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, bounds
-from inkloop.geometry.narrow import Narrow, narrow_across, narrow_upright
 from inkloop.limits import duration_text, size_text
-from inkloop.report.mesh_holes import Hole, holes
+from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright
 from inkloop.scenario.file import Scenario
 from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
 

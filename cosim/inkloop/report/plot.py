@@ -22,7 +22,8 @@ from matplotlib.image import AxesImage
 
 from inkloop.component import FloatMap
 from inkloop.files import replaced
-from inkloop.report.formats import FORMATS, PNG
+from inkloop.report import FORMATS, PNG
+from inkloop.report.page.maps import block_means
 from inkloop.report.terminal import decimals
 from inkloop.results.metrics import SIGN, TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
@@ -151,14 +152,9 @@ def draw_error(
         error.T, origin="lower", extent=extent, interpolation="nearest", cmap=colours, norm=norm, aspect="equal"
     )
     (left, right, bottom, top), block = extent, math.ceil(max(error.shape) / DOTS)
-    m, n = (math.ceil(count / block) for count in error.shape)
-    padded = np.full((m * block, n * block), np.nan)
-    padded[: error.shape[0], : error.shape[1]] = error
-    blocks = padded.reshape(m, block, n, block)
-    seen = np.isfinite(blocks).sum((1, 3))
-    mean = np.divide(np.nansum(blocks, (1, 3)), seen, out=np.full((m, n), np.nan), where=seen > 0)
+    mean = block_means(error, block)
     colour = image.to_rgba(np.ma.masked_invalid(mean))[..., :3]
-    i, j = np.nonzero((seen > 0) & (colour[..., 0] - colour[..., 2] > CLEARLY_RED))
+    i, j = np.nonzero(np.isfinite(mean) & (colour[..., 0] - colour[..., 2] > CLEARLY_RED))
     x = left + (i + 0.5) * block * (right - left) / error.shape[0]
     y = bottom + (j + 0.5) * block * (top - bottom) / error.shape[1]
     dots = np.where(colour[i, j].mean(axis=-1) < DARK, "white", "black")
@@ -182,25 +178,17 @@ def add_scale(
     norm = colours.norm
     if isinstance(norm, AsinhNorm) and norm.vmax is not None:
         decades = 10.0 ** np.arange(math.ceil(math.log10(norm.linear_width)), math.floor(math.log10(norm.vmax)) + 1)
-        end = _round_below(norm.vmax)
+        end = round_below(norm.vmax)
         is_apart = decades.size == 0 or norm(end) - norm(decades[-1]) > NEXT_LABEL
         ticks = np.union1d(decades, end) if is_apart else decades
         bar.set_ticks([*-ticks[::-1], 0.0, *ticks], minor=False)
         bar.minorticks_off()
 
 
-def _round_below(value: float) -> float:
+def round_below(value: float) -> float:
     """The largest 1, 2 or 5 of a decade that is not above a value."""
     decade = 10.0 ** math.floor(math.log10(value))
-    return max(each * decade for each in (1.0, 2.0, 5.0) if each * decade <= value)
-
-
-def error_of(run: xr.Dataset) -> FloatMap:
-    """Target minus final height [um] as in inkloop.results.metrics, NaN outside the part."""
-    error: FloatMap = run.target_height.values - run.height[-1].values
-    error *= UM_PER_M
-    error[~run.mask.values.astype(bool)] = np.nan
-    return error
+    return max(each * decade for each in (1.0, 2.0, 5.0) if each * decade <= value * (1.0 + 1e-9))
 
 
 def extent_of(run: xr.Dataset) -> tuple[float, float, float, float]:

@@ -18,9 +18,9 @@ from inkloop.report import surface_parameters
 from inkloop.report.model_difference import ModelDifference, model_difference
 from inkloop.report.remarks import remarks
 from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
-from inkloop.results.evaluated_surface import parameters_of
 from inkloop.results.metrics import SIGN
 from inkloop.results.result import COMPARE_FOLDER, Result, read_record
+from inkloop.results.surface import parameters_of
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
 

@@ -12,15 +12,14 @@ from rich.table import Table
 from inkloop.component import BoolMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology import map_file
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group, Treatment
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
-from inkloop.metrology.evaluation.table import PRINTED_UNITS, Parameter, found, found_on_profiles, rows
-from inkloop.metrology.evaluation.treatment import Treatment
+from inkloop.metrology.evaluation.table import Parameter, found, found_on_profiles, rows
 from inkloop.metrology.height_map import HeightMap
 from inkloop.report.terminal import Terminal, number_table
-from inkloop.results.evaluated_surface import parameters_of
 from inkloop.results.result import Result
+from inkloop.results.surface import parameters_of
 from inkloop.units import M_PER_UM
 
 GROUPS: tuple[Group, ...] = ("areal", "form", "volume")
@@ -44,12 +43,9 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
     used = subject.cells & subject.map_.valid
     missing = int(subject.cells.sum() - used.sum())
     lacking = f", {missing} more without a height" if missing else ""
-    table = number_table(
-        "parameter",
-        "value",
-        title=subject.map_.source,
-        caption=f"{used.sum()} cells{lacking}; mask: {mask}; {steps}",
-    )
+    read = f"{subject.map_.remark}; " if subject.map_.remark else ""
+    caption = f"{read}{used.sum()} cells{lacking}; mask: {mask}; {steps}"
+    table = number_table("parameter", "value", title=subject.map_.source, caption=caption)
     for parameter in parameters:
         table.add_row(_label(parameter), _value(parameter))
     console.print(table)
@@ -89,7 +85,7 @@ def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
 
 def _label(parameter: Parameter) -> str:
     """Symbols of ISO first; the symbol of a form is its name."""
-    unit = "" if parameter.shown_unit == "1" else f" [{PRINTED_UNITS.get(parameter.shown_unit, parameter.shown_unit)}]"
+    unit = f" [{parameter.printed_unit}]" if parameter.printed_unit else ""
     of_iso = DEFINITIONS[parameter.symbol].group in ("areal", "profile")
     return f"{parameter.symbol}, {parameter.name}{unit}" if of_iso else parameter.name + unit
 

@@ -13,7 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
-from inkloop.report.plot import ERROR_COLOURS, WIDTH_IN, Runs, add_scale, error_norm, error_of, extent_of, figures_of
+from inkloop.report.page.maps import block_means
+from inkloop.report.plot import ERROR_COLOURS, WIDTH_IN, Runs, add_scale, error_norm, extent_of, figures_of
+from inkloop.results.metrics import error_of
 from inkloop.units import MM_PER_M, UM_PER_M
 
 __all__ = ["surfaces"]
@@ -55,7 +57,7 @@ def surfaces(runs: Runs) -> Figure:
 
 def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappable, zoom: float) -> None:
     block = max(1, math.ceil(max(error.shape) / PLATES))
-    height, shown = _means(run.height[-1].values * UM_PER_M, block), _means(error, block)
+    height, shown = block_means(run.height[-1].values * UM_PER_M, block), block_means(error, block)
     left, right, bottom, top = extent_of(run)
     edges = [
         np.repeat(np.minimum(first + np.arange(count + 1) * block * (last - first) / cells, last), 2)[1:-1]
@@ -81,19 +83,6 @@ def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappa
     axes.view_init(elev=32, azim=-60)
     axes.patch.set_visible(False)  # it would hide labels of the picture to its left
     axes.grid(False)
-
-
-def _means(values: FloatMap, block: int) -> FloatMap:
-    """Means over blocks of cells, of those that have a number; NaN where none has."""
-    if block == 1:
-        return values
-    sides = [np.arange(0, cells, block) for cells in values.shape]
-    totals, counts = (
-        np.add.reduceat(np.add.reduceat(each, sides[0], axis=0), sides[1], axis=1)
-        for each in (np.nan_to_num(values), (~np.isnan(values)).astype(np.float64))
-    )
-    with np.errstate(invalid="ignore"):
-        return np.asarray(totals / np.where(counts > 0.0, counts, np.nan))
 
 
 def _longer_side(run: xr.Dataset) -> float:

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeR
 from rich.table import Column, Table
 from rich.text import Text
 
-from inkloop.report.wrapping import wrapped
+from inkloop.report import wrapped
 
 __all__ = ["NumberTable", "Terminal", "number_table"]
 

@@ -1,15 +1,15 @@
-"""Arrays by name in a file, as NumPy's npz, of which one at a time is in memory."""
+"""Arrays by name in a file, as NumPy's npz, of which one at a time is in memory; recorded values as such arrays."""
 
 from __future__ import annotations
 
 import io
 import shutil
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ from inkloop.errors import ResultError
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 """Errors of reading such a file."""
 _PIECE = 1 << 20
+RUN = "run"
+"""Role of recorded values of no component."""
+_SCALARS = "scalars"
+"""First part of the keys of tables of scalars: a file takes much less time for a few of them than for each scalar."""
 
 
 def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
@@ -68,3 +72,42 @@ def check(path: Path) -> list[str]:
         if bad := archive.testzip():
             raise zipfile.BadZipFile(f"bad CRC-32 of {bad}")
         return [name.removesuffix(".npy") for name in archive.namelist()]
+
+
+class Place(NamedTuple):
+    """The value of port `name` of the component in `role`, in the row of `layer`."""
+
+    role: str
+    name: str
+    layer: int
+
+
+def packed(rows: Mapping[Place, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The rows as arrays by key: each map alone, scalars in a table for each of their types."""
+    found = {f"{place.role}/{place.name}/{place.layer}": row for place, row in rows.items() if row.shape}
+    scalars: dict[np.dtype[Any], list[tuple[Any, ...]]] = {}
+    for place, row in rows.items():
+        if not row.shape:
+            scalars.setdefault(row.dtype, []).append((*place, row[()]))
+    for dtype, placed in scalars.items():
+        role, name = (f"U{max(len(row[column]) for row in placed)}" for column in (0, 1))
+        columns = [("role", role), ("name", name), ("layer", np.int64), ("value", dtype)]
+        found[f"{_SCALARS}/{dtype}/{placed[-1][2]}"] = np.array(placed, columns)
+    return found
+
+
+def scalars(arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Place, NDArray[Any]]]:
+    """The scalars of arrays by key; no map is read."""
+    for key in arrays:
+        if key.startswith(f"{_SCALARS}/"):
+            table = arrays[key]
+            for role, name, layer, value in zip(*(table[column] for column in table.dtype.names or ()), strict=True):
+                yield Place(str(role), str(name), int(layer)), np.asarray(value)
+
+
+def keys(arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[Place, str]]:
+    """The places of all other arrays, and their keys."""
+    for key in arrays:
+        role, name, layer = key.split("/")
+        if role != _SCALARS:
+            yield Place(role, name, int(layer)), key

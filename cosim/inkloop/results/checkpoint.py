@@ -108,9 +108,8 @@ class Checkpoints:
 
     def interrupted(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Write the state of this point, if it is not on disk: Ctrl-C costs no layer."""
-        if not self._durable and self._state_ns != time_ns:
-            self._state_at = -inf
-            self._write(time_ns, outputs)
+        if not self._durable:
+            self.stopped(time_ns, outputs)
 
     def stopped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Write the state of this point, from which a print goes on that its controller has stopped."""

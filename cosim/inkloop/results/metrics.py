@@ -7,10 +7,15 @@ is too low.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
+from inkloop.units import UM_PER_M
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["SIGN", "surface_error"]
 
@@ -47,3 +52,11 @@ def masked_error(height: FloatMap, target: FloatMap, mask: BoolMap) -> SurfaceEr
         min=float(error.min()),
         max=float(error.max()),
     )
+
+
+def error_of(run: xr.Dataset) -> FloatMap:
+    """Target minus final height of a run [um], NaN outside the part."""
+    error: FloatMap = run.target_height.values - run.height[-1].values
+    error *= UM_PER_M
+    error[~run.mask.values.astype(bool)] = np.nan
+    return error

@@ -22,6 +22,7 @@ from inkloop.contract import (
     COUNTERS,
     DROP_LEVEL,
     HEIGHT,
+    LAYER_COMMAND,
     LAYERS_COMPARED,
     LAYERS_FOLLOWED,
     LAYERS_PRINTED,
@@ -36,10 +37,10 @@ from inkloop.contract import (
     STOP_REASON,
     VALID,
 )
+from inkloop.results.array_file import RUN, Place, keys, packed, scalars
 from inkloop.results.attributes import variable
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
-from inkloop.results.place import RUN, Place, keys, packed, scalars
 from inkloop.results.solid import INK, layer_ink, region_edges
 from inkloop.units import S_PER_NS
 
@@ -126,36 +127,22 @@ class Recorder:
         }
         if self._layer_times:
             return
-        if PRINTER in self._roles:
-            self._printed(self._seen[LAYERS_PRINTED], time_ns, outputs[self._roles[PRINTER]])
-        if SHADOW in self._roles:
-            self._followed(LAYERS_FOLLOWED, self._seen[LAYERS_FOLLOWED], time_ns, outputs[self._roles[SHADOW]])
-        if self._seen.get(LAYERS_SCANNED, -1) >= 0:
-            self._scanned(self._seen[LAYERS_SCANNED], time_ns, outputs[self._roles[PROFILER]])
+        for counter in (LAYERS_PRINTED, LAYERS_FOLLOWED, LAYERS_SCANNED):
+            if self._seen.get(counter, -1) >= 0:
+                self._record(counter, time_ns, outputs[self._roles[COUNTER_ROLES[counter]]])
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Record all values whose sequence number is new."""
-        for counter, role in COUNTER_ROLES.items():
-            if role not in self._roles:
-                continue
-            values = outputs[self._roles[role]]
-            number = int(values[counter])
-            if number == self._seen[counter]:
-                if role == CONTROLLER and values.get(STATUS) == Status.DONE:
-                    self._keep(role, "estimated_height", number, values)
-                if role == CONTROLLER and values.get(STOP_REASON, 0) > 0:
-                    for name in ("estimated_height", *STOP):
-                        self._keep(role, name, number, values)
-                continue
-            self._seen[counter] = number
-            if role == CONTROLLER:
-                self._commanded(number, values)
-            elif role == PRINTER:
-                self._printed(number, time_ns, values)
-            elif role == SHADOW:
-                self._followed(counter, number, time_ns, values)
-            else:
-                self._scanned(number, time_ns, values)
+        for counter, seen in self._seen.items():
+            values = outputs[self._roles[COUNTER_ROLES[counter]]]
+            if int(values[counter]) != seen:
+                self._seen[counter] = int(values[counter])
+                self._record(counter, time_ns, values)
+            elif counter == LAYER_COMMAND:
+                stop = STOP if values.get(STOP_REASON, 0) > 0 else ()
+                if stop or values.get(STATUS) == Status.DONE:
+                    for name in ("estimated_height", *stop):
+                        self._keep(CONTROLLER, name, seen, values)
 
     def take_rows(self) -> dict[str, NDArray[Any]]:
         """Rows recorded since this was last called, for `put_rows` of a recorder of the same components."""
@@ -262,6 +249,22 @@ class Recorder:
         if carried:
             yield from ((HEIGHT, layer, known) for layer in range(after, self.layers + 1))
 
+    def _record(self, counter: str, time_ns: int, values: Values) -> None:
+        """Keep what the new value of a counter stands for, under its layer."""
+        role, number = COUNTER_ROLES[counter], int(values[counter])
+        if role == CONTROLLER:
+            self._commanded(number, values)
+        elif role == SHADOW:
+            self._followed(counter, number, values)
+        else:
+            if role == PRINTER:
+                self._keep_of_run("time", number, np.asarray(time_ns * S_PER_NS))
+            for name in (HEIGHT, "area") if role == PRINTER else (MEASURED_HEIGHT, VALID):
+                self._keep(role, name, number, values)
+            self._keep_scalars(role, number, values)
+        if counter in (LAYERS_PRINTED, LAYERS_SCANNED, LAYERS_FOLLOWED):
+            self._report(role, number, time_ns)
+
     def _commanded(self, number: int, values: Values) -> None:
         if PATTERN in values:
             pattern = values[PATTERN]
@@ -272,28 +275,13 @@ class Recorder:
         self._keep(CONTROLLER, "estimated_height", number - 1, values)
         self._keep_scalars(CONTROLLER, number, values)
 
-    def _printed(self, number: int, time_ns: int, values: Values) -> None:
-        self._keep_of_run("time", number, np.asarray(time_ns * S_PER_NS))
-        for name in (HEIGHT, "area"):
-            self._keep(PRINTER, name, number, values)
-        self._keep_scalars(PRINTER, number, values)
-        self._report(PRINTER, number, time_ns)
-
-    def _scanned(self, number: int, time_ns: int, values: Values) -> None:
-        for name in (MEASURED_HEIGHT, VALID):
-            self._keep(PROFILER, name, number, values)
-        self._keep_scalars(PROFILER, number, values)
-        self._report(PROFILER, number, time_ns)
-
-    def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
+    def _followed(self, counter: str, number: int, values: Values) -> None:
         """The shadow has deposited a layer, or was compared with a scan; the scan of layer 0 may move its surface."""
         if counter == LAYERS_COMPARED:
             self._keep_scalars(SHADOW, number, values)
             self._keep(SHADOW, STATUS, number, values)
         if number == int(values[LAYERS_FOLLOWED]):
             self._keep(SHADOW, HEIGHT, number, values)
-        if counter == LAYERS_FOLLOWED:
-            self._report(SHADOW, number, time_ns)
 
     def _report(self, role: str, number: int, time_ns: int) -> None:
         """Report a layer when its surface is known."""

@@ -73,24 +73,14 @@ class Result:
 
         notes: further entries of run.json.
         """
-        attributes = {
-            "Conventions": CONVENTIONS,
-            "schema_version": SCHEMA_VERSION,
-            "title": title,
-            "label": label,
-            "scenario": scenario_text,
-            "seed": seed,
-            "stop_reason": stop_reason,
-            "source": f"inkloop {_version('inkloop')}",
-        }
+        common = {"schema_version": SCHEMA_VERSION, "title": title, "label": label, "seed": seed}
+        common |= {"stop_reason": stop_reason}
+        source = f"inkloop {_version('inkloop')}"
+        attributes = {"Conventions": CONVENTIONS, **common, "scenario": scenario_text, "source": source}
         hashes = {"scenario": _sha256(scenario_text)}
         hashes |= {name: part.sha256 for name, part in components.items() if hasattr(part, "sha256")}
         run = {
-            "schema_version": SCHEMA_VERSION,
-            "title": title,
-            "label": label,
-            "seed": seed,
-            "stop_reason": stop_reason,
+            **common,
             "versions": {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}},
             "platform": platform.platform(),
             "sha256": hashes,

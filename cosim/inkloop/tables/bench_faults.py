@@ -19,6 +19,8 @@ KINDS = Literal[
     "delay",
     "flow-control",
     "malformed-line",
+    "transmit-order",
+    "short-queue",
     "stuck-counter",
     "bad-check",
     "late-answer",
@@ -27,6 +29,8 @@ KINDS = Literal[
     "reboot",
     "death",
     "hang",
+    "slow-erase",
+    "unreadable",
     "broken",
     "second-master",
     "unplugged",
@@ -44,7 +48,7 @@ Parts = Literal[
     "end-switches",
 ]
 Count = Annotated[int, Field(ge=1, lt=2**32)]
-NEEDS_NODE = ("reboot", "death", "hang")
+NEEDS_NODE = ("reboot", "death", "hang", "slow-erase", "unreadable")
 
 
 class FaultTable(Table):
@@ -53,14 +57,15 @@ class FaultTable(Table):
     kind: KINDS = Field(description="what goes wrong")
     probability: float | None = Field(default=None, gt=0.0, le=1.0, description="of each frame or answer that fits")
     nth: Count | None = Field(default=None, description="once, at the nth frame or answer that fits")
-    count: Count | None = Field(default=None, description="so many in a row")
+    count: Count | None = Field(default=None, description="so many in a row; records that cannot be read")
     frames: Count | None = Field(
-        default=None, description="frames that overtake a delayed one; MasterAlive frames that a death lasts"
+        default=None,
+        description="frames that overtake a delayed one, that fit into a queue; MasterAlive frames that an event lasts",
     )
     way: Literal["to-nodes", "from-nodes"] | None = Field(default=None, description="only frames on this way")
     id: int | None = Field(default=None, ge=0, le=0x7FF, description="only frames with this arbitration id")
     node: Literal["head", "stage", "cure", "profiler"] | None = Field(
-        default=None, description="only frames and answers of this node; which node restarts, dies or hangs"
+        default=None, description="only frames and answers of this node; the node that it happens to"
     )
     service: int | None = Field(default=None, ge=0, le=0xBF, description="only answers to this service")
     byte: int | None = Field(default=None, ge=0, le=7, description="the byte of the frame that is altered")

@@ -6,8 +6,14 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, FilterOrder, FOperation, symbols
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from inkloop.metrology.evaluation.definitions import (
+    DEFINITIONS,
+    Evaluation,
+    FilterOrder,
+    FOperation,
+    Treatment,
+    symbols,
+)
 from inkloop.suggest import nearest
 from inkloop.tables.shapes import Length, Table
 from inkloop.units import M_PER_UM

@@ -15,11 +15,10 @@ from inkloop.errors import HeightMapError, require
 from inkloop.geometry import Columns
 from inkloop.geometry.layer_runs import Labels
 from inkloop.metrology import map_folder_options as options
-from inkloop.metrology.cell_means import cell_means
-from inkloop.metrology.file_names import name_errors, numbered_files
+from inkloop.metrology.folder_watch import name_errors, numbered_files
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
-from inkloop.metrology.registration import Registration
+from inkloop.metrology.registration import Registration, cell_means
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.tables.slices import Slices
 from inkloop.units import M_PER_UM

@@ -10,10 +10,9 @@ from pydantic import Field
 
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns
-from inkloop.geometry.body import Body, bounds, walls_on_centers
+from inkloop.geometry.body import Body, Placement, bounds, walls_on_centers
 from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns, painted
 from inkloop.geometry.mesh_file import read_bodies
-from inkloop.geometry.placement import Placement
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.units import UM_PER_M
 

@@ -79,8 +79,14 @@ static void take_master_alive(NodeFrames *frames, const CanFrame *frame, uint32_
         node_master_alive(node, now, &master);
 }
 
+bool node_frames_want(const NodeFrames *frames, const CanFrame *frame) {
+    return !frame->extended && !frame->remote &&
+           (frame->id == INKLOOP_STOP_REQUEST_FRAME_ID || frame->id == INKLOOP_MASTER_ALIVE_FRAME_ID ||
+            frame->id == frames->link.options.receive_id);
+}
+
 void node_frames_take(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
-    if (frame->extended || frame->remote)
+    if (!node_frames_want(frames, frame))
         return;
     if (frame->id == INKLOOP_STOP_REQUEST_FRAME_ID)
         take_stop_request(frames, frame, now);

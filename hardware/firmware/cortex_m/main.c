@@ -39,7 +39,7 @@ static void receive(Machine *machine) {
 
 static void power_up(Machine *machine, int node) {
     bench_power_up(machine->bench, node, clock_ms());
-    node_frames_init(&machine->frames[node], bench_node(machine->bench, node), (uint8_t)node);
+    node_frames_init(&machine->frames[node], &machine->bench->node[node], (uint8_t)node);
 }
 
 static void run(Machine *machine, int node) {
@@ -69,7 +69,7 @@ int main(void) {
         power_up(&machine, node);
     for (;;) {
         receive(&machine);
-        world_tick(bench_world(machine.bench), clock_ms());
+        world_tick(&machine.bench->world, clock_ms());
         for (int node = 0; node < BENCH_NODES; node++)
             run(&machine, node);
         if (bench_is_well(machine.bench))

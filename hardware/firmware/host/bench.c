@@ -173,6 +173,16 @@ void bench_power_off(Bench *bench, int node) {
     bench->board[node].watched = false;
 }
 
+void bench_decay(Bench *bench, int node, uint32_t count) {
+    enum { IN_SECTOR = BOARD_SECTOR_BYTES / RECORD_BYTES, SLOTS = BOARD_SECTORS * IN_SECTOR };
+    _Static_assert(RECORD_BYTES % BOARD_WRITE_UNIT == 0, "records are whole words without padding");
+    for (uint32_t back = 1; back <= count && back <= SLOTS; back++) {
+        const uint32_t slot = (bench->node[node].journal.next + SLOTS - back) % SLOTS;
+        const uint32_t at = slot / IN_SECTOR * BOARD_SECTOR_BYTES + slot % IN_SECTOR * RECORD_BYTES;
+        memset(bench->board[node].unreadable + at / BOARD_WRITE_UNIT, true, RECORD_BYTES / BOARD_WRITE_UNIT);
+    }
+}
+
 bool bench_watchdog_bites(Bench *bench, int node, uint32_t now) {
     Board *board = &bench->board[node];
     if (!board->watched || now - board->kicked_at < bench->world.options.watchdog_ms)
@@ -189,16 +199,4 @@ bool bench_is_well(const Bench *bench) {
         if (!bench->board[node].watched || bench->board[node].kicked_at != bench->world.now)
             return false;
     return true;
-}
-
-Node *bench_node(Bench *bench, int node) {
-    return &bench->node[node];
-}
-
-World *bench_world(Bench *bench) {
-    return &bench->world;
-}
-
-Board *bench_board(Bench *bench, int node) {
-    return &bench->board[node];
 }

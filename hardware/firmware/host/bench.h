@@ -45,6 +45,9 @@ void bench_power_up(Bench *bench, int node, uint32_t now);
 /* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal stays as it is. */
 void bench_power_off(Bench *bench, int node);
 
+/* The newest `count` records of a node cannot be read any more, until their sector is erased. */
+void bench_decay(Bench *bench, int node, uint32_t count);
+
 /* Whether the watchdog has expired: no kick for its period. It has then switched the node off at the end of that
  * period, however late this is called; the node needs a power-up, which knows the cause. */
 bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
@@ -53,9 +56,6 @@ bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
  * it. */
 bool bench_is_well(const Bench *bench);
 
-Node *bench_node(Bench *bench, int node);
 int bench_node_count(const Bench *bench);
-World *bench_world(Bench *bench);
-Board *bench_board(Bench *bench, int node);
 
 #endif

@@ -15,18 +15,32 @@ static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t l
     const Board *board = context;
     if (offset > BOARD_STORAGE_BYTES || length > BOARD_STORAGE_BYTES - offset)
         return false;
+    for (uint32_t word = offset / BOARD_WRITE_UNIT; word * BOARD_WRITE_UNIT < offset + length; word++)
+        if (board->unreadable[word])
+            return false;
     memcpy(to, board->storage + offset, length);
+    return true;
+}
+
+/* As flash with an ECC takes them: whole words, each once after an erasure. */
+static bool is_writable(const Board *board, uint32_t offset, uint32_t length) {
+    if (offset > BOARD_STORAGE_BYTES || length > BOARD_STORAGE_BYTES - offset || offset % board->write_unit != 0 ||
+        length % board->write_unit != 0)
+        return false;
+    for (uint32_t k = offset; k < offset + length; k++)
+        if (board->storage[k] != 0xFF)
+            return false;
     return true;
 }
 
 static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
     Board *board = context;
-    if (offset > BOARD_STORAGE_BYTES || length > BOARD_STORAGE_BYTES - offset)
+    board->writes++;
+    if (!is_writable(board, offset, length))
         return false;
     const bool torn = board->torn_at >= 0 && (uint32_t)board->torn_at < length;
     const uint32_t written = torn ? (uint32_t)board->torn_at : length;
-    for (uint32_t k = 0; k < written; k++)
-        board->storage[offset + k] &= from[k]; /* as in flash a bit can only go to 0 */
+    memcpy(board->storage + offset, from, written);
     return write_through(board, offset, written) && !torn;
 }
 
@@ -35,6 +49,7 @@ static bool storage_erase(void *context, uint32_t sector) {
     if (sector >= BOARD_SECTORS)
         return false;
     memset(board->storage + sector * BOARD_SECTOR_BYTES, 0xFF, BOARD_SECTOR_BYTES);
+    memset(board->unreadable + sector * (BOARD_WORDS / BOARD_SECTORS), 0, BOARD_WORDS / BOARD_SECTORS);
     return write_through(board, sector * BOARD_SECTOR_BYTES, BOARD_SECTOR_BYTES);
 }
 
@@ -135,6 +150,7 @@ void board_init(Board *board, World *world, const char *surface_path) {
     board->world = world;
     board->surface_path = surface_path;
     board->torn_at = -1;
+    board->write_unit = BOARD_WRITE_UNIT;
     memset(board->storage, 0xFF, sizeof board->storage);
 }
 
@@ -142,6 +158,7 @@ Hal board_hal(Board *board) {
     return (Hal){.context = board,
                  .sectors = BOARD_SECTORS,
                  .sector_bytes = BOARD_SECTOR_BYTES,
+                 .write_unit = board->write_unit,
                  .storage_read = storage_read,
                  .storage_write = storage_write,
                  .storage_erase = storage_erase,

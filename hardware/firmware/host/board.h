@@ -8,11 +8,15 @@
 #include "world.h"
 
 enum { BOARD_SECTORS = 4, BOARD_SECTOR_BYTES = 4096, BOARD_STORAGE_BYTES = BOARD_SECTORS * BOARD_SECTOR_BYTES };
+enum { BOARD_WRITE_UNIT = 8 /* bytes of a flash word */, BOARD_WORDS = BOARD_STORAGE_BYTES / BOARD_WRITE_UNIT };
 
 typedef struct {
     World *world;
     const char *surface_path; /* "": the surface is not kept */
     uint8_t storage[BOARD_STORAGE_BYTES];
+    bool unreadable[BOARD_WORDS]; /* until their sector is erased */
+    uint32_t write_unit;
+    uint32_t writes; /* records written or tried */
     FILE *file;      /* NULL: memory only */
     int32_t torn_at; /* >= 0: the next write ends after so many bytes, as in a power failure */
     Work work;

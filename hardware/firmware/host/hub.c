@@ -17,7 +17,7 @@
 #include <termios.h>
 #include <unistd.h>
 
-enum { READ_AT_ONCE = 2048, NO_FILE = -1 };
+enum { READ_AT_ONCE = 512 /* about 20 frames: they fit into the queue of a node */, NO_FILE = -1 };
 static const char BEL[] = "\a";
 
 void hub_init(Hub *hub) {

@@ -116,8 +116,7 @@ static void deliver(void *context, Way way, const CanFrame *frame) {
         return;
     }
     for (int node = 0; node < bench_node_count(nodes->bench); node++)
-        if (!nodes->faulty.node[node].dead)
-            node_frames_take(&nodes->frames[node], frame, nodes->now);
+        node_faults_take(&nodes->faulty, node, frame);
 }
 
 static void deliver_line(void *context, const char *bytes, size_t length) {
@@ -137,25 +136,26 @@ static void take(void *context, const CanFrame *frame) {
 
 static void run_node(Nodes *nodes, int node) {
     CanFrame frame;
-    node_faults_tick(&nodes->faulty, node, nodes->now);
+    if (!node_faults_tick(&nodes->faulty, node, nodes->now))
+        return;
     for (int sent = 0; sent < FRAMES_AT_ONCE; sent++) {
         if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
             break;
         wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
     }
+    wire_faults_settle(&nodes->wire);
     if (measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
         wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
 }
 
 static void run_nodes(Nodes *nodes) {
-    world_tick(bench_world(nodes->bench), nodes->now);
+    world_tick(&nodes->bench->world, nodes->now);
     faults_arm(&nodes->faults, nodes->bench);
     node_faults_happen(&nodes->faulty, NULL, nodes->now);
     for (int node = 0; node < bench_node_count(nodes->bench); node++) {
         if (bench_watchdog_bites(nodes->bench, node, nodes->now))
             node_faults_power_up(&nodes->faulty, node, nodes->now);
-        if (!nodes->faulty.node[node].dead)
-            run_node(nodes, node);
+        run_node(nodes, node);
     }
 }
 

@@ -51,16 +51,16 @@ bool measurements_next(Measurements *measurements, Bench *bench, int node, uint3
     measurements->begun[node] = true;
     measurements->sent[node] = now;
     *frame = (CanFrame){.id = (uint32_t)(INKLOOP_HEAD_MEASUREMENT_FRAME_ID + (uint32_t)node)};
-    const World *world = bench_world(bench);
+    const World *world = &bench->world;
     int length;
     if (node == BENCH_HEAD)
         length = write_head(world, frame);
     else if (node == BENCH_STAGE)
         length = write_stage(frame);
     else if (node == BENCH_CURE)
-        length = write_lamp(world, bench_node(bench, node), now, frame);
+        length = write_lamp(world, &bench->node[node], now, frame);
     else
-        length = write_profiler(world, bench_node(bench, node), frame);
+        length = write_profiler(world, &bench->node[node], frame);
     frame->length = (uint8_t)length;
     return length > 0;
 }

@@ -84,7 +84,7 @@ static uint8_t needed(const Node *node) {
     case STEP_CURE:
         return node->dry ? 0 : ENABLE_LAMP;
     case STEP_SELF_TEST:
-        return node->step.lamp_ms ? ENABLE_LAMP : ENABLE_GATE;
+        return node->step.option ? ENABLE_LAMP : ENABLE_GATE;
     case STEP_SCAN:
         return motion;
     default:

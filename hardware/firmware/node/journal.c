@@ -5,15 +5,32 @@
 #include "bytes.h"
 #include "crc32.h"
 
-enum { CRC_AT = RECORD_BYTES - 4 };
+enum { CRC_AT = RECORD_BYTES - 4, WRITE_UNIT_MAX = 32, SLOT_MAX = 64, SECTORS_MIN = 2, ERASED = 0xFF };
+
+/* Bytes of a slot: a record in whole write units. */
+static uint32_t slot_bytes(const Hal *hal) {
+    const uint32_t unit = hal->write_unit > 1 ? hal->write_unit : 1;
+    return (RECORD_BYTES + unit - 1) / unit * unit;
+}
+
+static uint32_t in_sector(const Journal *journal) {
+    return journal->hal->sector_bytes / slot_bytes(journal->hal);
+}
 
 static uint32_t slots_of(const Journal *journal) {
-    return journal->hal->sectors * (journal->hal->sector_bytes / RECORD_BYTES);
+    return journal->hal->sectors * in_sector(journal);
 }
 
 static uint32_t offset_of(const Journal *journal, uint32_t slot) {
-    const uint32_t in_sector = journal->hal->sector_bytes / RECORD_BYTES;
-    return slot / in_sector * journal->hal->sector_bytes + slot % in_sector * RECORD_BYTES;
+    const uint32_t each = in_sector(journal);
+    return slot / each * journal->hal->sector_bytes + slot % each * slot_bytes(journal->hal);
+}
+
+/* With one sector, a power failure after its erasure would leave no record at all. */
+static bool is_usable(const Hal *hal) {
+    const uint32_t unit = hal->write_unit;
+    return hal->sectors >= SECTORS_MIN && unit <= WRITE_UNIT_MAX && (unit & (unit - 1)) == 0 &&
+           (unit == 0 || hal->sector_bytes % unit == 0) && hal->sector_bytes >= slot_bytes(hal);
 }
 
 static void write_bytes(const Record *record, uint8_t bytes[RECORD_BYTES]) {
@@ -66,76 +83,109 @@ static bool read_bytes(const uint8_t bytes[RECORD_BYTES], Record *record) {
     return true;
 }
 
-static bool load(const Journal *journal, uint32_t slot, uint8_t bytes[RECORD_BYTES]) {
-    return journal->hal->storage_read(journal->hal->context, offset_of(journal, slot), bytes, RECORD_BYTES);
+static bool load(const Journal *journal, uint32_t slot, uint8_t bytes[SLOT_MAX]) {
+    return journal->hal->storage_read(journal->hal->context, offset_of(journal, slot), bytes, slot_bytes(journal->hal));
+}
+
+/* Whether a record newer than the newest one may stand where storage cannot be read: behind it in its sector, or in the
+ * next sector, unless a record there shows that it was not erased since. */
+static bool may_hide_newer(const Journal *journal) {
+    const uint32_t each = in_sector(journal), behind = (each - journal->next % each) % each;
+    bool unread = false;
+    for (uint32_t k = 0; k < behind + each && !(unread && k == behind); k++) {
+        uint8_t bytes[SLOT_MAX];
+        Record record;
+        if (!load(journal, (journal->next + k) % slots_of(journal), bytes))
+            unread = true;
+        else if (read_bytes(bytes, &record) && (record.number > journal->newest.number || k >= behind))
+            return record.number > journal->newest.number; /* newer: it could be read only now */
+    }
+    return unread;
 }
 
 void journal_open(Journal *journal, const Hal *hal) {
-    *journal = (Journal){.hal = hal};
-    for (uint32_t slot = 0; slot < slots_of(journal); slot++) {
-        uint8_t bytes[RECORD_BYTES];
+    *journal = (Journal){.hal = hal, .damaged = !is_usable(hal)};
+    bool unread = false;
+    for (uint32_t slot = 0; !journal->damaged && slot < slots_of(journal); slot++) {
+        uint8_t bytes[SLOT_MAX];
         Record record;
-        if (!load(journal, slot, bytes) || !read_bytes(bytes, &record) || record.number <= journal->newest.number)
-            continue;
-        journal->newest = record;
-        journal->next = (slot + 1) % slots_of(journal);
+        if (!load(journal, slot, bytes)) {
+            unread = true;
+        } else if (read_bytes(bytes, &record) && record.number > journal->newest.number) {
+            journal->newest = record;
+            journal->next = (slot + 1) % slots_of(journal);
+        }
     }
+    journal->unread = unread && (journal->newest.number == 0 || may_hide_newer(journal));
+}
+
+void journal_give_up(Journal *journal) {
+    journal->newest.number += slots_of(journal);
+    journal->unread = false;
 }
 
 static bool is_erased(const Journal *journal, uint32_t slot) {
-    uint8_t bytes[RECORD_BYTES];
+    uint8_t bytes[SLOT_MAX];
     if (!load(journal, slot, bytes))
         return false;
-    for (uint32_t k = 0; k < RECORD_BYTES; k++)
-        if (bytes[k] != 0xFF)
+    for (uint32_t k = 0; k < slot_bytes(journal->hal); k++)
+        if (bytes[k] != ERASED)
             return false;
     return true;
 }
 
-static bool is_sector_erased(const Journal *journal, uint32_t first, uint32_t slots) {
-    for (uint32_t slot = first; slot < first + slots; slot++)
+static bool is_sector_erased(const Journal *journal, uint32_t first) {
+    for (uint32_t slot = first; slot < first + in_sector(journal); slot++)
         if (!is_erased(journal, slot))
             return false;
     return true;
 }
 
-/* Moves `next` to a slot that can be written: past torn ones, and into a sector that is erased first. The whole sector
- * is erased: an erasure interrupted by a power failure may have left old records behind the first slot. */
-static bool find_room(Journal *journal) {
-    const uint32_t in_sector = journal->hal->sector_bytes / RECORD_BYTES;
-    for (uint32_t tried = 0; tried <= in_sector; tried++) {
-        if (journal->next % in_sector == 0 && !is_sector_erased(journal, journal->next, in_sector) &&
-            !journal->hal->storage_erase(journal->hal->context, journal->next / in_sector))
-            return false;
-        if (is_erased(journal, journal->next))
-            return true;
-        journal->next = (journal->next + 1) % slots_of(journal);
-    }
-    return false;
+/* Erases the sector that begins at the next slot, if one does. The whole sector is erased: an erasure interrupted by a
+ * power failure may have left old records behind the first slot. */
+static bool open_sector(const Journal *journal) {
+    const uint32_t each = in_sector(journal);
+    return journal->next % each != 0 || is_sector_erased(journal, journal->next) ||
+           journal->hal->storage_erase(journal->hal->context, journal->next / each);
 }
 
+static bool write_next(const Journal *journal, const Record *record) {
+    uint8_t bytes[SLOT_MAX], found[SLOT_MAX];
+    const uint32_t length = slot_bytes(journal->hal);
+    memset(bytes, ERASED, sizeof bytes);
+    write_bytes(record, bytes);
+    return journal->hal->storage_write(journal->hal->context, offset_of(journal, journal->next), bytes, length) &&
+           load(journal, journal->next, found) && memcmp(bytes, found, length) == 0;
+}
+
+/* A slot that is torn, or that refuses the record, is skipped; with as many tries as a sector has slots, the sector of
+ * the newest record is never erased. */
 bool journal_append(Journal *journal, Record record) {
-    uint8_t bytes[RECORD_BYTES], found[RECORD_BYTES];
-    record.number = journal->newest.number + 1;
-    write_bytes(&record, bytes);
-    if (journal->damaged || !find_room(journal) ||
-        !journal->hal->storage_write(journal->hal->context, offset_of(journal, journal->next), bytes, RECORD_BYTES) ||
-        !load(journal, journal->next, found) || memcmp(bytes, found, RECORD_BYTES) != 0) {
-        journal->damaged = true;
+    if (journal->damaged || journal->unread)
         return false;
+    record.number = journal->newest.number;
+    for (uint32_t tried = 0; tried < in_sector(journal) && open_sector(journal); tried++) {
+        const bool erased = is_erased(journal, journal->next);
+        record.number += erased ? 1 : 0;
+        const bool written = erased && write_next(journal, &record);
+        journal->next = (journal->next + 1) % slots_of(journal);
+        if (written) {
+            journal->newest = record;
+            return true;
+        }
     }
-    journal->newest = record;
-    journal->next = (journal->next + 1) % slots_of(journal);
-    return true;
+    journal->damaged = true;
+    return false;
 }
 
 uint32_t journal_read(const Journal *journal, uint8_t *to, uint32_t most) {
     uint32_t found = 0;
-    for (uint32_t back = 1; back <= slots_of(journal) && found < most; back++) {
+    const uint32_t slots = is_usable(journal->hal) ? slots_of(journal) : 0;
+    for (uint32_t back = 1; back <= slots && found < most; back++) {
+        uint8_t bytes[SLOT_MAX];
         Record record;
-        const uint32_t slot = (journal->next + slots_of(journal) - back) % slots_of(journal);
-        if (load(journal, slot, to + found * RECORD_BYTES) && read_bytes(to + found * RECORD_BYTES, &record))
-            found++;
+        if (load(journal, (journal->next + slots - back) % slots, bytes) && read_bytes(bytes, &record))
+            memcpy(to + RECORD_BYTES * found++, bytes, RECORD_BYTES);
     }
     return found;
 }

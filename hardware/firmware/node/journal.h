@@ -3,7 +3,10 @@
  * Every record carries the whole progress (which layer, which passes) as well as the event, so that the newest
  * readable record alone shows where the node is. An INTENT is written before anything is energised, a DONE after it
  * ended; an INTENT that is the newest record at power-up is a step whose outcome is unknown. A torn record fails its
- * CRC and counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
+ * CRC and counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). A slot
+ * that refuses a record is skipped. A slot that cannot be read at power-up may hold a newer record than the newest
+ * readable one, unless its place shows that it is older: nothing is written or energised then until a person gives up
+ * what stood there. */
 #ifndef INKLOOP_JOURNAL_H
 #define INKLOOP_JOURNAL_H
 
@@ -54,14 +57,18 @@ typedef struct {
     const Hal *hal;
     uint32_t next; /* slot of the next record */
     Record newest; /* number 0: none yet */
-    bool damaged;  /* storage refuses writes: nothing may be energised until power-up */
+    bool damaged;  /* storage refuses writes, or is none for a journal: nothing may be energised until power-up */
+    bool unread;   /* a newer record may stand where storage could not be read */
 } Journal;
 
 /* Finds the newest record. */
 void journal_open(Journal *journal, const Hal *hal);
 
-/* Appends a record and numbers it. False: it could not be written and read back. */
+/* Appends a record and numbers it. False: it could not be written and read back, or the journal is unread. */
 bool journal_append(Journal *journal, Record record);
+
+/* Takes whatever could not be read for lost; later records are newer than it. */
+void journal_give_up(Journal *journal);
 
 /* Reads up to `most` records, newest first, as stored bytes; returns how many. */
 uint32_t journal_read(const Journal *journal, uint8_t *to, uint32_t most);

@@ -84,7 +84,8 @@ uint8_t order_of_scan(const Node *node, const Key *key) {
     return is_cured(node) ? UDS_OK : UDS_SEQUENCE;
 }
 
-Outcome outcome_of(const Node *node, StepKind kind, const Key *key) {
+/* Outcome by the records that could be read. */
+static Outcome recorded(const Node *node, StepKind kind, const Key *key) {
     const LayerProgress *progress = &node->progress;
     const Step *step = &node->step;
     const bool same = step->key.job == key->job && step->key.layer == key->layer && step->key.pass == key->pass;
@@ -100,4 +101,9 @@ Outcome outcome_of(const Node *node, StepKind kind, const Key *key) {
                : progress->cured & bit              ? OUTCOME_DONE_BEFORE
                                                     : OUTCOME_NEVER;
     return node->scanned && node->scan_attempt == key->attempt ? OUTCOME_DONE_BEFORE : OUTCOME_NEVER;
+}
+
+Outcome outcome_of(const Node *node, StepKind kind, const Key *key) {
+    const Outcome found = recorded(node, kind, key);
+    return found == OUTCOME_NEVER && node->journal.unread ? OUTCOME_UNKNOWN : found;
 }

@@ -23,7 +23,8 @@ static bool is_open_question(const LayerProgress *progress) {
     return (progress->unknown != 0 || progress->flags & LAYER_CURE_UNKNOWN) && !(progress->flags & LAYER_ACKNOWLEDGED);
 }
 
-/* SAFE when the master is missing, ambiguous or asks for a stop; FAULT when a device or the journal fails. */
+/* SAFE when the master is missing, ambiguous or asks for a stop, or what was done is not known; FAULT when a device or
+ * the journal fails. */
 static NodeState state_after(Cause cause) {
     switch (cause) {
     case CAUSE_MASTER_LOST:
@@ -31,6 +32,7 @@ static NodeState state_after(Cause cause) {
     case CAUSE_ENABLE_DROPPED:
     case CAUSE_TWO_MASTERS:
     case CAUSE_SUPERVISION:
+    case CAUSE_JOURNAL_UNREADABLE:
         return NODE_SAFE;
     default:
         return NODE_FAULT;
@@ -51,7 +53,8 @@ static Cause de_energise(Node *node, Cause cause) {
         node->state = state;
         node->cause = cause;
     }
-    node->needs_operator |= state == NODE_FAULT || cause == CAUSE_STOP_REQUEST || cause == CAUSE_TWO_MASTERS;
+    node->needs_operator |= state == NODE_FAULT || cause == CAUSE_STOP_REQUEST || cause == CAUSE_TWO_MASTERS ||
+                            cause == CAUSE_JOURNAL_UNREADABLE;
     node->transfer.active = node->transfer.ended = false;
     node->pattern_loaded = node->scanned = false;
     if (node->dry) {

@@ -16,5 +16,7 @@ Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key) {
         record.pass = key->pass;
         record.attempt = key->attempt;
     }
+    if (node->journal.unread)
+        return CAUSE_JOURNAL_UNREADABLE;
     return journal_append(&node->journal, record) ? CAUSE_NONE : CAUSE_JOURNAL_DAMAGED;
 }

@@ -43,7 +43,8 @@ typedef enum {
     CAUSE_SCAN_FAILED = 14,
     CAUSE_JOURNAL_DAMAGED = 16,
     CAUSE_PASS_UNKNOWN,
-    CAUSE_STORAGE_FAILED
+    CAUSE_STORAGE_FAILED,
+    CAUSE_JOURNAL_UNREADABLE
 } Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 are not used */
 
 enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };
@@ -80,8 +81,8 @@ typedef struct {
     uint32_t job;
 } MasterAlive;
 
-/* the gate opens, the work is done, the gate closes */
-typedef enum { STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase;
+/* the INTENT is recorded, the gate opens, the work is done, the gate closes */
+typedef enum { STEP_INTENDED, STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase;
 
 /* The step under way. */
 typedef struct {
@@ -89,8 +90,7 @@ typedef struct {
     Key key;
     uint16_t routine;
     StepPhase phase;
-    uint8_t colour;      /* of a pass */
-    uint32_t lamp_ms;    /* of a cure */
+    uint16_t option;     /* colour of a pass, milliseconds of the lamp, station of a move */
     uint32_t began;      /* [ms] */
     uint32_t expires_in; /* after `began` [ms]: the step takes too long */
     uint32_t phase_began;
@@ -151,7 +151,7 @@ typedef struct {
 bool node_has(const Node *node, uint8_t role);
 bool node_is_off(const Node *node); /* SAFE or FAULT */
 
-/* Writes a record with the present progress; CAUSE_JOURNAL_DAMAGED if it cannot. A dry run writes nothing. */
+/* Writes a record with the present progress; CAUSE_NONE, or why it cannot. A dry run writes nothing. */
 Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
 
 #endif

@@ -38,6 +38,13 @@ static bool same_key(const Key *left, const Key *right) {
            left->attempt == right->attempt;
 }
 
+/* Gives up an unread journal: any layer of its job may be jetted already, so none of them is taken any more. */
+static void close_job(Node *node) {
+    const LayerProgress *progress = &node->progress;
+    node->progress = (LayerProgress){.job = progress->job, .layer = UINT16_MAX, .boots = progress->boots};
+    journal_give_up(&node->journal);
+}
+
 static uint8_t clear(Node *node, uint16_t option, Cause *cause) {
     if (option > (CLEAR_OPERATOR | CLEAR_ABANDON))
         return UDS_OUT_OF_RANGE;
@@ -46,6 +53,10 @@ static uint8_t clear(Node *node, uint16_t option, Cause *cause) {
         return UDS_CONDITIONS;
     if ((node->needs_operator || option & CLEAR_ABANDON) && !released)
         return UDS_CONDITIONS;
+    if (node->journal.unread && !(option & CLEAR_ABANDON))
+        return UDS_CONDITIONS;
+    if (node->journal.unread)
+        close_job(node);
     if (released)
         node->progress.flags |= LAYER_ACKNOWLEDGED;
     if (option & CLEAR_ABANDON)

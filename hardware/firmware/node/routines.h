@@ -7,8 +7,9 @@
  * A pass, cure or scan that is done is answered "done before" and nothing is changed, whatever the attempt (a scan: of
  * the same attempt; a higher one scans again). The same holds for homing, move and purge, if it was the last of them.
  *
- *     clear    option: 1 a person confirms, 2 the open layer is abandoned, 3 both
- *     pass     option: colour 0-3 of fmus/deposition/cell_colour.h; 255 all, for layers of one pass
+ *     clear    option: 1 a person confirms, 2 the open layer is abandoned, 3 both; a journal that could not be read
+ *              needs 3, and its job is over
+ *     pass     option: colour 0-3 of fmus/deposition/pass_colour.h; 255 all, for layers of one pass
  *     cure     option (2): milliseconds
  *     move     option: station 0 home, 1 print, 2 cure, 3 scan
  *     dry run  option: 1 begins a dry run: nothing is jetted, lit or written to the journal; 0 ends it */

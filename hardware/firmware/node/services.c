@@ -28,7 +28,7 @@ static size_t put_numbers(uint8_t *to, const uint32_t *numbers, size_t count) {
 static uint8_t flags_of(const Node *node) {
     return (uint8_t)((node->needs_operator ? 1 : 0) | (node->stop_active ? 2 : 0) | (node->pattern_loaded ? 4 : 0) |
                      (node->dry ? 8 : 0) | (node->scanned ? 16 : 0) | (node->journal.damaged ? 32 : 0) |
-                     (node->options.by_watchdog ? 64 : 0));
+                     (node->options.by_watchdog ? 64 : 0) | (node->journal.unread ? 128 : 0));
 }
 
 static size_t put_state(const Node *node, uint8_t *to) {

@@ -5,9 +5,9 @@
  * F195 version: text of the firmware.
  *
  * 0100 state: state, cause, roles, flags (1 a person has to confirm clear, 2 stop request, 4 pattern in memory, 8 dry
- * run, 16 map ready, 32 journal damaged, 64 the watchdog caused the last power-up), job (4), layer (2), passes of the
- * layer, masks of passes done, unknown, cured, flags of the layer (journal.h), step under way, boots (2), session (2),
- * CRC of the pattern (4), clock (4), gate pulses since power-up (4).
+ * run, 16 map ready, 32 journal damaged, 64 the watchdog caused the last power-up, 128 journal unread), job (4), layer
+ * (2), passes of the layer, masks of passes done, unknown, cured, flags of the layer (journal.h), step under way, boots
+ * (2), session (2), CRC of the pattern (4), clock (4), gate pulses since power-up (4).
  *
  * 0101 times [ms]: clock, last MasterAlive, last turn to SAFE or FAULT, lamp on, lamp off, gate opened, gate closed (4
  * each).

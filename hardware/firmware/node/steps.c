@@ -23,11 +23,12 @@ static uint32_t limit_of(const Node *node, StepKind kind, uint16_t option) {
     }
 }
 
-static bool begin_work(Node *node, WorkKind kind, uint8_t station) {
+/* The option is the colour of a pass or the station of a move. */
+static bool begin_work(Node *node, WorkKind kind) {
     const Work work = {.kind = kind,
                        .dry = node->dry,
-                       .colour = node->step.colour,
-                       .station = station,
+                       .colour = kind == WORK_JET ? (uint8_t)node->step.option : 0,
+                       .station = kind == WORK_MOVE ? (uint8_t)node->step.option : 0,
                        .layer = node->step.key.layer,
                        .pattern = &node->pattern};
     return node->hal->begin(node->hal->context, &work);
@@ -38,14 +39,14 @@ static void enter(Node *node, StepPhase phase) {
     node->step.phase_began = node->now;
 }
 
-static bool energise(Node *node, uint16_t option) {
+static bool energise(Node *node) {
     switch (node->step.kind) {
     case STEP_HOME:
-        return begin_work(node, WORK_HOME, 0);
+        return begin_work(node, WORK_HOME);
     case STEP_MOVE:
-        return begin_work(node, WORK_MOVE, (uint8_t)option);
+        return begin_work(node, WORK_MOVE);
     case STEP_PURGE:
-        return begin_work(node, WORK_PURGE, 0);
+        return begin_work(node, WORK_PURGE);
     case STEP_PASS:
         enter(node, STEP_OPENING);
         node->state = NODE_PRINTING;
@@ -54,13 +55,13 @@ static bool energise(Node *node, uint16_t option) {
         node->state = NODE_CURING;
         return interlocks_lamp_on(node);
     case STEP_SELF_TEST:
-        if (option)
+        if (node->step.option)
             return interlocks_lamp_on(node);
         enter(node, STEP_OPENING);
         return interlocks_gate_open(node);
     default:
         node->state = NODE_SCANNING;
-        return begin_work(node, WORK_SCAN, 0);
+        return begin_work(node, WORK_SCAN);
     }
 }
 
@@ -100,14 +101,18 @@ Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, u
     node->step = (Step){.kind = kind,
                         .key = *key,
                         .routine = routine,
-                        .phase = STEP_WORKING,
-                        .colour = (uint8_t)option,
-                        .lamp_ms = option,
+                        .option = option,
                         .began = node->now,
                         .expires_in = limit_of(node, kind, option),
-                        .phase_began = node->now,
                         .busy_sent_at = node->now};
-    return energise(node, option) ? CAUSE_NONE : cause_of(kind);
+    return CAUSE_NONE;
+}
+
+/* Energises by the clock of this tick: recording the INTENT may have taken the time of an erasure. */
+static Cause begin(Node *node) {
+    enter(node, STEP_WORKING);
+    node->step.began = node->now;
+    return energise(node) ? CAUSE_NONE : cause_of(node->step.kind);
 }
 
 bool steps_is_done(const Node *node, const Step *step) {
@@ -150,7 +155,7 @@ static Cause continue_pass(Node *node, WorkProgress work) {
     if (node->step.phase == STEP_OPENING) {
         if (node->dry || interlocks_gate_is_open(node)) {
             enter(node, STEP_WORKING);
-            return begin_work(node, WORK_JET, 0) ? CAUSE_NONE : CAUSE_BACK_PRESSURE;
+            return begin_work(node, WORK_JET) ? CAUSE_NONE : CAUSE_BACK_PRESSURE;
         }
         return expired ? CAUSE_GATE_NOT_CONFIRMED : CAUSE_NONE;
     }
@@ -169,7 +174,7 @@ static Cause continue_pass(Node *node, WorkProgress work) {
 }
 
 static Cause continue_cure(Node *node) {
-    if (node->step.phase == STEP_WORKING && node->now - node->step.phase_began >= node->step.lamp_ms) {
+    if (node->step.phase == STEP_WORKING && node->now - node->step.phase_began >= node->step.option) {
         if (!node->dry && !interlocks_line(node, LINE_LAMP_ON)) /* without light the ink is not cured */
             return CAUSE_LAMP_TIME;
         interlocks_lamp_off(node);
@@ -190,7 +195,7 @@ static Cause continue_self_test(Node *node) {
     if (node->step.phase == STEP_OPENING && interlocks_gate_is_open(node)) {
         interlocks_gate_close(node);
         enter(node, STEP_CLOSING);
-    } else if (node->step.phase == STEP_WORKING && lasted >= node->step.lamp_ms) {
+    } else if (node->step.phase == STEP_WORKING && lasted >= node->step.option) {
         const bool lit = interlocks_line(node, LINE_LAMP_ON);
         interlocks_lamp_off(node);
         enter(node, STEP_CLOSING);
@@ -199,7 +204,7 @@ static Cause continue_self_test(Node *node) {
                !interlocks_line(node, LINE_LAMP_ON)) {
         answer_done(node);
     } else if (node->step.phase != STEP_WORKING && expired) {
-        return node->step.lamp_ms ? CAUSE_LAMP_TIME : CAUSE_GATE_NOT_CONFIRMED;
+        return node->step.option ? CAUSE_LAMP_TIME : CAUSE_GATE_NOT_CONFIRMED;
     }
     return CAUSE_NONE;
 }
@@ -221,6 +226,8 @@ static Cause continue_work(Node *node, WorkProgress work) {
 
 static Cause continue_step(Node *node) {
     const StepKind kind = node->step.kind;
+    if (node->step.phase == STEP_INTENDED)
+        return begin(node);
     const bool working = node->step.phase == STEP_WORKING && kind != STEP_CURE && kind != STEP_SELF_TEST;
     const WorkProgress work = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
     if (work == WORK_FAILED)

@@ -4,8 +4,8 @@
 
 #include "node_state.h"
 
-/* Begins a step that is allowed now; its INTENT is in the journal before anything is energised. `option`: colour of a
- * pass, milliseconds of a cure, station of a move. CAUSE_NONE, or the cause why it must be abandoned. */
+/* Records the INTENT of a step that is allowed now; the next tick energises. `option`: colour of a pass, milliseconds
+ * of a cure, station of a move. CAUSE_NONE, or the cause why it must be abandoned. */
 Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option);
 
 /* Continues the step; its answer is ready when it has ended. CAUSE_NONE, or the cause why it must be abandoned. */

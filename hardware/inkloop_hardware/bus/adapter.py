@@ -1,25 +1,50 @@
-"""The CAN adapter of a bench: opens it, reads frames in bulk, and resends frames that its full buffer refuses."""
+"""The CAN adapter of a bench: opens it, reads frames in bulk, resends frames that its full buffer refuses.
+
+`Reopening` has the rules by which a disconnected one is opened again.
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import can
 from can.util import load_config
 
-from inkloop_hardware.bus.frames import message_of
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
-from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.codec import EXTENDED, Frame
+
+
+def message_of(frame: Frame, *, bit_rate_switch: bool = False) -> can.Message:
+    """A frame that is to be sent; bit_rate_switch: the data of one of CAN FD travel at the data bit rate."""
+    return can.Message(
+        arbitration_id=frame.arbitration_id & ~EXTENDED,
+        is_extended_id=bool(frame.arbitration_id & EXTENDED),
+        is_fd=frame.is_fd,
+        bitrate_switch=frame.is_fd and bit_rate_switch,
+        data=frame.data,
+        is_rx=False,
+    )
+
+
+def data_frame(message: can.Message) -> Frame | None:
+    """The frame of a message, None for an error or remote frame."""
+    if message.is_error_frame or message.is_remote_frame:
+        return None
+    identifier = message.arbitration_id | EXTENDED * message.is_extended_id
+    return Frame(identifier, bytes(message.data), message.is_fd)
+
 
 PATIENCE = 1.0
 """Seconds for a frame to leave: a full transmit queue (ENOBUFS) empties in milliseconds."""
-FIRST_PAUSE = 0.001
+SEND_PAUSE = 0.001
 AT_ONCE = 512
 """Frames taken in one turn."""
 BUS_OFF = 0x40
@@ -82,7 +107,7 @@ class Adapter:
     def send(self, frame: Frame) -> can.Message:
         """Send a frame and return it as it was sent; BusError if the adapter does not take it within PATIENCE."""
         message = message_of(frame, bit_rate_switch=self.settings.bit_rate_switch)
-        until, pause = self._monotonic() + PATIENCE, FIRST_PAUSE
+        until, pause = self._monotonic() + PATIENCE, SEND_PAUSE
         while True:
             message.timestamp = time.time()
             try:
@@ -170,3 +195,56 @@ def _advice(settings: BusSettings) -> str:
         known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"
         return f"Set interface and channel of [bench] in the scenario, or configure python-can ({known})"
     return "Is the adapter plugged in, its driver installed, its interface up, and may this user open it?"
+
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.1, 2.0
+BUS_OFF_PAUSE = 1.0
+"""Seconds of silence after bus-off: 128 times 11 recessive bits are 3 ms at 500 kbit/s, the rest is for the cause."""
+STABLE_AFTER = 10.0
+"""Seconds after which an adapter that was opened again counts as stable."""
+PROOF = 0.3
+"""Seconds in which an adapter that was opened again must not fail: some open without an error and close at once."""
+
+
+@dataclass
+class Reopening:
+    """Pauses between tries. limit_s: seconds of tries after an unplugged adapter; bus_off: it was bus-off before."""
+
+    limit_s: float
+    bus_off: bool = False
+    _pause: float = FIRST_PAUSE
+    _waited: float = 0.0
+    _opened_at: float = -math.inf
+
+    def opened(self, now: float) -> None:
+        """Note the second at which it was opened again."""
+        self._opened_at = now
+
+    def pauses(self, error: BusError, lit: bool, now: float) -> Iterator[float]:
+        """Seconds to wait before each try to open it; BusError when no try is left.
+
+        lit: the lamp was enabled. An adapter that fails soon after it was opened again gets no additional tries. One
+        that is bus-off is opened again once, and never when the lamp was on: a person must check the bench first.
+        """
+        if isinstance(error, BusOff):
+            yield from self._after_bus_off(error, lit)
+            return
+        if now - self._opened_at > STABLE_AFTER:
+            self._pause, self._waited = FIRST_PAUSE, 0.0
+        while self._waited < self.limit_s:
+            pause = self._pause
+            self._waited += pause
+            self._pause = min(2 * pause, LONGEST_PAUSE)
+            yield pause
+        raise BusError(f"{error} It could not be opened again within {self._waited:.0f} s")
+
+    def _after_bus_off(self, error: BusError, lit: bool) -> Iterator[float]:
+        if lit:
+            raise BusError(
+                f"{error} The lamp was enabled, so it is not opened again automatically: check the bench first"
+            )
+        if self.bus_off:
+            raise BusError(f"{error} It was opened again once already")
+        self.bus_off = True
+        yield BUS_OFF_PAUSE
+        raise BusError(f"{error} It could not be opened again")

@@ -1,4 +1,4 @@
-"""Schedule of the heartbeat: MasterAlive with its enables.
+"""Schedule of the heartbeat, MasterAlive with its enables, and the priority of the process that sends it.
 
 The bus process sends MasterAlive only while the control loop reports that it runs: a loop that hangs must not look
 alive. No bus and no clock here: seconds come in, frames go out.
@@ -6,6 +6,7 @@ alive. No bus and no clock here: seconds come in, frames go out.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -112,3 +113,33 @@ class Supervised:
         frame = pack(self.codec, record, self.counter)
         self.counter = (self.counter + 1) % COUNTERS
         return frame
+
+
+NICE = -10
+"""Nice value requested if real-time scheduling is not granted; the default of a program is 0."""
+NONE = "no priority"
+"""Beginning of the answer if nothing was granted."""
+
+
+def raise_priority() -> str:
+    """Request real-time scheduling for this process, else a lower nice value; returns the priority granted, or the
+    reason why none was.
+
+    To be called before threads start, which inherit it.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        return f"{NONE}: this system has no real-time scheduling that Python can ask for"
+    try:  # the lowest real-time priority is above every ordinary program, and below drivers and audio
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_min(os.SCHED_FIFO)))
+        return "real-time priority"
+    except OSError as error:
+        refused = error.strerror
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+        return f"nice {NICE}; real-time priority: {refused}"
+    except OSError as error:
+        return f"{NONE}: {error.strerror}"
+
+
+if __name__ == "__main__":
+    print(raise_priority())

@@ -69,8 +69,8 @@ class IsoTpConnection(BaseConnection):
     wire: the way to it; request_id, answer_id: arbitration ids as in `Frame`, both of the same length; fd: requests go
     in CAN FD frames of up to 64 bytes; is_answer: whether a message answers the last request, any other is dropped and
     counted (`stray`); quiet_s: seconds without a frame after which a message that stopped midway is given up. `broken`
-    counts errors of ISO-TP: lost, doubled and swapped frames. `deadline`: no wait lasts beyond this second of the
-    wire's clock.
+    counts errors of ISO-TP: lost, doubled and swapped frames, messages that stopped midway. `deadline`: no wait lasts
+    beyond this second of the wire's clock.
     """
 
     def __init__(
@@ -169,6 +169,7 @@ class IsoTpConnection(BaseConnection):
     def _give_up_a_broken_message(self, quiet: float) -> None:
         if quiet <= (TORN_QUIET if self._torn else self._quiet_s):
             return
+        self.broken += not self._torn  # a lost frame is counted already
         self._torn = False
         self._stack.reset()
         self._wire.send([Frame(self._request_id, GIVE_UP, self._fd)])

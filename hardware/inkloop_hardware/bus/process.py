@@ -22,12 +22,9 @@ from struct import pack
 
 import can
 
-from inkloop_hardware.bus.adapter import Adapter
-from inkloop_hardware.bus.frames import data_frame
-from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
+from inkloop_hardware.bus.adapter import PROOF, Adapter, Reopening, data_frame
+from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, raise_priority
 from inkloop_hardware.bus.messages import Kind, Outbox, pack_frames, read_message, unpack_frames
-from inkloop_hardware.bus.priority import raise_priority
-from inkloop_hardware.bus.reopening import PROOF, Reopening
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.traffic_log import TrafficLog
 from inkloop_hardware.errors import BusError, BusOff

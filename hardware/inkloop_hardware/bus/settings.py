@@ -1,14 +1,27 @@
-"""Settings of a bus: its adapter, its traffic log, its time limits."""
+"""Settings of a bus: its adapter, its traffic log, its time limits; and the lock on its channel.
+
+The lock is for the programs of this machine: a mapped rig has no heartbeat that another master would hear, and a serial
+port has one reader. The system takes it back when the process that holds it ends, however it ends; the file stays.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from inkloop.files import sign_lock, signature, take_lock
 from inkloop.units import KILO
+from inkloop_hardware.errors import AnotherMaster, BusError
+
+ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
+"""Interfaces of python-can whose channel is a serial port."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +59,11 @@ class BusSettings:
             name += f" on {self.channel}"
         return name + (f" at {self.bitrate / KILO:g} kbit/s" if self.bitrate else "")
 
+    @property
+    def has_one_reader(self) -> bool:
+        """Whether a second program that opens the adapter takes frames from the first, and opens it anew."""
+        return self.interface in ON_SERIAL_PORTS and "://" not in str(self.channel)
+
     def arguments(self) -> dict[str, Any]:
         """Those of `can.Bus`."""
         given = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
@@ -61,3 +79,72 @@ class BusSettings:
         """The settings that `to_json` wrote."""
         found = json.loads(text)
         return cls(**found | {"traffic_log": Path(found["traffic_log"]) if found["traffic_log"] else None})
+
+
+UNSIGNED = "a process of this machine"
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""The folder is everybody's: a link that lies there is not followed."""
+
+
+def lock_channel(settings: BusSettings) -> Callable[[], None]:
+    """Lock the channel of these settings; returns what releases it.
+
+    AnotherMaster if another process of this machine holds it; BusError if its file cannot be written.
+    """
+    path = _path(settings)
+    file = _opened(path)
+    try:
+        if not take_lock(file):
+            raise AnotherMaster(
+                f"{settings}: another inkloop prints there ({signature(file) or UNSIGNED}); nothing "
+                "was sent. Wait until it ends, or stop it"
+            )
+        with suppress(OSError):  # the file of another user
+            os.fchmod(file, 0o666)
+        sign_lock(file)
+    except OSError as error:
+        os.close(file)
+        raise _error(path, error) from error
+    except AnotherMaster:
+        os.close(file)
+        raise
+    return lambda: os.close(file)
+
+
+def holder(settings: BusSettings) -> str | None:
+    """The process that has locked the channel of these settings, None if it is free; not for a process that has it.
+
+    BusError if its file cannot be read.
+    """
+    path = _path(settings)
+    if not path.exists():
+        return None
+    file = _opened(path)
+    try:
+        return None if take_lock(file) else signature(file) or UNSIGNED
+    except OSError as error:
+        raise _error(path, error) from error
+    finally:
+        os.close(file)
+
+
+def _opened(path: Path) -> int:
+    """The file of a lock; one of another user is not created anew: systems refuse that in the folder of everybody."""
+    try:
+        with suppress(FileNotFoundError):
+            return os.open(path, os.O_RDWR | NO_LINK)
+        return os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+    except OSError as error:
+        raise _error(path, error) from error
+
+
+def _error(path: Path, error: OSError) -> BusError:
+    reason = error.strerror or error
+    return BusError(f"{path}: the channel cannot be locked: {reason}; remove what is there, or let this user write it")
+
+
+def _path(settings: BusSettings) -> Path:
+    """A file for each channel, by what python-can is given, without bit rates."""
+    place = (settings.interface, settings.channel, sorted((key, str(value)) for key, value in settings.options.items()))
+    name = hashlib.sha256(repr(place).encode()).hexdigest()[:16]
+    return Path(tempfile.gettempdir()) / f"inkloop-channel-{name}.lock"

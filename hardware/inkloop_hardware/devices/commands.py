@@ -1,71 +1,36 @@
-"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields its output."""
+"""Commands of a person to a bench: clear, home, purge, a dry run; stop and release. Each yields its output.
+
+A stop request is sent without MasterAlive, so that a print on the bus meets the request and no second master. Every
+node takes its de-energised state, and stays in it until the request is released. No emergency stop.
+"""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
 
 import numpy as np
 
 from inkloop.component import Job
-from inkloop_hardware.devices.first_scan import check_seen
+from inkloop_hardware.bus.adapter import Adapter, data_frame
+from inkloop_hardware.bus.heartbeat import Supervised
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.layer_steps import LayerSteps
-from inkloop_hardware.devices.readiness import MARGIN_S, clear, make_ready, missing, set_dry_run
+from inkloop_hardware.devices.profiler import check_seen
+from inkloop_hardware.devices.readiness import MARGIN_S, NotReady, blocked, clear, make_ready, set_dry_run
 from inkloop_hardware.devices.readiness import home as find_zero
+from inkloop_hardware.errors import FrameError, HardwareError
 from inkloop_hardware.link.rig import Rig
-from inkloop_hardware.protocol.height_map_bytes import read_map
-from inkloop_hardware.protocol.node_state import Flags, NodeState
-from inkloop_hardware.protocol.records import NodeStatus
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.node_state import Flags
+from inkloop_hardware.protocol.records import NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.services import ClearOption, Key, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.transfer_bytes import read_map
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
 NODES = tuple(Node)
-CONDITIONS = {
-    Flags.NEEDS_OPERATOR: "needs a person to clear it",
-    Flags.STOPPED: "a stop request is active",
-    Flags.DRY_RUN: "in a dry run",
-    Flags.JOURNAL_DAMAGED: "its journal is damaged",
-    Flags.BY_WATCHDOG: "reset by its watchdog",
-}
-"""Flag of a node -> its meaning for a person."""
-
-
-@dataclass(frozen=True)
-class NodeReport:
-    """State and memory of a node; as text one line for a person.
-
-    cause: the reason why it is off, if it is; job, layer: of its open layer, with `passes` in all, `done` and
-    `unknown`, 0 without one; conditions: notes for a person.
-    """
-
-    node: str
-    state: str
-    cause: str | None
-    job: int
-    layer: int
-    passes: int
-    done: int
-    unknown: int
-    conditions: tuple[str, ...]
-    version: str
-
-    def __str__(self) -> str:
-        """`head     SAFE because of STOP_REQUEST, needs a person to clear it; inkloop 0.1.0`."""
-        found = [self.state + (f" because of {self.cause}" if self.cause else "")]
-        if self.passes:
-            found.append(f"layer {self.layer} of job {self.job}: {self.done} of {self.passes} passes done")
-        if self.unknown:
-            found.append(f"{self.unknown} unknown")
-        return f"{self.node:8s} {', '.join((*found, *self.conditions))}; {self.version}"
-
-
-def status(rig: Rig) -> Iterator[NodeReport]:
-    """A report of each node: state, newest layer, required actions."""
-    rig.wait_for(NODES)
-    for node in NODES:
-        link = rig.link(node)
-        yield _report(node, link.state(), link.version(), rig.status(node))
 
 
 def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
@@ -73,6 +38,9 @@ def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
     rig.wait_for(NODES)
     option = ClearOption.OPERATOR | (ClearOption.ABANDON if give_up else ClearOption(0))
     for node in NODES:
+        state = rig.link(node).state()
+        if state.flags & Flags.JOURNAL_UNREADABLE and not give_up and (reason := blocked(node, state)):
+            raise NotReady(reason)
         clear(rig, node, int(option))
         yield f"{node.lower()}: cleared" + (", its open layer is given up" if give_up else "")
 
@@ -111,19 +79,70 @@ def dry_run(rig: Rig, job: Job, *, cure_ms: int) -> Iterator[str]:
         check_seen(valid, rig, "the scan")
 
 
-def _report(node: Node, state: NodeState, version: str, status: NodeStatus | None) -> NodeReport:
-    off = state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE
-    return NodeReport(
-        node.lower(),
-        state.state.name,
-        state.cause.name if off else None,
-        *((state.job, state.layer) if state.passes else (0, 0)),
-        state.passes,
-        state.done.bit_count(),
-        state.unknown.bit_count(),
-        (
-            *(words for flag, words in CONDITIONS.items() if state.flags & flag),
-            *(reason.partition("; ")[0] for reason in missing(node, status)),
-        ),
-        version,
-    )
+FRAMES_MIN = 6
+"""A node is released by two intact frames in a row, and stopped by one; the others may be lost."""
+CONFIRM_SILENCES = 7.0
+"""Silences after which a run takes a node for lost, in which a node that lives has sent twenty statuses."""
+
+
+def request_stop(settings: BusSettings) -> Iterator[str]:
+    """Send the request until every node has confirmed it, and yield a line for each.
+
+    HardwareError names the nodes that did not confirm; the request was sent to them all the same. BusError if the
+    adapter cannot be used.
+    """
+    confirmed: dict[Node, NodeStatus] = {}
+    within_s = CONFIRM_SILENCES * settings.silence_s
+    with closing(Adapter(settings)) as adapter:
+        for status in _sent(adapter, active=True, within_s=within_s):
+            if status.node not in confirmed and _is_stopped(status):
+                confirmed[status.node] = status
+                yield f"{status.node.lower()}: {status.state.name} because of {status.fault.name}"
+            if len(confirmed) == len(Node):
+                break
+    missing = [node.lower() for node in Node if node not in confirmed]
+    if missing:
+        raise HardwareError(
+            f"{settings}: {', '.join(missing)} did not confirm the stop request within {within_s:.1f} s. Use the "
+            "hard-wired stop, then check power and cables"
+        )
+    yield "stopped; look at the bench, then `inkloop bench release SCENARIO` and `clear`"
+
+
+def release_stop(settings: BusSettings) -> Iterator[str]:
+    """Release the request. The nodes stay off until a person clears them. BusError if the adapter cannot be used."""
+    with closing(Adapter(settings)) as adapter:
+        for _ in _sent(adapter, active=False, within_s=0.0):
+            pass
+    yield "the stop request is released; the nodes stay off until `inkloop bench clear SCENARIO`"
+
+
+def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeStatus]:
+    """Send the request in its cycle, `FRAMES_MIN` times and for `within_s` at least, and yield the intact statuses that
+    arrive meanwhile."""
+    codec = Codec()
+    sender, cycle = Supervised(codec), codec.cycle_time(StopRequest.message) or 0.05
+    began, sent, least = time.monotonic(), 0, max(FRAMES_MIN, math.ceil(within_s / cycle))
+    while sent < least or time.monotonic() < began + within_s:
+        adapter.send(sender.frame(StopRequest(active, Source.OPERATOR)))
+        sent += 1
+        while (left := began + sent * cycle - time.monotonic()) > 0:
+            yield from _statuses(adapter, codec, left)
+
+
+def _statuses(adapter: Adapter, codec: Codec, wait_s: float) -> Iterator[NodeStatus]:
+    for message in adapter.receive(wait_s):
+        frame = data_frame(message)
+        if frame is None:
+            continue
+        try:
+            reading = codec.decode(frame)
+            record = unpack(codec, reading) if reading.intact else None
+        except FrameError:  # of another protocol: no confirmation
+            continue
+        if isinstance(record, NodeStatus):
+            yield record
+
+
+def _is_stopped(status: NodeStatus) -> bool:
+    return status.state is State.FAULT or (status.state is State.SAFE and status.fault is Fault.STOP_REQUEST)

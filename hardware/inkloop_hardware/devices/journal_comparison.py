@@ -7,19 +7,21 @@ longer knows.
 
 from __future__ import annotations
 
-from inkloop.errors import ComponentError
 from inkloop_hardware.devices.master_journal import LayerAsked
 from inkloop_hardware.errors import HardwareError
-from inkloop_hardware.protocol.node_state import NodeState
+from inkloop_hardware.protocol.node_state import Flags, NodeState
 
 ADVICE = (
     "another head is mounted, its journal was erased, or something else was printed since; nothing is jetted on a part "
-    "whose layers are not known: put the head of this job back, or begin a new part with `inkloop run`"
+    "whose layers are not known: put the head of this job back and continue with `inkloop resume RUN`, or begin a new "
+    "part with `inkloop run SCENARIO`"
 )
 
 
 class JournalsDiffer(HardwareError):
-    """The journals of master and head cannot both be true: a person must find the cause."""
+    """The journals of master and head, or the state of the run, cannot both be true: a person must find the cause."""
+
+    has_own_remedy = True
 
 
 def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
@@ -27,7 +29,7 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
 
     mine: the newest layer the master asked for, None for none; job: of the run; head: its state, with its newest layer.
     """
-    if mine is None:
+    if mine is None or head.flags & Flags.JOURNAL_UNREADABLE:  # `readiness.blocked` names the latter
         return
     begun, is_same_job = head.done | head.unknown, head.job == job
     ours = f"this run's journal: {_passes(mine.done)} of layer {mine.layer} of job {job} done"
@@ -50,9 +52,9 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
 
 
 def check_resumed_at(layer: int, mine: LayerAsked | None) -> None:
-    """Raise ComponentError if a layer is requested that the journal of this run has already passed."""
+    """Raise JournalsDiffer if a layer is requested that the journal of this run has already passed."""
     if mine and mine.layer > layer:
-        raise ComponentError(
+        raise JournalsDiffer(
             f"layer {layer} is due, but this run has begun layer {mine.layer} already: its checkpoint is older than "
             "its journal, or is gone. Was the run folder restored from a copy, or its folder layers removed? A part "
             "lies on the stage: take it off, `inkloop bench clear SCENARIO --give-up`, and begin a new part in a new "

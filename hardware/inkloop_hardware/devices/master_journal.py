@@ -27,6 +27,8 @@ JOURNAL_FILE = "master.journal"
 class JournalError(HardwareError):
     """The journal of a run cannot be read or written, or belongs to another job."""
 
+    has_own_remedy = True
+
 
 class Event(StrEnum):
     """Event of a record."""
@@ -154,7 +156,7 @@ class MasterJournal:
         if self._path is not None and job != self.job:
             raise JournalError(
                 f"{self._path}: is the journal of job {self.job}, expected job {job} of the run: was it removed or "
-                "replaced? Restore it, or begin a new part"
+                "replaced? Restore it and continue with `inkloop resume`, or begin a new part with `inkloop run`"
             )
         rig.job = job
 
@@ -218,12 +220,16 @@ def _read(path: Path) -> list[MasterRecord]:
         if [record.number for record in records] != list(range(1, len(found) + 1)):
             raise JournalError(
                 f"{path}: was altered, or its disk is damaged: its lines do not count from 1 to {len(found)}, each "
-                "with its checksum; only the journal of the head still holds what was printed: begin a new part"
+                "with its checksum; only the journal of the head still holds what was printed: begin a new part "
+                "with `inkloop run`"
             )
         if torn:
             with path.open("r+b") as file:
                 file.truncate(path.stat().st_size - len(torn))
                 os.fsync(file.fileno())
     except OSError as error:
-        raise JournalError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise JournalError(
+            f"{path}: cannot be read: {error.strerror or error}; let this user read it, then continue with "
+            "`inkloop resume`"
+        ) from error
     return records

@@ -22,11 +22,10 @@ from inkloop.contract import (
     pass_colour,
 )
 from inkloop.errors import ComponentError
-from inkloop_hardware.devices.journal_comparison import check_resumed_at, compare
+from inkloop_hardware.devices.journal_comparison import JournalsDiffer, check_resumed_at, compare
 from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
 from inkloop_hardware.devices.master_journal import MasterJournal
-from inkloop_hardware.devices.readiness import make_ready
-from inkloop_hardware.devices.recovery import retry_after_recovery
+from inkloop_hardware.devices.readiness import make_ready, retry_after_recovery
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import NodeLimits
 from inkloop_hardware.protocol.vocabulary import Node
@@ -119,7 +118,7 @@ class Printer:
         return _STATE.pack(self._rig.job, self._printed, *self._droplets, self._is_unknown)
 
     def restore(self, saved: bytes) -> None:
-        """Resume a job. ComponentError if journal or head are of another one, or of another layer."""
+        """Resume a job. JournalError, JournalsDiffer if journal or head are of another one, or of another layer."""
         try:
             job, printed, *droplets, is_unknown = _STATE.unpack(saved)
         except StructError as error:
@@ -128,9 +127,10 @@ class Printer:
         head = self._rig.link(Node.HEAD).state()
         follows = head.job == job and head.layer in (printed, printed + 1)
         if not follows and printed > 0:
-            raise ComponentError(
+            raise JournalsDiffer(
                 f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
-                f"{job}: something else was printed since, or another head is mounted; start again with `inkloop run`"
+                f"{job}: something else was printed since, or another head is mounted; put the head of this job back "
+                "and continue with `inkloop resume RUN`, or begin a new part with `inkloop run SCENARIO`"
             )
         self._printed, self._droplets, self._is_unknown = printed, droplets, is_unknown
 

@@ -1,18 +1,31 @@
-"""Checks and preparation of the nodes before a print or a scan: presence, protocol, clear, home."""
+"""Checks and preparation of the nodes before a print or a scan: presence, protocol, clear, home; recovery in a layer.
+
+A print continues automatically after nodes stopped or were lost if none needs a person: no begun step is unknown then,
+and every step is requested again by its key, so that nothing is done twice.
+"""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
-from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.errors import (
+    BusDisconnected,
+    HardwareError,
+    LinkTimeout,
+    NodeLost,
+    NodeRefused,
+    NodeStopped,
+    TransferError,
+)
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
 from inkloop_hardware.protocol.records import NodeStatus
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
 NOT_READY = {
@@ -84,16 +97,24 @@ def blocked(node: Node, state: NodeState) -> str | None:
         return f"{name}: a stop request is active; release it, check the bench, then `inkloop bench clear SCENARIO`"
     if state.flags & Flags.JOURNAL_DAMAGED:
         return f"{name}: its journal cannot be written; replace its storage, nothing is energised until then"
+    if state.flags & Flags.JOURNAL_UNREADABLE:
+        return (
+            f"{name}: its journal could not be read at power-up, so what it has done is not known; switch it off and "
+            "on; if it is no better then, take the part off, `inkloop bench clear SCENARIO --give-up`, begin a new one"
+        )
     if not state.flags & Flags.NEEDS_OPERATOR:
         return None
+    look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
     if state.unknown:
         passes = ", ".join(str(number + 1) for number in range(4) if state.unknown >> number & 1)
         why = f"pass {passes} of layer {state.layer}, which was begun and whose progress is unknown"
+    elif state.layer_flags & LayerFlags.CURE_UNKNOWN and state.cause is Fault.LAMP_TIME:
+        why = f"a cure of layer {state.layer}, in which the lamp took no current until its end; it will be repeated"
+        look = "check lamp, driver and supply"
     elif state.layer_flags & LayerFlags.CURE_UNKNOWN:
         why = f"a cure of layer {state.layer}, which was begun and whose duration is unknown; it will be repeated"
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
-    look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
     return f"{name}: needs a person because of {why}; {look}, then `inkloop bench clear SCENARIO`"
 
 
@@ -132,3 +153,51 @@ def _foreign(rig: Rig, states: dict[Node, NodeState]) -> list[str]:
         elif not state.roles & ROLES[node]:
             reasons.append(f"{node.lower()}: the node at its ids has the roles {state.roles!s}; give it its own ids")
     return reasons
+
+
+TIMES = 3  # retries of a layer or a scan; a bench that stops more often needs a person (assumed)
+REOPENING_S = 20.0  # for a disconnected adapter to be opened again; the bus process gives up before
+
+PASSING = (BusDisconnected, NodeLost, NodeStopped, NodeRefused, LinkTimeout, TransferError)
+"""Errors whose cause may be a node or an adapter that was missing for a while, or a node that stopped."""
+
+Found = TypeVar("Found")
+
+
+def retry_after_recovery(
+    rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, is_start: bool = False
+) -> Found:
+    """Return the result of `work`, which is retried after nodes or the adapter were lost, or nodes stopped.
+
+    No retry if a node needs a person; three retries at most. is_start: `work` makes the nodes ready itself. Raises
+    HardwareError: that of `work` if no node stopped, NotReady with the cause if a person is needed, NodeLost if a node
+    does not come back.
+    """
+    cause: HardwareError | None = None
+    for left in range(TIMES, -1, -1):
+        if cause is not None:
+            rig.wait_for(nodes, REOPENING_S if isinstance(cause, BusDisconnected) else None)
+        try:
+            if cause is not None:
+                _recover_nodes(rig, nodes, cause, is_start)
+            return work()
+        except PASSING as error:
+            if error is cause or left == 0:
+                raise
+            cause = error
+    raise AssertionError("the last try returns or raises")
+
+
+def _recover_nodes(rig: Rig, nodes: Sequence[Node], error: HardwareError, is_start: bool) -> None:
+    """Clear the nodes and home the stage; raises `error` if that fails, NotReady if a person is needed."""
+    states = {node: rig.link(node).state() for node in nodes}
+    stopped = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
+    if not stopped and not isinstance(error, BusDisconnected | NodeLost | NodeStopped | LinkTimeout):
+        raise error
+    if reasons := [reason for node, state in states.items() if (reason := blocked(node, state))]:
+        raise NotReady("\n".join([str(error), *reasons])) from error
+    _log.warning("%s", error)
+    if is_start:
+        return
+    _log.warning("%s: no step is unknown, the print continues", ", ".join(stopped) or "all nodes are present again")
+    make_ready(rig, nodes)

@@ -21,13 +21,12 @@ from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
 from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
-from inkloop_hardware.bus.priority import NONE
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.heartbeat import NONE
+from inkloop_hardware.bus.settings import ON_SERIAL_PORTS, BusSettings
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
 
 DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
-ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
 
 
 def configured(settings: BusSettings) -> BusSettings:
@@ -71,7 +70,7 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
 
 def heartbeat_priority() -> Finding:
     """Scheduling priority granted to a bus process of this user, tried in a process of its own."""
-    command = [sys.executable, "-P", "-m", "inkloop_hardware.bus.priority"]
+    command = [sys.executable, "-P", "-m", "inkloop_hardware.bus.heartbeat"]
     found = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     if found and not found.startswith(NONE):
         return Finding.ok("priority", f"the heartbeat has {found}")

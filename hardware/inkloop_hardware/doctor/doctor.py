@@ -1,24 +1,95 @@
 """Examine a bench, one check after the other: adapter, bus, nodes, their answers, and on request gate and lamp.
 
-Only the self test changes anything. Nothing is sent while another master is active.
+Only the self test changes anything: the gate opens and closes, the lamp lights for a moment behind the closed gate.
+Nothing is jetted, no layer records it, and it runs on request only: light leaves the lamp. Nothing is sent while
+another master is active.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import closing
+from struct import pack
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.readiness import MARGIN_S, blocked, clear
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, heartbeat_priority, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import Expected, ask, links
-from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
-from inkloop_hardware.doctor.self_test import WHAT, try_gate_and_lamp
-from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.doctor.listening import Heard, judge, listen
+from inkloop_hardware.doctor.status import bus_of, check_second_reader, judge_rig
+from inkloop_hardware.errors import AnotherMaster, HardwareError, NodeRefused
+from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.mapped.mapping_file import RigMapping
 from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
+
+LAMP_MS = 100
+NODES = (Node.HEAD, Node.CURE)
+OUT_OF_RANGE = 0x31
+WHAT = f"the gate opens and closes, then the lamp lights for {LAMP_MS} ms with the gate closed"
+
+
+def try_gate_and_lamp(rig: Rig) -> Iterator[Finding]:
+    """Run both tests, one after the other, on an attached rig; nothing is enabled after them.
+
+    Raises HardwareError if the bus or a node is lost.
+    """
+    rig.wait_for(NODES)
+    for node in NODES:
+        state = rig.link(node).state()
+        if (reason := blocked(node, state)) is not None:
+            found, _, advice = reason.partition("; ")
+            yield Finding.skipped("self test", found, advice)
+            return
+        clear(rig, node)
+    for test in (_gate, _lamp):
+        finding = test(rig)
+        yield finding
+        if finding.grade is not Grade.OK:  # no light behind a gate that cannot be trusted
+            return
+
+
+def _gate(rig: Rig) -> Finding:
+    head = rig.link(Node.HEAD)
+    try:
+        with rig.enabled(gate=True):
+            _test(rig, head, 0)
+        times = head.times()
+    except HardwareError as error:
+        return _failed(head, error)
+    open_ms = (times.gate_closed - times.gate_opened) * MS_PER_S
+    return Finding.ok("self test", f"gate: seen open and closed again, driven for {open_ms:.0f} ms")
+
+
+def _lamp(rig: Rig) -> Finding:
+    lamp = rig.link(Node.CURE)
+    try:
+        with rig.enabled(lamp=True):
+            _test(rig, lamp, LAMP_MS)
+        times = lamp.times()
+    except HardwareError as error:
+        return _failed(lamp, error)
+    lit_ms = (times.lamp_off - times.lamp_on) * MS_PER_S
+    return Finding.ok("self test", f"lamp: seen lit for {lit_ms:.0f} ms and dark again, the gate closed")
+
+
+def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
+    limits = link.limits()
+    limit_s = lamp_ms / MS_PER_S + 2 * limits.gate + MARGIN_S
+    link.routine(Routine.SELF_TEST, Key(rig.job, 0, 0), pack(">H", lamp_ms), limit_s=limit_s)
+
+
+def _failed(link: Link, error: HardwareError) -> Finding:
+    if isinstance(error, NodeRefused) and error.code == OUT_OF_RANGE:
+        reason = f"the firmware of the {link.node.lower()} has no self test"
+        return Finding.skipped("self test", reason, "update it, or watch gate and lamp in the first layer")
+    return Finding.error("self test", str(error), "everything is off; check gate, end switches and lamp before a print")
+
 
 NO_ADAPTER = "the adapter is not open"
 LISTEN_AGAIN_S = 0.5
@@ -26,18 +97,23 @@ LISTEN_AGAIN_S = 0.5
 
 
 def examine(
-    settings: BusSettings, expected: Expected | None = None, *, self_test: bool = False, mapped: bool = False
+    settings: BusSettings,
+    expected: Expected | None = None,
+    *,
+    self_test: bool = False,
+    mapping: RigMapping | None = None,
 ) -> Iterator[Finding]:
     """All findings, in the order of the checks; a check that cannot be made is reported as skipped.
 
     settings: of the bus, without a traffic log; expected: of the scenario, None without one; self_test: gate and lamp
-    are tried; mapped: the rig has a DBC of its own, so only adapter and bus are checked.
+    are tried; mapping: of a rig with frames of its own, of which those that it waits for are looked for.
     """
-    bus = configured(settings)
+    bus = configured(settings) if mapping is None else bus_of(configured(settings), mapping)
     errors = list[Finding]()
-    if not mapped:
+    if mapping is None:
         yield heartbeat_priority()
     yield from _noted(before_opening(bus), errors)
+    yield from _noted(_second_reader(settings), errors)
     if errors:
         yield Finding.skipped("bus, nodes", NO_ADAPTER)
         return
@@ -48,12 +124,12 @@ def examine(
         return
     try:
         with closing(adapter):
+            if mapping is not None:
+                yield from judge_rig(adapter, mapping)
+                yield Finding.skipped("services", "nothing is sent to a rig with frames of its own: no peer was asked")
+                return
             codec = Codec()
             heard = listen(adapter, codec)
-            if mapped:
-                yield from judge_bus(heard, foreign=True)
-                yield Finding.skipped("nodes", "this rig has a DBC of its own", "see its mapping file")
-                return
             yield from _noted(judge(heard, codec), errors)
             if heard.sessions:
                 yield Finding.skipped("services", "another master is active: a node with two masters answers neither")
@@ -71,6 +147,14 @@ def examine(
             yield from try_gate_and_lamp(rig)
     except HardwareError as error:
         yield Finding.error("bus", str(error), "check the adapter and its cables, then try again")
+
+
+def _second_reader(settings: BusSettings) -> Iterator[Finding]:
+    """An error if a print has an adapter that has one reader."""
+    try:
+        check_second_reader(settings)
+    except AnotherMaster as error:
+        yield Finding.error("adapter", str(error), "wait until the print ends, then run the doctor again")
 
 
 def _noted(findings: Iterable[Finding], errors: list[Finding]) -> Iterator[Finding]:

@@ -16,8 +16,8 @@ from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import Flags, JournalRecord, NodeLimits, NodeState
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes
 from inkloop_hardware.protocol.records import MasterAlive, NodeStatus
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 CLOCK_TOLERANCE = 0.02
@@ -209,7 +209,7 @@ def clock_rates(first: ClockReading, last: ClockReading) -> tuple[float, float]:
 
 def _journals(report: NodeReport) -> Iterator[Finding]:
     name, records = report.node.lower(), report.journal
-    if report.state.flags & Flags.JOURNAL_DAMAGED:
+    if report.state.flags & (Flags.JOURNAL_DAMAGED | Flags.JOURNAL_UNREADABLE):
         return  # reported with its state
     if not records:
         yield Finding.warning(

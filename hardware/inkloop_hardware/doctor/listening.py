@@ -10,11 +10,11 @@ from itertools import pairwise
 from statistics import median
 
 from inkloop.units import MS_PER_S
-from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.adapter import Adapter, data_frame
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.link.node_watch import LOST_AFTER
-from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.codec import EXTENDED, Codec, Frame
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor
 from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.vocabulary import Node
@@ -89,11 +89,15 @@ class Heard:
 
 
 def listen(
-    adapter: Adapter, codec: Codec, seconds: float | None = None, monotonic: Callable[[], float] = time.monotonic
+    adapter: Adapter,
+    codec: Codec,
+    seconds: float | None = None,
+    monotonic: Callable[[], float] = time.monotonic,
+    take: Callable[[Frame], object] | None = None,
 ) -> Heard:
     """Read the bus and send nothing. BusError when the adapter is disconnected.
 
-    seconds: None is long enough for `judge`.
+    seconds: None is long enough for `judge`; take: takes each frame in place of the protocol, and none is of it.
     """
     silence_s = adapter.settings.silence_s
     seconds = max(LISTEN_S, LISTEN_SILENCES * silence_s) if seconds is None else seconds
@@ -102,8 +106,11 @@ def listen(
         for message in adapter.receive(min(0.05, begin + seconds - now)):
             if message.is_error_frame:
                 heard.errors += 1
-            elif not (message.is_extended_id or message.is_remote_frame or message.is_fd):
-                heard.take(monotonic(), Frame(message.arbitration_id, bytes(message.data)), codec)
+            elif (frame := data_frame(message)) is not None and take is not None:
+                heard.frames += 1
+                take(frame)
+            elif frame is not None and not (frame.is_fd or frame.arbitration_id & EXTENDED):
+                heard.take(monotonic(), frame, codec)
     heard.lasted = monotonic() - begin
     heard.complaints = {what: count for what, count in adapter.complaints().items() if count}
     return heard

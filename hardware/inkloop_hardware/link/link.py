@@ -8,9 +8,9 @@ from functools import partial
 from typing import Any, TypeVar
 
 from inkloop_hardware.bus.isotp_connection import Wire
-from inkloop_hardware.errors import NodeRefused, TransferError
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.node_watch import OFF, because
-from inkloop_hardware.link.requests import P2, Requests
+from inkloop_hardware.link.requests import P2, DeadlinePassed, Requests
 from inkloop_hardware.link.transfers import Progress, receive_map, send_pattern
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import (
@@ -28,6 +28,14 @@ from inkloop_hardware.protocol.vocabulary import Node
 CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)
 """Refusals of a routine that are explained by the state of the node and its cause."""
+OUTCOME_S = 5.0
+"""Seconds for a node to say what became of a routine (assumed)."""
+OUTCOMES = {
+    Outcome.UNDER_WAY: "still under way",
+    Outcome.UNKNOWN: "begun, and its progress is unknown",
+    Outcome.NEVER: "never begun",
+}
+LATE_ADVICE = "`inkloop bench status SCENARIO` shows what it does; check the device"
 ENABLED_AGAIN = 0.15
 """Seconds before a routine is tried a second time: the frame of the heartbeat that enabled it may have been lost."""
 
@@ -83,7 +91,7 @@ class Link:
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
         """Run a routine and wait for its end: DONE, or DONE_BEFORE if nothing was changed.
 
-        limit_s: how long it may last in all; then LinkTimeout, and `ask` returns its outcome.
+        limit_s: how long it may last in all; then its outcome is asked for: LinkTimeout with it, unless it is done.
         """
         what = f"{routine.name.lower().replace('_', ' ')} of {key}"
         try:
@@ -97,13 +105,15 @@ class Link:
             self.requests.repeated += 1
             self.requests.connection.pause(ENABLED_AGAIN)
             answer = self._start(what, routine, bytes(key) + option, limit_s)
+        except DeadlinePassed as late:
+            return self._late_outcome(routine, key, late)
         return self._outcome(what, answer)
 
     def ask(self, routine: Routine, key: Key) -> Outcome:
         """The outcome of a routine as the node knows it; changes nothing."""
         what = f"outcome of {routine.name.lower()} of {key}"
-        answer = self.requests.request(what, self.requests.client.get_routine_result, routine, bytes(key))
-        return self._outcome(what, answer)
+        service = self.requests.client.get_routine_result
+        return self._outcome(what, self.requests.request(what, service, routine, bytes(key), limit_s=OUTCOME_S))
 
     def state(self) -> NodeState:
         """State, layer and passes (identifier 0100)."""
@@ -131,6 +141,16 @@ class Link:
 
     def _start(self, what: str, routine: Routine, option: bytes, limit_s: float) -> Any:
         return self.requests.request(what, self.requests.client.start_routine, routine, option, limit_s=limit_s)
+
+    def _late_outcome(self, routine: Routine, key: Key, late: DeadlinePassed) -> Outcome:
+        """Outcome of a routine whose time is over; LinkTimeout if it is not done."""
+        try:
+            outcome = self.ask(routine, key)
+        except (LinkTimeout, NodeRefused, TransferError) as error:
+            raise LinkTimeout(f"{late}; asked for its outcome it gave none. {LATE_ADVICE}") from error
+        if outcome in (Outcome.DONE, Outcome.DONE_BEFORE):
+            return outcome
+        raise LinkTimeout(f"{late}; asked for its outcome it answered: {OUTCOMES[outcome]}. {LATE_ADVICE}") from late
 
     def _outcome(self, what: str, answer: Any) -> Outcome:
         record = answer.service_data.routine_status_record

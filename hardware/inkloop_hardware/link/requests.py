@@ -27,6 +27,10 @@ P2_STAR = 5.0
 Answer = TypeVar("Answer")
 
 
+class DeadlinePassed(LinkTimeout):
+    """A request was not done when its time was over; the node may still be at it."""
+
+
 class Requests:
     """Sends requests to one node and returns its answers.
 
@@ -87,6 +91,7 @@ class Requests:
             ) from error
 
     def _repeat(self, what: str, service: Callable[..., Any], *arguments: object, tries: int) -> Any:
+        before = self.spoilt
         for _ in range(tries):
             try:
                 answer = service(*arguments)
@@ -104,10 +109,21 @@ class Requests:
                 raise
             else:
                 return answer
+        spoilt = self.spoilt_frames(before)
         raise LinkTimeout(
-            f"no answer of the {self.name} within {self._answer_s:g} s, {tries} tries: {what}; "
-            "its status frames arrive, so check its firmware"
+            f"no {'whole ' if spoilt else ''}answer of the {self.name} within {self._answer_s:g} s, {tries} tries: "
+            f"{what}; {spoilt or 'its status frames arrive, so check its firmware'}"
         )
+
+    @property
+    def spoilt(self) -> int:
+        """Frames and messages of the node so far that arrived and answered nothing."""
+        return self.connection.broken + self.connection.stray
+
+    def spoilt_frames(self, before: int) -> str:
+        """Those since there were `before`, in words and with what to do; empty if there are none."""
+        count = self.spoilt - before
+        return f"{count} of its frames came damaged, out of order or late: check cables and termination" * (count > 0)
 
     def _settle(self) -> None:
         """Sends a question of its own: answers come in the order of their requests, so all later answers are new."""
@@ -118,7 +134,7 @@ class Requests:
     def _check_deadline(self, what: str) -> None:
         deadline = self.connection.deadline
         if deadline is not None and self._wire.now() > deadline:
-            raise LinkTimeout(f"the {self.name} has not ended in time: {what}; ask for its outcome")
+            raise DeadlinePassed(f"the {self.name} has not ended in time: {what}")
 
 
 def _reason(code: int) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -14,15 +14,78 @@ from typing import Self
 
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.errors import BusDisconnected, BusError, HardwareError, NodeLost
+from inkloop_hardware.bus.settings import BusSettings, lock_channel
+from inkloop_hardware.errors import (
+    AnotherMaster,
+    BusDisconnected,
+    BusError,
+    HardwareError,
+    NodeLost,
+    NodeStopped,
+    StopRequested,
+)
 from inkloop_hardware.link.link import Link, LinkCounts
-from inkloop_hardware.link.node_wire import NodeWire
+from inkloop_hardware.link.node_watch import because
 from inkloop_hardware.link.supervision import Supervision
-from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import NodeStatus
 from inkloop_hardware.protocol.vocabulary import Node
 from inkloop_hardware.replay.replay_connection import INTERFACE, ReplayConnection
+
+ANSWER_GRACE_S = 0.25
+"""Seconds for a node that went to SAFE or FAULT to answer the present request itself."""
+
+
+class NodeWire:
+    """Exchanges frames with one node; a wait keeps the heartbeat alive and ends when the node is lost or stops."""
+
+    def __init__(self, supervision: Supervision, node: Node) -> None:
+        self._supervision = supervision
+        self._node = node
+        self._answer_id = supervision.codec.answer_id(node)
+        self._falls: int | None = None
+        self._fell_at: float | None = None
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Send frames in this order."""
+        self._supervision.bus.send(frames)
+
+    def receive(self, wait_s: float) -> bytes | None:
+        """Data of the next ISO-TP frame of the node, None if none comes within `wait_s`."""
+        return self._supervision.bus.receive(self._answer_id, wait_s)
+
+    def now(self) -> float:
+        """Seconds of a clock that only goes forward."""
+        return time.monotonic()
+
+    def begin(self) -> None:
+        """Begin a request: from now on a stop of the node ends it."""
+        self._supervision.keep_alive()
+        self._falls, self._fell_at = self._supervision.watch(self._node).falls, None
+
+    def check(self) -> None:
+        """Keep the heartbeat alive; NodeLost, or NodeStopped if the node stopped and does not report that in its
+        answer.
+        """
+        self._supervision.keep_alive()
+        self._supervision.check((self._node,))
+        watch = self._supervision.watch(self._node)
+        if watch.falls == self._falls:
+            return
+        now = time.monotonic()
+        if self._fell_at is None:
+            self._fell_at = now
+        if now - self._fell_at > ANSWER_GRACE_S:
+            message = f"the {self._node.lower()} took its de-energised state{because(watch.fault)} during a request; "
+            raise NodeStopped(message + self._advice(), watch.fault)
+
+    def _advice(self) -> str:
+        try:
+            self._supervision.check_alone()
+        except (AnotherMaster, StopRequested) as others:
+            return str(others)
+        return "remove the cause and clear it"
+
 
 LOG = logging.getLogger("inkloop_hardware")
 PAUSE = 0.02
@@ -52,6 +115,7 @@ class Rig:
         self._session = 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 + secrets.randbelow(JOB_MAX)
         self._users = 0
+        self._on_close = ExitStack()
         self.supervision = Supervision(self.codec, self._session, str(settings), settings.silence_s)
         self._links: dict[Node, Link] = {}
 
@@ -86,10 +150,15 @@ class Rig:
         """Add a user; the first one opens the bus, and listens a little longer than `settings.silence_s` before its
         heartbeat begins.
 
-        BusError if it cannot be opened, AnotherMaster if one is active; the user is not added then.
+        BusError if it cannot be opened, AnotherMaster if one is active, on the bus or, by the lock of the channel, on
+        this machine; the user is not added then.
         """
         if self._users == 0:
-            self._open()
+            try:
+                self._open()
+            except BaseException:
+                self._on_close.close()
+                raise
         self._users += 1
 
     def detach(self) -> None:
@@ -97,7 +166,8 @@ class Rig:
         Does nothing without an `attach`, so every clean-up may call it.
         """
         if self._users == 1 and self.is_open:
-            self.supervision.close()
+            with self._on_close:
+                self.supervision.close()
             self._log_counts()
         self._users = max(0, self._users - 1)
 
@@ -176,6 +246,7 @@ class Rig:
             self._job = bus.job
         else:
             answers = [self.codec.answer_id(node) for node in Node]
+            self._on_close.callback(lock_channel(self.settings))
             bus = BusConnection(settings, self._session, self._job, answers, self.supervision.supervised_ids)
             LOG.info("the heartbeat has %s", bus.priority)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)

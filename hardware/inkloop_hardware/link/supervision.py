@@ -9,8 +9,7 @@ from collections.abc import Container, Iterable
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.errors import AnotherMaster, BusDisconnected, FrameError, HardwareError, NodeLost, StopRequested
-from inkloop_hardware.link.bus_watch import BusWatch
-from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.link.node_watch import BusWatch, NodeWatch
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeFault, NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.vocabulary import Node

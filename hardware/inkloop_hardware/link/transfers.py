@@ -11,9 +11,8 @@ from udsoncan import DataFormatIdentifier, MemoryLocation
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.requests import TRIES, Requests
-from inkloop_hardware.protocol.height_map_bytes import map_size
-from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferState
-from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
+from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferFlags, TransferState
+from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
 
 Progress = Callable[[int, int], None]
 """Called with the bytes transferred so far and the bytes in all."""
@@ -103,6 +102,7 @@ def receive_map(requests: Requests, layer: int, progress: Progress | None) -> by
 def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: int, size: BlockSize) -> int:
     """Send a block; the bytes of it that the node took. Before a repeat the node is asked how many it has."""
     what = f"block {number} of the pattern of layer {layer} (0x36)"
+    before = requests.spoilt
     for attempt in range(TRIES):
         piece = blob[at : at + size.bytes]
         try:
@@ -114,16 +114,18 @@ def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: in
                 size.went_through()
             return len(piece)
         taken = requests.read(Identifier.TRANSFER, TransferState.of)
-        if taken.active and taken.done == at + len(piece):
+        is_active = TransferFlags.ACTIVE in taken.flags
+        if is_active and taken.done == at + len(piece):
             return len(piece)
-        if not taken.active or taken.done != at:
+        if not is_active or taken.done != at:
             raise TransferError(f"the {requests.name} has {taken.done} bytes, expected {at}: {what}")
-    raise LinkTimeout(f"the {requests.name} took nothing in {TRIES} tries: {what}; check cables and termination")
+    raise LinkTimeout(_in_vain(requests, "took nothing", what, before))
 
 
 def _fetch_block(requests: Requests, layer: int, number: int, size: BlockSize) -> bytes:
     """Fetch the next block; a repeat asks for fewer bytes of it."""
     what = f"block {number} of the map of layer {layer} (0x36)"
+    before = requests.spoilt
     for attempt in range(TRIES):
         most = None if attempt == 0 and size.is_whole else pack(">H", size.bytes)
         try:
@@ -137,7 +139,14 @@ def _fetch_block(requests: Requests, layer: int, number: int, size: BlockSize) -
         if attempt == 0:
             size.went_through()
         return piece
-    raise LinkTimeout(f"the {requests.name} sent nothing in {TRIES} tries: {what}; check cables and termination")
+    raise LinkTimeout(_in_vain(requests, "sent nothing", what, before))
+
+
+def _in_vain(requests: Requests, did: str, what: str, before: int) -> str:
+    """Message about a block that did not cross; before: `spoilt` at its first try."""
+    spoilt = requests.spoilt_frames(before)
+    whole = " whole" * bool(spoilt)
+    return f"the {requests.name} {did}{whole} in {TRIES} tries: {what}; {spoilt or 'check cables and termination'}"
 
 
 def _block_size(requests: Requests, what: str, answer: Any) -> BlockSize:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from struct import Struct
-from struct import error as StructError
 from zlib import crc32
 
 import numpy as np
@@ -26,8 +25,8 @@ from inkloop.contract import (
     contract_ports,
 )
 from inkloop.errors import ComponentError
-from inkloop_hardware.devices.first_scan import check_first_scan
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
+from inkloop_hardware.devices.profiler import NewestScan
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_steps import MappedSteps
@@ -64,8 +63,8 @@ class Mapped:
         self.outputs += tuple(Port(name, self._unit(name), start=math.nan) for name in tables.outputs)
         self._bus: MappedBus | None = None
         self._journal = MasterJournal()
-        self._printed, self._scanned, self._is_unknown = 0, -1, False
-        self._height, self._valid, self._pattern_crc = np.zeros(shape), np.zeros(shape, np.bool_), 0
+        self._printed, self._is_unknown, self._pattern_crc = 0, False, 0
+        self._newest = NewestScan(job)
 
     def use_rig(self, rig: Rig) -> None:
         """Take the settings of the bus, its folder and the print job from this rig."""
@@ -79,8 +78,8 @@ class Mapped:
         """Open the bus and make the steps of the start; commands count from the present one."""
         self._journal.begin(self._rig)
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
-        self._made = MappedSteps(self._bus, self._mapping, self._job, self._rig.job)
-        self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
+        self._made = MappedSteps(self._bus, self._mapping, self._rig.job)
+        self._printed, self._newest.layer = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
         self._is_unknown = False
         self._do("start", self._mapping.tables.start, self._printed)
         return self._outputs()
@@ -89,7 +88,7 @@ class Mapped:
         """Print the commanded layer, then scan the new one. ComponentError for a wrong command."""
         self._open.take()
         tables = self._mapping.tables
-        if tables.profiler and self._scanned < 0:
+        if tables.profiler and self._newest.layer < 0:
             self._scan(int(inputs.get(LAYERS_PRINTED, np.asarray(self._printed))))
         if tables.printer:
             self._print(checked_command(inputs, self._printed), inputs[PATTERN])
@@ -105,21 +104,12 @@ class Mapped:
 
     def save(self) -> bytes:
         """Job, counters, and the last map."""
-        state = _STATE.pack(self._rig.job, self._printed, self._scanned, self._is_unknown)
-        return state + self._height.tobytes() + self._valid.tobytes()
+        return self._newest.saved(_STATE, self._rig.job, self._printed, self._newest.layer, self._is_unknown)
 
     def restore(self, saved: bytes) -> None:
         """Resume after a layer; the rig must still hold it. ComponentError for an invalid state."""
-        cells = self._height.size
-        try:
-            job, printed, scanned, is_unknown = _STATE.unpack_from(saved)
-            height = np.frombuffer(saved, np.float64, cells, _STATE.size)
-            valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
-        except (StructError, ValueError) as error:
-            raise ComponentError(f"the saved state is not one of this rig ({error})") from error
+        job, self._printed, self._newest.layer, self._is_unknown = self._newest.restore(saved, _STATE, "rig")
         self._journal.resume(self._rig, job)
-        self._printed, self._scanned, self._is_unknown = printed, scanned, is_unknown
-        self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
 
     @property
     def _open(self) -> MappedBus:
@@ -144,12 +134,9 @@ class Mapped:
         self._printed, self._is_unknown = command, outcome is Event.UNKNOWN
 
     def _scan(self, newest: int) -> None:
-        if newest != self._scanned:
+        if newest != self._newest.layer:
             self._do(f"scan of layer {newest}", self._mapping.tables.profiler, newest)
-            height, self._valid = self._made.scan
-            if self._scanned < 0:
-                check_first_scan(height, self._valid, self._job, self._rig)
-            self._height, self._scanned = np.where(self._valid, height, self._height), newest
+            self._newest.take(newest, *self._made.scan, self._job, self._rig)
 
     def _do(self, what: str, steps: Sequence[Step], layer: int, *, is_layer: bool = False) -> None:
         """Make steps in order; is_layer: the journal records those that act."""
@@ -169,9 +156,9 @@ class Mapped:
             STATUS: Status.IDLE,
             LAYERS_PRINTED: self._printed,
             LAYER_UNKNOWN: self._is_unknown,
-            MEASURED_HEIGHT: self._height.copy(),
-            VALID: self._valid.copy(),
-            LAYERS_SCANNED: self._scanned,
+            MEASURED_HEIGHT: self._newest.height.copy(),
+            VALID: self._newest.valid.copy(),
+            LAYERS_SCANNED: self._newest.layer,
         }
         for name, output in self._mapping.tables.outputs.items():
             reading = self._bus.readings.get(output.message) if self._bus else None

@@ -3,20 +3,59 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from inkloop_hardware.bus.channel_lock import lock_channel
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import BusSettings, lock_channel
 from inkloop_hardware.errors import FrameError, HardwareError, LinkTimeout
 from inkloop_hardware.mapped.mapped_peer import Peer
 from inkloop_hardware.mapped.mapping_file import RigMapping
-from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading, id_of
+from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame, Reading, id_of
+
+
+class Readings:
+    """newest: of each message; counts: of its frames, dropped ones included."""
+
+    def __init__(self, codec: Codec) -> None:
+        self.newest: dict[str, Reading] = {}
+        self.counts = Counter[str]()
+        self._codec = codec
+        self._names = {id_of(message): message.name for message in codec.database.messages}
+        self._dropped: dict[str, str] = {}
+
+    def take(self, frame: Frame) -> Reading | None:
+        """The content of a frame; None for one that is dropped, or not in the DBC."""
+        name = self._names.get(frame.arbitration_id)
+        if name is None:
+            return None
+        self.counts[name] += 1
+        try:
+            reading = self._codec.decode(frame, strict=False)
+        except FrameError as error:  # too short, or a container
+            self._dropped[name] = str(error)
+            return None
+        if not reading.intact:
+            self._dropped[name] = f"the check byte of {frame} is wrong; has it another data id?"
+            return None
+        self.newest[name] = reading
+        return reading
+
+    def found(self, message: str, signal: str) -> str:
+        """The last value of a signal in words, or why there is none."""
+        last = self.newest.get(message)
+        if last is None:
+            reason = self._dropped.get(message)
+            return f"its frames were dropped: {reason}" if reason else "no frame of it was received"
+        if signal in last.dropped:
+            return f"its value was dropped: {last.dropped[signal]}"
+        value = last.values.get(signal, float("nan"))
+        return f"it is {self._codec.choice(message, signal, value) or f'{value:g}'}"
+
 
 KEEP_ALIVE_PERIOD_S = 0.02
 PAUSE = 0.005
@@ -43,11 +82,10 @@ class MappedBus:
         log = settings.traffic_log
         if log is not None and folder is not None:
             log = folder / log
-        self.readings: dict[str, Reading] = {}
         self.inbox: dict[str, deque[Reading]] = {}
         self._codec, self._heartbeat = mapping.codec, mapping.tables.heartbeat
-        self._names = {id_of(message): message.name for message in self._codec.database.messages}
-        self._dropped: dict[str, str] = {}
+        self._received = Readings(mapping.codec)
+        self.readings = self._received.newest
         self._counters: dict[str, int] = {}
         self._enables = Enables.NONE
         self._keep_alive_due = 0.0
@@ -89,8 +127,8 @@ class MappedBus:
             self._bus.send_keep_alive(self._enables)
         while self._bus.others:
             _, frame = self._bus.others.popleft()
-            if frame.arbitration_id in self._names:
-                self._read(frame)
+            if (reading := self._received.take(frame)) is not None:
+                self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
 
     def forget(self) -> None:
         """Discard the frames received so far."""
@@ -115,9 +153,8 @@ class MappedBus:
                 if unless is not None and self._has(reading, signal, unless):
                     raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; check the rig")
             if time.monotonic() > until:
-                raise LinkTimeout(
-                    f"{message}.{signal} was not {expected} within {limit_s:g} s; {self._found(message, signal)}"
-                )
+                found = self._received.found(message, signal)
+                raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {found}")
             time.sleep(PAUSE)
 
     @contextmanager
@@ -145,38 +182,12 @@ class MappedBus:
         """Data of the next frame of a peer."""
         return self._bus.receive(identifier, wait_s)
 
-    def _read(self, frame: Frame) -> None:
-        try:
-            reading = self._codec.decode(frame, strict=False)
-        except FrameError as error:  # too short, or a container
-            self._dropped[self._names[frame.arbitration_id]] = str(error)
-            return
-        if not reading.intact:
-            self._dropped[reading.message] = f"the check byte of {frame} is wrong; has it another data id?"
-            return
-        self.readings[reading.message] = reading
-        self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
-
     def _has(self, reading: Reading, signal: str, expected: float | str) -> bool:
         if signal not in reading.values:
             return False
         if isinstance(expected, str):
             return self._codec.choice(reading.message, signal, reading.values[signal]) == expected
         return abs(reading.values[signal] - expected) <= 1e-9 * max(1.0, abs(expected))
-
-    def _found(self, message: str, signal: str) -> str:
-        """The last value of a signal in words, or why there is none."""
-        last = self.readings.get(message)
-        if last is None:
-            reason = self._dropped.get(message)
-            return f"its frames were dropped: {reason}" if reason else "no frame of it was received"
-        if signal in last.dropped:
-            return f"its value was dropped: {last.dropped[signal]}"
-        return f"it is {self._value(last, signal)}"
-
-    def _value(self, reading: Reading, signal: str) -> str:
-        value = reading.values.get(signal, float("nan"))
-        return self._codec.choice(reading.message, signal, value) or f"{value:g}"
 
 
 class _Wire:

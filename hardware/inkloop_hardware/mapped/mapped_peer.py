@@ -16,14 +16,12 @@ from inkloop_hardware.bus.isotp_connection import IsoTpConnection, Wire
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.transfers import BLOCK_MOST
 from inkloop_hardware.protocol.codec import id_text
-from inkloop_hardware.protocol.services import UNREADABLE, Bytes
+from inkloop_hardware.protocol.services import POSITIVE, ROUTINE_CONTROL, UNREADABLE, Bytes
+from inkloop_hardware.protocol.services import is_answer as is_answer_of_a_node
 
 TRIES = 3
 P2_STAR = 6.0
 """Seconds between two "still busy" (0x78)."""
-NEGATIVE, POSITIVE = 0x7F, 0x40
-ECHOED = {0x22: slice(1, 3), 0x31: slice(1, 4), 0x36: slice(1, 2)}
-"""Bytes of a request that its positive answer repeats."""
 
 
 class Peer:
@@ -54,7 +52,10 @@ class Peer:
         try:
             answer = self._asked(what, lambda: self._client.start_routine(routine, option))
         except LinkTimeout as error:
-            raise LinkTimeout(f"{error}. Whether it was done is unknown: check the rig before you continue") from error
+            is_busy = self._wire.now() > self._connection.deadline
+            why = f"{self.name} was still busy with {what} after {limit_s:g} s, the limit_s of its step"
+            unknown = "Whether it was done is unknown: check the rig before you continue"
+            raise LinkTimeout(f"{why if is_busy else error}. {unknown}") from error
         finally:
             self._connection.deadline = None
         record: bytes = answer.service_data.routine_status_record
@@ -115,10 +116,7 @@ class Peer:
 
 
 def is_answer(request: bytes, message: bytes) -> bool:
-    """Whether a message answers this request, as far as its first bytes show."""
-    if message[:1] == bytes([NEGATIVE]):
-        return message[1:2] == request[:1]
-    if not message or message[0] != request[0] + POSITIVE:
-        return False
-    echoed = ECHOED.get(request[0])
-    return echoed is None or message[echoed] == request[echoed]
+    """Whether a message answers this request, by its first bytes; routines of others have no keys."""
+    if message[:1] == bytes([ROUTINE_CONTROL + POSITIVE]):
+        return message[:4] == bytes([request[0] + POSITIVE]) + request[1:4]
+    return is_answer_of_a_node(request, message)

@@ -1,19 +1,22 @@
-"""The steps of a mapping, made one after the other on an open bus."""
+"""The steps of a mapping, made one after the other on an open bus; a person's stop by those it has for it."""
 
 from __future__ import annotations
 
 import logging
+import secrets
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from udsoncan import MemoryLocation
 
-from inkloop.component import BoolMap, FloatMap, Job
+from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import ComponentError
-from inkloop_hardware.errors import LinkTimeout, TransferError
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
 from inkloop_hardware.mapped.mapping_file import RigMapping, resolved
@@ -30,8 +33,8 @@ Record = Callable[[int, int], AbstractContextManager[None]]
 class MappedSteps:
     """Makes steps. pattern: (nx, ny), of downloads; scan: heights (nx, ny) [m] and valid cells of the last upload."""
 
-    def __init__(self, bus: MappedBus, mapping: RigMapping, job: Job, job_number: int) -> None:
-        self._bus, self._tables = bus, mapping.tables
+    def __init__(self, bus: MappedBus, mapping: RigMapping, job_number: int) -> None:
+        self._bus, self._tables, job = bus, mapping.tables, mapping.job
         self._fields = {"job": job_number, "nx": job.nx, "ny": job.ny}
         self.pattern: NDArray[np.int32] = np.zeros((job.nx, job.ny), np.int32)
         self.scan: tuple[FloatMap, BoolMap] = np.zeros((job.nx, job.ny)), np.zeros((job.nx, job.ny), np.bool_)
@@ -106,3 +109,20 @@ class MappedSteps:
 def _place(step: Memory, size: int, fields: dict[str, int]) -> MemoryLocation:
     address = number(step.address, fields)
     return MemoryLocation(address, size, address_format=8 * step.address_bytes, memorysize_format=8 * step.size_bytes)
+
+
+def stop_rig(settings: BusSettings, mapping: RigMapping) -> Iterator[str]:
+    """Make the `[[stop]]` steps of a mapping beside a print that may be running, and yield what was done.
+
+    HardwareError if there are none, or if one fails; BusError if the adapter cannot be used.
+    """
+    steps = mapping.tables.stop
+    if not steps:
+        raise HardwareError(
+            f"{mapping.path}: has no [[stop]] steps, so nothing was sent: use the hard-wired stop of the rig. Steps "
+            "that stop it, such as a frame, can be added to the mapping"
+        )
+    session = 1 + secrets.randbelow(0xFFFF)
+    with closing(MappedBus(replace(settings, traffic_log=None), None, mapping, session, 1, is_alone=False)) as bus:
+        MappedSteps(bus, mapping, 1).do("stop", steps, 0)
+    yield f"all {len(steps)} [[stop]] steps of {mapping.path.name} were made; look at the rig before you go on"

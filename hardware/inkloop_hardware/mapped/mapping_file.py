@@ -22,6 +22,7 @@ from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
 from inkloop_hardware.mapped.mapping_tables import (
     METRES,
     SECONDS,
+    SECTIONS,
     STEPS,
     Download,
     MappingFile,
@@ -42,8 +43,13 @@ STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
 
 @dataclass(frozen=True)
 class RigMapping:
-    """A valid mapping; ids: of the requests to each peer and of its answers; needs_fd: it has frames of CAN FD."""
+    """A valid mapping of a file for a job.
 
+    ids: of the requests to each peer and of its answers; needs_fd: it has frames of CAN FD.
+    """
+
+    path: Path
+    job: Job
     tables: MappingFile
     codec: Codec
     ids: Mapping[str, tuple[int, int]]
@@ -70,7 +76,7 @@ def load(path: Path, job: Job) -> RigMapping:
     check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
     if check.errors:
         raise ScenarioError(str(path), check.errors)
-    return RigMapping(tables, codec, check.ids, check.needs_fd)
+    return RigMapping(path, job, tables, codec, check.ids, check.needs_fd)
 
 
 def factor(source: str, target: str) -> float | None:
@@ -101,7 +107,7 @@ class _Check:
                 self._try(f"{name}.header", hexadecimal, table.header)
         if tables.map is not None and tables.map.unit not in METRES:
             self.errors.append(f"map.unit is {tables.map.unit!r}; expected one of {', '.join(METRES)}")
-        for section in ("start", "printer", "profiler", "stop"):
+        for section in SECTIONS:
             steps: tuple[Step, ...] = getattr(tables, section)
             for place, step in enumerate(steps, 1):
                 self._step(f"{section} step {place} ({step.do})", step)

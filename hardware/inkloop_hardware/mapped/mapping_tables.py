@@ -136,6 +136,7 @@ class Wait(StepBase):
     unless: Value | None = Field(default=None, description="value that ends the run instead of the expected one")
 
 
+SECTIONS = ("start", "printer", "profiler", "stop")
 STEPS = ("download", "upload", "routine", "read", "send", "wait")
 """Values of `do`."""
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
@@ -164,3 +165,15 @@ class MappingFile(Table):
     profiler: tuple[Step, ...] = Field(default=(), strict=False)
     stop: tuple[Step, ...] = Field(default=(), strict=False)
     outputs: dict[str, OutputTable] = {}
+
+    @property
+    def awaited(self) -> dict[str, dict[str, str]]:
+        """Signals that a step waits for or an output shows, by message: signal -> its first place in the file."""
+        found: dict[str, dict[str, str]] = {}
+        for section in SECTIONS:
+            for number, step in enumerate(getattr(self, section), 1):
+                if isinstance(step, Wait):
+                    found.setdefault(step.message, {}).setdefault(step.signal, f"{section} step {number}")
+        for name, output in self.outputs.items():
+            found.setdefault(output.message, {}).setdefault(output.signal, f"outputs.{name}")
+        return found

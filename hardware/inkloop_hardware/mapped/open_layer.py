@@ -30,6 +30,8 @@ class MappedLayer:
 class LayerIsOpen(HardwareError):
     """A layer was begun and not finished, or with another pattern: a person must look at it."""
 
+    has_own_remedy = True
+
 
 def newest_layer(journal: MasterJournal) -> MappedLayer | None:
     """The newest layer that the rig was asked for in the job of a journal; None before the first."""

@@ -205,6 +205,8 @@ class Codec:
     def _encode_raw(message: Message, raw: Mapping[str, float]) -> bytes:
         try:
             return message.encode(dict(raw), scaling=False, strict=False)
+        except KeyError as error:  # cantools names it bare
+            raise FrameError(f"message {message.name} lacks a value for {error}, by its multiplexer") from error
         except cantools_errors.Error as error:
             raise FrameError(f"message {message.name} cannot be encoded: {error}") from error
 

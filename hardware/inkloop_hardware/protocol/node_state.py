@@ -8,18 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from struct import Struct
+from typing import Annotated
 
-from inkloop.units import MS_PER_S
+from inkloop_hardware.protocol import layout
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, State
-
-STATE = Struct(">4BIH6BHHIII")
-TIMES = Struct(">7I")
-LIMITS = Struct(">7IH")
-MAP_SIZE = Struct(">IHH")
-TRANSFER = Struct(">BBHIII")
-RECORD = Struct(">I4BIHHI4BIII4x")
 
 
 class Identifier(IntEnum):
@@ -32,6 +25,14 @@ class Identifier(IntEnum):
     MAP = 0x0103
     TRANSFER = 0x0104
     JOURNAL = 0x0110
+    SESSION = 0xF186
+
+
+class Session(IntEnum):
+    """Diagnostic session; both have the same services."""
+
+    DEFAULT = 1
+    EXTENDED = 3
 
 
 class Roles(IntFlag):
@@ -56,6 +57,8 @@ class Flags(IntFlag):
     JOURNAL_DAMAGED = 32
     BY_WATCHDOG = 64
     """its watchdog caused the last power-up"""
+    JOURNAL_UNREADABLE = 128
+    """its journal could not be read at power-up; clear is refused unless the open layer is given up"""
 
 
 class LayerFlags(IntFlag):
@@ -67,6 +70,13 @@ class LayerFlags(IntFlag):
     """a cure was interrupted and not repeated yet"""
     ACKNOWLEDGED = 4
     """a person has acknowledged the unknown step"""
+
+
+class TransferFlags(IntFlag):
+    """State of a transfer."""
+
+    ACTIVE = 1
+    UPLOAD = 2
 
 
 class Step(IntEnum):
@@ -103,35 +113,28 @@ class NodeState:
     layer's pattern as transferred; gate_pulses: since power-up.
     """
 
-    state: State
-    cause: Fault
-    roles: Roles
-    flags: Flags
-    job: int
-    layer: int
-    passes: int
-    done: int
-    unknown: int
-    cured: int
-    layer_flags: LayerFlags
-    step: Step
-    boots: int
-    session: int
-    pattern_crc: int
-    clock: float
-    gate_pulses: int
+    state: Annotated[State, 1]
+    cause: Annotated[Fault, 1]
+    roles: Annotated[Roles, 1]
+    flags: Annotated[Flags, 1]
+    job: Annotated[int, 4]
+    layer: Annotated[int, 2]
+    passes: Annotated[int, 1]
+    done: Annotated[int, 1]
+    unknown: Annotated[int, 1]
+    cured: Annotated[int, 1]
+    layer_flags: Annotated[LayerFlags, 1]
+    step: Annotated[Step, 1]
+    boots: Annotated[int, 2]
+    session: Annotated[int, 2]
+    pattern_crc: Annotated[int, 4]
+    clock: Annotated[float, 4]
+    gate_pulses: Annotated[int, 4]
 
     @classmethod
     def of(cls, data: bytes) -> NodeState:
         """From identifier 0100."""
-        state, cause, roles, flags, job, layer, passes, done, unknown, cured, remembered, step, *rest = STATE.unpack(
-            data
-        )
-        boots, session, pattern_crc, clock_ms, gate_pulses = rest
-        return cls(
-            *(State(state), Fault(cause), Roles(roles), Flags(flags), job, layer, passes, done, unknown, cured),
-            *(LayerFlags(remembered), Step(step), boots, session, pattern_crc, clock_ms / MS_PER_S, gate_pulses),
-        )
+        return layout.unpack(cls, data)
 
     @property
     def layer_is_complete(self) -> bool:
@@ -143,102 +146,102 @@ class NodeState:
 class NodeTimes:
     """Times of the events that its interlocks watch [s of its clock]."""
 
-    now: float
-    master_alive: float
-    off: float
-    lamp_on: float
-    lamp_off: float
-    gate_opened: float
-    gate_closed: float
+    now: Annotated[float, 4]
+    master_alive: Annotated[float, 4]
+    off: Annotated[float, 4]
+    lamp_on: Annotated[float, 4]
+    lamp_off: Annotated[float, 4]
+    gate_opened: Annotated[float, 4]
+    gate_closed: Annotated[float, 4]
 
     @classmethod
     def of(cls, data: bytes) -> NodeTimes:
         """From identifier 0101."""
-        return cls(*(number / MS_PER_S for number in TIMES.unpack(data)))
+        return layout.unpack(cls, data)
 
 
 @dataclass(frozen=True)
 class NodeLimits:
     """Limits of a node: `pattern_bytes` of packed cells, `block` bytes of a transfer block, longest times [s]."""
 
-    pattern_bytes: int
-    alive: float
-    lamp: float
-    gate: float
-    pass_: float
-    motion: float
-    scan: float
-    block: int
+    pattern_bytes: Annotated[int, 4]
+    alive: Annotated[float, 4]
+    lamp: Annotated[float, 4]
+    gate: Annotated[float, 4]
+    pass_: Annotated[float, 4]
+    motion: Annotated[float, 4]
+    scan: Annotated[float, 4]
+    block: Annotated[int, 2]
 
     @classmethod
     def of(cls, data: bytes) -> NodeLimits:
         """From identifier 0102."""
-        pattern_bytes, *limits_ms, block = LIMITS.unpack(data)
-        alive, lamp, gate, pass_, motion, scan = (limit / MS_PER_S for limit in limits_ms)
-        return cls(pattern_bytes, alive, lamp, gate, pass_, motion, scan, block)
+        return layout.unpack(cls, data)
 
 
 @dataclass(frozen=True)
 class MapSize:
     """The map of the last scan: bytes to upload, 0 if there is none; shape (nx, ny)."""
 
-    size: int
-    nx: int
-    ny: int
+    size: Annotated[int, 4]
+    nx: Annotated[int, 2]
+    ny: Annotated[int, 2]
 
     @classmethod
     def of(cls, data: bytes) -> MapSize:
         """From identifier 0103."""
-        return cls(*MAP_SIZE.unpack(data))
+        return layout.unpack(cls, data)
 
 
 @dataclass(frozen=True)
 class TransferState:
     """Progress of a transfer: the expected block, the bytes transferred, of how many."""
 
-    active: bool
-    upload: bool
-    next_counter: int
-    layer: int
-    job: int
-    done: int
-    size: int
+    flags: Annotated[TransferFlags, 1]
+    next_counter: Annotated[int, 1]
+    layer: Annotated[int, 2]
+    job: Annotated[int, 4]
+    done: Annotated[int, 4]
+    size: Annotated[int, 4]
 
     @classmethod
     def of(cls, data: bytes) -> TransferState:
         """From identifier 0104."""
-        flags, counter, layer, job, done, size = TRANSFER.unpack(data)
-        return cls(bool(flags & 1), bool(flags & 2), counter, layer, job, done, size)
+        return layout.unpack(cls, data)
 
 
 @dataclass(frozen=True)
 class JournalRecord:
-    """One record; `number` counts up over the node's whole life, the rest is the state of the layer at that time."""
+    """One record; `number` counts up over the node's whole life, passes to flags are those of the layer at that time.
 
-    number: int
-    kind: Happening
-    step: Step
-    key: Key
-    boots: int
-    pattern_crc: int
-    passes: int
-    done: int
-    unknown: int
-    cured: int
-    layer_flags: LayerFlags
-    clock: float
+    check: CRC-32 of the bytes before it.
+    """
+
+    number: Annotated[int, 4]
+    kind: Annotated[Happening, 1]
+    step: Annotated[Step, 1]
+    pass_: Annotated[int, 1]
+    attempt: Annotated[int, 1]
+    job: Annotated[int, 4]
+    layer: Annotated[int, 2]
+    boots: Annotated[int, 2]
+    pattern_crc: Annotated[int, 4]
+    passes: Annotated[int, 1]
+    done: Annotated[int, 1]
+    unknown: Annotated[int, 1]
+    cured: Annotated[int, 1]
+    layer_flags: Annotated[LayerFlags, 4]
+    clock: Annotated[float, 4]
+    reserved: Annotated[int, 4]
+    check: Annotated[int, 4]
 
     @classmethod
     def of(cls, data: bytes) -> tuple[JournalRecord, ...]:
         """From identifier 0110, newest first."""
-        return tuple(cls._at(data, at) for at in range(0, len(data), RECORD.size))
+        size = layout.size(cls)
+        return tuple(layout.unpack(cls, data[at : at + size]) for at in range(0, len(data), size))
 
-    @classmethod
-    def _at(cls, data: bytes, at: int) -> JournalRecord:
-        number, kind, step, pass_, attempt, job, layer, boots, crc, *progress = RECORD.unpack_from(data, at)
-        passes, done, unknown, cured, flags, clock_ms, _reserved = progress
-        key = Key(job, layer, pass_, attempt)
-        return cls(
-            *(number, Happening(kind), Step(step), key, boots, crc, passes, done, unknown, cured),
-            *(LayerFlags(flags), clock_ms / MS_PER_S),
-        )
+    @property
+    def key(self) -> Key:
+        """The step that it is about."""
+        return Key(self.job, self.layer, self.pass_, self.attempt)

@@ -5,12 +5,16 @@ The numbers are those of `firmware/node/uds.h`; docs/reference/node-services.md 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from struct import pack, unpack_from
+from typing import Annotated
 
 import udsoncan
 from udsoncan.exceptions import InvalidResponseException, UnexpectedResponseException
+
+from inkloop_hardware.protocol import layout
+from inkloop_hardware.protocol.vocabulary import Node
 
 
 class Routine(IntEnum):
@@ -64,23 +68,41 @@ class Key:
     job: 32 bits; layer: counted from 1, 16 bits; pass_: counted from 0; attempt: 1 for the first try.
     """
 
-    job: int
-    layer: int
-    pass_: int = 0
-    attempt: int = 1
+    job: Annotated[int, 4]
+    layer: Annotated[int, 2]
+    pass_: Annotated[int, 1] = 0
+    attempt: Annotated[int, 1] = 1
 
     def __bytes__(self) -> bytes:
-        return pack(">IHBB", self.job, self.layer, self.pass_, self.attempt)
+        return layout.pack(self)
 
     @classmethod
     def of(cls, data: bytes) -> Key:
         """The key in eight bytes."""
-        return cls(*unpack_from(">IHBB", data))
+        return layout.unpack(cls, data)
 
     def __str__(self) -> str:
         again = f", attempt {self.attempt}" if self.attempt > 1 else ""
         return f"layer {self.layer}, pass {self.pass_}{again}"
 
+
+OPTIONS: Mapping[Routine, layout.Part] = {
+    Routine.CLEAR: layout.Part("option", ClearOption, 1),
+    Routine.PASS: layout.Part("colour", int, 1),
+    Routine.CURE: layout.Part("duration", float, 2),
+    Routine.DRY_RUN: layout.Part("on", int, 1),
+    Routine.MOVE: layout.Part("station", Station, 1),
+    Routine.SELF_TEST: layout.Part("lamp_time", float, 2),
+}
+"""Option behind the key of a request to start a routine."""
+
+ROUTINES: Mapping[Node, tuple[Routine, ...]] = {
+    Node.HEAD: (Routine.PURGE, Routine.PASS, Routine.SELF_TEST),
+    Node.STAGE: (Routine.HOME, Routine.MOVE),
+    Node.CURE: (Routine.CURE, Routine.SELF_TEST),
+    Node.PROFILER: (Routine.SCAN,),
+}
+"""Routines of a node besides those of all nodes, `clear` and `dry run`."""
 
 REFUSALS = {
     0x11: "it does not know the service; does it run other firmware?",

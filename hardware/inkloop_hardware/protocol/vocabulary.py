@@ -48,6 +48,7 @@ class Fault(IntEnum):
     JOURNAL_DAMAGED = 16
     PASS_UNKNOWN = 17
     STORAGE_FAILED = 18
+    JOURNAL_UNREADABLE = 19
 
 
 class Source(IntEnum):

@@ -19,9 +19,8 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.vocabulary import Node
-from inkloop_hardware.replay.recorded_exchanges import exchanges
+from inkloop_hardware.replay.recorded_exchanges import exchanges, parts_of, read_traffic
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes
-from inkloop_hardware.replay.traffic_reading import parts_of, read_traffic
 
 INTERFACE = "replay"
 

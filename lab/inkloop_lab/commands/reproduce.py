@@ -28,6 +28,6 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> int:
     """Compute and compare; the exit code."""
     require("matplotlib", "inkloop reproduce")
-    from inkloop_lab.reproduce import command
+    from inkloop_lab.reproduce.comparison import reproduce
 
-    return command.reproduce(options, screen(options))
+    return reproduce(options, screen(options))

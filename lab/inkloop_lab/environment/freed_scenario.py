@@ -1,4 +1,4 @@
-"""A scenario without its controller, whose actions come from outside."""
+"""A scenario without its controller, whose actions come from outside, and the spaces of Gymnasium for them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
 from inkloop.components import catalog, devices
-from inkloop.contract import LAYER_COMMAND, has_port
+from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, VALID, has_port
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.packaged import classes_from
-from inkloop_lab.policies.policy import free_seat
+from inkloop_lab.policies.policy import MASK, TARGET, ActionCode, free_seat
 
 FREE = f"{free_seat.__module__}:{free_seat.__name__}"
+HEIGHT_MAX_M = 1.0
+"""Bound of heights, above any print (assumed)."""
 _UNUSED = ("compare", "literature", "metrology")
 
 
@@ -69,3 +72,12 @@ def _loaded(scenario: Scenario | Path | str, overrides: Mapping[str, Any]) -> Sc
         return Scenario.of_text(scenario.text, scenario.source, overrides) if overrides else scenario
     with classes_from(Path(scenario).parent):
         return Scenario.load(scenario, overrides)
+
+
+def spaces(code: ActionCode) -> tuple[Any, Any]:
+    """Of observations, and of actions: a bit for each cell if the only choice is a droplet or none."""
+    from gymnasium.spaces import Box, Dict, MultiBinary, MultiDiscrete
+
+    heights, marks = Box(-HEIGHT_MAX_M, HEIGHT_MAX_M, code.shape, np.float64), MultiBinary(code.shape)
+    actions = MultiBinary(code.shape) if code.values == 2 else MultiDiscrete(np.full(code.shape, code.values))
+    return Dict({MEASURED_HEIGHT: heights, VALID: marks, TARGET: heights, MASK: marks}), actions

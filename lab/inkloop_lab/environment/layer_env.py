@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,10 +20,9 @@ from inkloop.results.metrics import surface_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.packaged import classes_from
 from inkloop.units import NS_PER_S, UM_PER_M
-from inkloop_lab.environment.freed_scenario import FreedScenario
+from inkloop_lab.environment.freed_scenario import FreedScenario, spaces
 from inkloop_lab.environment.surface_frame import frame
-from inkloop_lab.policies.controller_policy import ControllerPolicy
-from inkloop_lab.policies.policy import ActionCode, Observation, PolicyController, observation_of
+from inkloop_lab.policies.policy import ActionCode, ControllerPolicy, PolicyController, observation_of
 
 if TYPE_CHECKING:
     import gymnasium
@@ -81,12 +79,10 @@ class LayerEnv(Env):
         self._scenario = self._freed.seeded(self._freed.own.tables.seed)
         job = self.job
         self._code = ActionCode((job.nx, job.ny), len(job.inks), self._freed.drop_levels)
-        from inkloop_lab.environment.spaces import action_space, observation_space
-
-        self.observation_space, self.action_space = observation_space(self._code.shape), action_space(self._code)
+        self.observation_space, self.action_space = spaces(self._code)
         self._turns: Turns | None = None
         self._inputs: Values = {}
-        self._action = _Action(np.zeros(self._code.shape, np.int32))
+        self._action: ArrayLike = np.zeros(self._code.shape, np.int32)
 
     @classmethod
     def vector(
@@ -120,7 +116,7 @@ class LayerEnv(Env):
         seat = components[self._freed.name]
         assert isinstance(seat, PolicyController)
         self._seat, self._surface = seat, _Newest()
-        seat.act = self._action.answer
+        seat.act = lambda observation: self._action  # chosen with the observation known
         self._master = Master(
             components,
             self._scenario.connections,
@@ -145,7 +141,7 @@ class LayerEnv(Env):
         if self._turns is None:
             raise InkloopError("the print has ended or has not begun; call reset()")
         self._code.check(action)
-        self._action.value, before = action, self._objective
+        self._action, before = action, self._objective
         reason = self._advance()
         self._objective = self._judged()
         reward = (before - self._objective) * UM_PER_M
@@ -162,7 +158,7 @@ class LayerEnv(Env):
             return None
         if not self._inputs:
             raise InkloopError("nothing is printed yet; call reset()")
-        pattern, _ = self._code.split(self._action.value)
+        pattern, _ = self._code.split(self._action)
         return frame(self._height(), pattern, self.job)
 
     def close(self) -> None:
@@ -226,17 +222,6 @@ class LayerEnv(Env):
         layer, seed = int(self._inputs[LAYERS_SCANNED]), self._scenario.tables.seed
         info = {"layer": layer, "objective": self._objective, "height": np.array(self._height()), "seed": seed}
         return info if reason is None else info | {"stop_reason": reason}
-
-
-@dataclass
-class _Action:
-    """The action for the next scan, in the place of the controller."""
-
-    value: ArrayLike
-
-    def answer(self, observation: Observation) -> ArrayLike:
-        """The action, for any observation: it was chosen with the observation known."""
-        return self.value
 
 
 class _Newest:

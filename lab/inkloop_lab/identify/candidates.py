@@ -12,10 +12,9 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from inkloop.component import Ink
 from inkloop.units import PL_PER_M3, UM_PER_M
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.ink_regression import identify_ink
 from inkloop_lab.identify.one_step import Marks, Model, predictions
-from inkloop_lab.identify.print_record import PrintRecord, first_guess
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, first_guess
 from inkloop_lab.identify.volume_area_coefficients import VolumeAreaEstimate
 from inkloop_lab.models import (
     LayerDeposition,

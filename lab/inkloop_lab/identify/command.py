@@ -22,14 +22,12 @@ from inkloop.scenario.file import Scenario
 from inkloop.suggest import near, nearest
 from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.candidates import words
 from inkloop_lab.identify.experiments import Plan, perform, plant_scenario
 from inkloop_lab.identify.identification import Identification, identify
 from inkloop_lab.identify.ink_writer import write_ink
 from inkloop_lab.identify.log_folder import DESCRIPTION, is_log, read_log
-from inkloop_lab.identify.print_record import PrintRecord
-from inkloop_lab.identify.run_record import read_run
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, read_run
 from inkloop_lab.identify.volume_area_coefficients import NAMES
 
 

@@ -13,8 +13,7 @@ from scipy.ndimage import convolve
 from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.identify.surface_filter import start_surface
 
 SIDES = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]])

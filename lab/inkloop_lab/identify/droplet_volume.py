@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS
 
 SINGULAR = 1e-6  # ratio of smallest to largest information below which the patterns do not determine it (assumed)

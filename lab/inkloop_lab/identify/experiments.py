@@ -23,8 +23,7 @@ from inkloop.fmu import describe
 from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario
 from inkloop_lab.identify import designs
-from inkloop_lab.identify.print_record import PrintRecord
-from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.print_record import PrintRecord, record_of
 
 KIND = "inkloop_lab.identify.experiments:Experiment"
 MARGIN = 4  # empty cells around the layers: the outer ones show the noise of the scans

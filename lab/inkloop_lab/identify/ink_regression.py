@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.droplet_volume import Freedom, droplet_volumes, improved_heights
-from inkloop_lab.identify.print_record import PrintRecord, first_guess
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, first_guess
 from inkloop_lab.identify.scan_geometry import GeometryFit, ScanGeometry
 from inkloop_lab.identify.surface_filter import PLACE_STD, Innovation, innovations
 from inkloop_lab.models.layer_deposition import HEIGHTS_BY_REACH

@@ -13,8 +13,8 @@ from inkloop import __version__
 from inkloop.files import write_text
 from inkloop.tables.ink_file import InkFile
 from inkloop.units import PL_PER_M3, UM_PER_M
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.identification import Identification
+from inkloop_lab.identify.print_record import IdentificationError
 from inkloop_lab.identify.volume_area_coefficients import NAMES
 from inkloop_lab.models import SuperpositionDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 

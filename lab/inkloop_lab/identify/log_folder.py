@@ -21,16 +21,14 @@ from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.limits import filled
-from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
-from inkloop.metrology.registration import Registration
+from inkloop.metrology.registration import Registration, cell_means
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Position, Table
 from inkloop.units import M_PER_UM
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 
 DESCRIPTION = "print.toml"
 LAYERS_MOST = 100_000

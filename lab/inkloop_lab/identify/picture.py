@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from inkloop.report import plot
 from inkloop.report.plot import WIDTH_IN
 from inkloop.units import UM_PER_M
-from inkloop_lab.identify.cross_validation import Comparison
-from inkloop_lab.identify.identification import Identification
+from inkloop_lab.identify.identification import Comparison, Identification
 
 SHOWN = 4  # number of models shown, the best ones
 BINS = 60

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap
-from inkloop.contract import pass_colours
+from inkloop.contract import HEIGHT, MEASURED_HEIGHT, PATTERN, VALID, PassOrder, pass_colours
+from inkloop.errors import InkloopError
 from inkloop.metrology.datum import Datum, level, reference_cells
+from inkloop.results.result import Result
+from inkloop.tables.schema import Process
 from inkloop.units import UM_PER_M
-from inkloop_lab.errors import IdentificationError
 
 CELLS_MIN = 20  # differences for a standard deviation to 16 % (assumed enough)
+
+
+class IdentificationError(InkloopError):
+    """Logged patterns and surfaces cannot be read, or do not determine the requested ink."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,3 +112,36 @@ def first_guess(records: Sequence[PrintRecord]) -> float:
             "sign of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
         )
     return growth / droplets
+
+
+def read_run(folder: Path) -> PrintRecord:
+    """The print of a run folder. Raises ResultError, IdentificationError."""
+    return record_of(Result.load(folder), str(folder))
+
+
+def record_of(result: Result, name: str) -> PrintRecord:
+    """The print of a result: scans if there are any, else the reported surfaces. Raises IdentificationError.
+
+    Rows of layers that were never scanned hold NaN; changes of a pattern by events are not in the record.
+    """
+    run = result.dataset
+    surface = next((key for key in (MEASURED_HEIGHT, HEIGHT) if key in run), None)
+    if surface is None or PATTERN not in run or run.sizes["layer"] < 2:
+        raise IdentificationError(
+            f"{name}: holds {', '.join(map(str, run.data_vars))} of {run.sizes['layer'] - 1} layers; needs pattern and "
+            "measured_height of at least one layer"
+        )
+    measured = run[surface].values.astype(np.float64)
+    if surface == MEASURED_HEIGHT and VALID in run:
+        measured = np.where(run[VALID].values.astype(bool), measured, np.nan)
+    process = Process.model_validate(tomlkit.parse(result.scenario_text).unwrap().get("process", {}))
+    return PrintRecord(
+        name,
+        float(run.attrs["pitch"]),
+        run[PATTERN].values[1:].astype(np.int32),
+        measured,
+        run["area"].values if "area" in run else None,
+        process.passes,
+        PassOrder[process.pass_order.upper()].value,
+        process.pass_rotation,
+    )

@@ -18,8 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
 
-from inkloop_lab.errors import IdentificationError
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 
 REACH = 3  # cells along each side of a droplet
 SIDE = 2 * REACH + 1

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
-from inkloop_lab.identify.print_record import PrintRecord, first_guess
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, first_guess
 from inkloop_lab.identify.scan_geometry import ScanGeometry
 from inkloop_lab.identify.scan_hypotheses import first_shift
 from inkloop_lab.identify.surface_filter import first_surface, innovations

@@ -18,9 +18,8 @@ from scipy.ndimage import convolve
 from scipy.special import stdtrit
 
 from inkloop.units import UM_PER_M
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify.one_step import rms
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.identify.surface_filter import start_surface
 from inkloop_lab.models import VolumeAreaDeposition
 

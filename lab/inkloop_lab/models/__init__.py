@@ -4,9 +4,7 @@ Every model has `start`, which makes its surface from the heights of the cells, 
 it and returns the new surface; `height` of a surface, the mean over each cell, is common to all models.
 """
 
-from inkloop_lab.models.droplet_volumes import DropletVolumes
-from inkloop_lab.models.layer_deposition import LayerDeposition
-from inkloop_lab.models.superposition_deposition import SuperpositionDeposition
+from inkloop_lab.models.layer_deposition import DropletVolumes, LayerDeposition, SuperpositionDeposition
 from inkloop_lab.models.volume_area_deposition import VolumeAreaDeposition
 from inkloop_lab.models.young_laplace_deposition import YoungLaplaceDeposition
 

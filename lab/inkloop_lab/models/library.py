@@ -1,10 +1,17 @@
-"""Load the C kernels of the models through ctypes (fmus/models/inkloop_models.h)."""
+"""The C kernels of the models through ctypes (fmus/models/inkloop_models.h), and arrays of a grid for them: complete,
+finite and in C order, or a clear error.
+"""
 
 from __future__ import annotations
 
 import ctypes
 from functools import cache
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inkloop.component import FloatMap
 from inkloop.files import c_library
 
 VARIABLE = "INKLOOP_MODELS_LIB"
@@ -17,69 +24,31 @@ INTEGERS = ctypes.POINTER(ctypes.c_int32)
 SIZES = ctypes.POINTER(ctypes.c_size_t)
 
 
-class FarInkStruct(ctypes.Structure):
-    """`FarInk` of far_neighbours.h."""
-
-    _fields_ = (("h", _REAL * HEIGHT_COUNT),)
-
-
-class CapStruct(ctypes.Structure):
-    """`SphericalCap` of spherical_cap.h."""
-
-    _fields_ = (("base_radius", _REAL), ("height", _REAL))
+def _structure(name: str, *fields: tuple[Any, str]) -> Any:
+    """The structure of this name in the headers of the kernels: types, each with the names of its fields."""
+    declared = tuple((field, kind) for kind, names in fields for field in names.split())
+    return type(name, (ctypes.Structure,), {"_fields_": declared})
 
 
-class CapSharesStruct(ctypes.Structure):
-    """`CapShares` of propagation.h: middle, side and corner."""
-
-    _fields_ = (("volume", _REAL * 3), ("area", _REAL * 3))
-
-
-class DropModelStruct(ctypes.Structure):
-    """`DropModel` of propagation.h."""
-
-    _fields_ = (
-        ("height_scale", _REAL),
-        ("mv_plus", _REAL),
-        ("mv_minus", _REAL),
-        ("ma_plus", _REAL),
-        ("ma_minus", _REAL),
-        ("cap", CapSharesStruct),
-        ("guard", ctypes.c_bool),
-        ("limit_gains", ctypes.c_bool),
-    )
-
-
-class InkMapStruct(ctypes.Structure):
-    """`InkMap` of propagation.h."""
-
-    _fields_ = (("substrate", REALS), ("height", REALS), ("area", REALS), ("nx", _SIZE), ("ny", _SIZE))
-
-
-class FineSurfaceStruct(ctypes.Structure):
-    """`FineSurface` of fine_surface.h."""
-
-    _fields_ = (("nx", _SIZE), ("ny", _SIZE), ("per_pitch", _SIZE), ("spacing", _REAL), ("height", REALS))
-
-
-class LiquidStruct(ctypes.Structure):
-    """`Liquid` of line_pass.h."""
-
-    _fields_ = (("droplet_volume", _REAL), ("contact_angle", _REAL), ("form", ctypes.c_int))
-
-
-class VariationStruct(ctypes.Structure):
-    """`VolumeVariation` of droplet_volume.h."""
-
-    _fields_ = (
-        ("variation", _REAL),
-        ("kind", ctypes.c_int),
-        ("nozzle_variation", _REAL),
-        ("nozzle_pitch", _INTEGER),
-        ("seed", _INTEGER),
-    )
-
-
+FarInkStruct = _structure("FarInk", (_REAL * HEIGHT_COUNT, "h"))
+CapStruct = _structure("SphericalCap", (_REAL, "base_radius height"))
+CapSharesStruct = _structure("CapShares", (_REAL * 3, "volume area"))  # of the middle, a side and a corner
+DropModelStruct = _structure(
+    "DropModel",
+    (_REAL, "height_scale mv_plus mv_minus ma_plus ma_minus"),
+    (CapSharesStruct, "cap"),
+    (ctypes.c_bool, "guard limit_gains"),
+)
+InkMapStruct = _structure("InkMap", (REALS, "substrate height area"), (_SIZE, "nx ny"))
+FineSurfaceStruct = _structure("FineSurface", (_SIZE, "nx ny per_pitch"), (_REAL, "spacing"), (REALS, "height"))
+LiquidStruct = _structure("Liquid", (_REAL, "droplet_volume contact_angle"), (ctypes.c_int, "form"))
+VariationStruct = _structure(
+    "VolumeVariation",
+    (_REAL, "variation"),
+    (ctypes.c_int, "kind"),
+    (_REAL, "nozzle_variation"),
+    (_INTEGER, "nozzle_pitch seed"),
+)
 _FINE = ctypes.POINTER(FineSurfaceStruct)
 _ENTRY_POINTS = {
     "inkloop_droplet_volumes": (None, (*_GRID, ctypes.POINTER(VariationStruct), _INTEGER, REALS)),
@@ -106,3 +75,67 @@ _ENTRY_POINTS = {
 def library() -> ctypes.CDLL:
     """The loaded kernels. Raises InkloopError if they are not installed or cannot be loaded."""
     return c_library("inkloop_lab.models", "inkloop_models", VARIABLE, _INTERFACE, _ENTRY_POINTS)
+
+
+def heights(values: ArrayLike, name: str = "height") -> FloatMap:
+    """A copy of the heights of a grid (nx, ny) [m]. Raises ValueError."""
+    found = np.array(values, dtype=np.float64, order="C")
+    if found.ndim != 2 or found.size == 0:
+        raise ValueError(f"{name} has shape {found.shape}; needs (nx, ny), at least one cell")
+    if not np.isfinite(found).all():
+        raise ValueError(
+            f"{name} is not finite in {np.count_nonzero(~np.isfinite(found))} cells; needs a height in all"
+        )
+    return found
+
+
+def pattern_of(values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int32]:
+    """A pattern (nx, ny): 0 none, 1 material A, 2 material B. Raises ValueError."""
+    found = np.asarray(values)
+    if found.shape != shape:
+        raise ValueError(f"pattern has shape {found.shape}; needs {shape}, that of the surface")
+    if found.dtype.kind not in "biu":
+        raise ValueError(f"pattern is {found.dtype}; needs whole numbers or booleans")
+    wrong = np.argwhere((found < 0) | (found > 2))
+    if wrong.size:
+        i, j = (int(index) for index in wrong[0])
+        raise ValueError(f"pattern is {found[i, j]} in cell ({i}, {j}); needs 0, 1 or 2")
+    return np.ascontiguousarray(found, dtype=np.int32)
+
+
+def volumes(values: ArrayLike | None, shape: tuple[int, int]) -> FloatMap:
+    """Volume of each cell's droplet in nominal drops (nx, ny), all 1 if none are given. Raises ValueError."""
+    if values is None:
+        return np.ones(shape)
+    found = np.array(values, dtype=np.float64, order="C")
+    if found.shape != shape or not (np.isfinite(found) & (found >= 0.0)).all():
+        raise ValueError(f"volume has shape {found.shape}; needs {shape}, all finite and at least 0")
+    return found
+
+
+def positive(**lengths: float) -> None:
+    """Raises ValueError with every number that is not above 0."""
+    wrong = [
+        f"{name} is {value!r}; needs a number above 0" for name, value in lengths.items() if not 0 < value < np.inf
+    ]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+
+
+def passes_of(passes: int, pass_order: int, pass_rotation: int) -> None:
+    """Raises ValueError for an invalid number of passes."""
+    if passes not in (1, 4) or pass_order not in (1, 2) or not 0 <= pass_rotation <= 3:
+        raise ValueError(
+            f"passes is {passes}, pass_order {pass_order}, pass_rotation {pass_rotation}; needs 1 or 4 passes in order "
+            "1 (raster) or 2 (diagonal), rotated by 0 to 3 places"
+        )
+
+
+def reals(values: NDArray[np.float64]) -> Any:
+    """Pointer to the numbers of a C-ordered array."""
+    return values.ctypes.data_as(REALS)
+
+
+def integers(values: NDArray[np.int32]) -> Any:
+    """Pointer to the numbers of a C-ordered array."""
+    return values.ctypes.data_as(INTEGERS)

@@ -10,8 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap
 from inkloop.contract import pass_colour, pass_colours
-from inkloop_lab.models.grid_arrays import heights, passes_of, pattern_of, positive, reals, volumes
-from inkloop_lab.models.library import SIZES, CapSharesStruct, DropModelStruct, InkMapStruct, library
+from inkloop_lab.models.library import (
+    SIZES,
+    CapSharesStruct,
+    DropModelStruct,
+    InkMapStruct,
+    heights,
+    library,
+    passes_of,
+    pattern_of,
+    positive,
+    reals,
+    volumes,
+)
 
 CAP_RADIUS_PER_PITCH = 0.6  # gives the height differences of Wu, Chiu 2024, eq. 19
 

@@ -13,8 +13,17 @@ from inkloop.component import FloatMap
 from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.units import UM_PER_M
-from inkloop_lab.models.grid_arrays import heights, passes_of, pattern_of, positive, reals, volumes
-from inkloop_lab.models.library import FineSurfaceStruct, LiquidStruct, library
+from inkloop_lab.models.library import (
+    FineSurfaceStruct,
+    LiquidStruct,
+    heights,
+    library,
+    passes_of,
+    pattern_of,
+    positive,
+    reals,
+    volumes,
+)
 
 FORMS = {"linear": 1, "nonlinear": 2}
 WIDEST_SPREAD = 2  # pitches (fine_surface.h)

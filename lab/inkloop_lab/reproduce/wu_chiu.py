@@ -1,21 +1,33 @@
-"""Y. Wu, G. Chiu, "An improved height difference based model of height profile ..." (2024)."""
+"""Y. Wu, G. Chiu, "An improved height difference based model of height profile ..." (2024).
+
+The paper prints no profiles. Synthetic ones around drops that fall on cured ones come from its own model with its own
+coefficients, or from drops that rest under surface tension, with random volumes and noise of the heights; both amounts
+are assumed.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
 from inkloop.units import UM_PER_M
+from inkloop_lab.identify.designs import PRIOR_MOTIFS, motif
+from inkloop_lab.identify.print_record import PrintRecord
 from inkloop_lab.identify.volume_area_coefficients import (
     NAMES,
     VolumeAreaEstimate,
     height_differences,
     identify_volume_area,
 )
-from inkloop_lab.models import VolumeAreaDeposition
+from inkloop_lab.models import VolumeAreaDeposition, YoungLaplaceDeposition
+from inkloop_lab.models.volume_area_deposition import InkSurface
+from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop_lab.reproduce import pictures
 from inkloop_lab.reproduce.comparison import Paper, Part, Row, Step
-from inkloop_lab.reproduce.synthetic_profiles import NOISE, PITCH, PIXELS, experiments, liquid
 
 GAINED_VOLUME = np.array([[1.65, 8.96, 3.93], [5.02, 63.46, 5.00], [2.34, 7.94, 1.71]])
 GAINED_AREA = np.array([[10.05, 21.07, 9.94], [0.0, np.nan, 0.0], [10.09, 18.59, 9.57]])
@@ -27,6 +39,15 @@ COEFFICIENTS = {"mv_plus": 0.0067, "mv_minus": -0.0201, "ma_plus": 0.0, "ma_minu
 TABLE_1 = {"3": 4.54, "4": 6.25, "6": 3.35, "7": 6.77, "8": 5.84}
 TABLE_2 = 5.11
 SAMPLES, FEW = 75, 12
+
+PITCH, HEIGHT_SCALE, BASE_RADIUS = 90e-6, 7.0751e-6, 0.6 * 90e-6
+"""Cell and c of the paper; the radius on flat ground that gives its equation 19."""
+VARIATION, NOISE = 0.03, 0.04e-6
+"""Standard deviation of the volume of a drop, assumed, and of a pixel: the resolution of the paper's profilometer."""
+INKED = 0.2e-6
+"""A pixel that is higher than this over the substrate counts as inked (assumed)."""
+SIDE, PIXELS = 7, 16
+Plant = VolumeAreaDeposition | YoungLaplaceDeposition
 
 ONE_SAMPLE = (
     "(20) comes from resampled groups, (18) and (19) are printed for one group; no estimator gives (20) from them"
@@ -105,6 +126,61 @@ def _differences(pitches: float) -> FloatMap:
     area = np.minimum(area, 1.0)
     height = np.divide(volume, area, out=np.zeros_like(volume), where=area > 0.0)
     return height_differences(height[3:6, 3:6])
+
+
+def liquid() -> YoungLaplaceDeposition:
+    """The model of a drop of c d^2 that spreads over `BASE_RADIUS` on flat ground."""
+    volume = HEIGHT_SCALE * PITCH**2
+    height = _cap_height(volume)
+    return YoungLaplaceDeposition(
+        PITCH, volume, 2.0 * math.atan(height / BASE_RADIUS), form="linear", cells_per_pitch=PIXELS, passes=1
+    )
+
+
+def experiments(model: Plant, samples: int, seed: int = 0) -> Iterator[PrintRecord]:
+    """`samples` prints of each pattern of prior drops: those one by one, each cured, then the last one."""
+    rng = np.random.default_rng(seed)
+    for drawing in PRIOR_MOTIFS.values():
+        prior = np.pad(motif(drawing), (SIDE - 3) // 2)
+        last = np.zeros_like(prior)
+        last[SIDE // 2, SIDE // 2] = 1
+        for _ in range(samples):
+            yield _record(model, prior, last, rng)
+
+
+def _record(model: Plant, prior: NDArray[np.int32], last: NDArray[np.int32], rng: np.random.Generator) -> PrintRecord:
+    surface: FineSurface | InkSurface = model.start(np.zeros((SIDE, SIDE)))
+    scans = [_measured(surface, rng)]
+    for sites in (np.argwhere(prior), np.argwhere(last)):
+        for i, j in sites:
+            drop = np.zeros((SIDE, SIDE), dtype=np.int32)
+            drop[i, j] = 1
+            volume = np.full((SIDE, SIDE), max(0.1, 1.0 + VARIATION * rng.standard_normal()))
+            surface = model.layer(surface, drop, volume=volume)  # type: ignore[arg-type]
+        scans.append(_measured(surface, rng))
+    heights, areas = (np.stack(maps) for maps in zip(*scans, strict=True))
+    return PrintRecord("synthetic profiles", PITCH, np.stack([prior, last]), heights, area=areas)
+
+
+def _measured(surface: FineSurface | InkSurface, rng: np.random.Generator) -> tuple[FloatMap, FloatMap]:
+    """Mean height [m] and inked share of each cell (equations 14 and 15)."""
+    if isinstance(surface, InkSurface):
+        noise = NOISE / PIXELS * rng.standard_normal((SIDE, SIDE))  # mean of as many pixels
+        return surface.height + np.where(surface.area > 0.0, noise, 0.0), surface.area
+    pixels = surface.over_grid + NOISE * rng.standard_normal(surface.over_grid.shape)
+    inked = pixels > INKED
+    by_cell = (SIDE, PIXELS, SIDE, PIXELS)
+    height = np.where(inked, pixels, 0.0).reshape(by_cell).mean(axis=(1, 3))
+    return height, inked.astype(np.float64).reshape(by_cell).mean(axis=(1, 3))
+
+
+def _cap_height(volume: float) -> float:
+    """Height of a cap of `BASE_RADIUS` and this volume: pi h (3 r^2 + h^2) / 6 = V, by Newton."""
+    height = 2.0 * volume / (math.pi * BASE_RADIUS**2)
+    for _ in range(30):
+        excess = math.pi * height * (3.0 * BASE_RADIUS**2 + height**2) / 6.0 - volume
+        height -= excess / (math.pi * (BASE_RADIUS**2 + height**2) / 2.0)
+    return height
 
 
 PAPER = Paper(

@@ -18,9 +18,8 @@ from inkloop_lab.sweep import dataset, report, summary
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import PRINTS_FOLDER, STATE_FILE, StudyFolder
-from inkloop_lab.sweep.optimise import OptimisePlan
-from inkloop_lab.sweep.plan import Plan, PointsPlan
-from inkloop_lab.sweep.processes import fitting, on_processes
+from inkloop_lab.sweep.plan import OptimisePlan, Plan, PointsPlan
+from inkloop_lab.sweep.sites import fitting, on_cluster, on_processes
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Order, Record
 
@@ -138,8 +137,6 @@ def _site(
     runs = str((folder / PRINTS_FOLDER).resolve()) if in_folders else None
     order = Order(study.scenario.text, source, runs, keep.maps == "final")
     if options.scheduler:
-        from inkloop_lab.sweep.cluster import on_cluster
-
         return on_cluster(options.scheduler, order, bundle)
     controllers = study.scenario.tables.components.values()
     threads = max((int(table.options.get("threads", 1)) for table in controllers), default=1)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from inkloop.results.attributes import Meaning
 from inkloop.results.metrics import SIGN
@@ -43,6 +44,7 @@ _OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     **{ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv},
     **{ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos},
 }
+Value: TypeAlias = Callable[[Mapping[str, float]], float]
 LENGTH_MAX = 500
 """Characters of an expression; more is no objective but a program (assumed)."""
 
@@ -62,13 +64,13 @@ class Expression:
     text: str
 
     def __post_init__(self) -> None:
-        self._tree()
+        _compiled(self._tree())
 
     def __call__(self, metrics: Mapping[str, float]) -> float:
         """The value for the metrics of a print [m]; NaN where it has none: a root of a negative number, n / 0."""
         values = {name: scaled(metric, metrics[metric]) for name, metric in VARIABLES.items() if metric in metrics}
         try:
-            found = _value(self._tree(), values)
+            found = _compiled(self._tree())(values)
         except (ArithmeticError, ValueError, KeyError):
             return math.nan
         return found if isinstance(found, float) else math.nan  # a power of a negative number is complex
@@ -77,46 +79,32 @@ class Expression:
         if len(self.text) > LENGTH_MAX:
             raise ValueError(f"has {len(self.text)} characters; at most {LENGTH_MAX}")
         try:
-            tree = ast.parse(self.text.strip(), mode="eval").body
+            return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             raise ValueError(f"is no expression ({error.args[0]}); expected such as mae_um + 0.001 * layers") from error
-        _check(tree)
-        return tree
 
 
-def _check(node: ast.AST) -> None:
-    """Raises ValueError for anything but numbers, metrics, arithmetic and the functions above."""
+def _compiled(node: ast.AST) -> Value:
+    """The value of a node by those of the metrics. Raises ValueError for anything but numbers, metrics, arithmetic and
+    the functions above.
+    """
     match node:
         case ast.BinOp(left, operation, right) if type(operation) in _OPERATORS:
-            _check(left)
-            _check(right)
+            return _applied(_OPERATORS[type(operation)], [left, right])
         case ast.UnaryOp(operation, operand) if type(operation) in _OPERATORS:
-            _check(operand)
+            return _applied(_OPERATORS[type(operation)], [operand])
+        case ast.Call(ast.Name(name), arguments, []) if name in FUNCTIONS and arguments:
+            return _applied(FUNCTIONS[name], arguments)
         case ast.Constant(value) if isinstance(value, int | float) and not isinstance(value, bool):
-            pass
+            return lambda _: float(value)
         case ast.Name(name) if name in VARIABLES:
-            pass
+            return lambda values: values[name]
         case ast.Name(name):
             unit = f"; write {name}_um" if name in METRICS else f"; {nearest(name, VARIABLES)}"
             raise ValueError(f"has {name}, which is no metric with its unit{unit}")
-        case ast.Call(ast.Name(name), arguments, []) if name in FUNCTIONS and arguments:
-            for argument in arguments:
-                _check(argument)
-        case _:
-            functions = ", ".join(FUNCTIONS)
-            raise ValueError(f"has {ast.unparse(node)!r}; expected + - * / **, brackets and {functions}")
+    raise ValueError(f"has {ast.unparse(node)!r}; expected + - * / **, brackets and {', '.join(FUNCTIONS)}")
 
 
-def _value(node: ast.AST, values: Mapping[str, float]) -> float:
-    match node:
-        case ast.BinOp(left, operation, right):
-            return _OPERATORS[type(operation)](_value(left, values), _value(right, values))
-        case ast.UnaryOp(operation, operand):
-            return _OPERATORS[type(operation)](_value(operand, values))
-        case ast.Constant(value) if isinstance(value, int | float):
-            return float(value)
-        case ast.Name(name):
-            return values[name]
-        case ast.Call(ast.Name(name), arguments):
-            return FUNCTIONS[name](*(_value(argument, values) for argument in arguments))
-    raise TypeError(ast.dump(node))  # _check has refused it
+def _applied(operation: Callable[..., float], nodes: Sequence[ast.AST]) -> Value:
+    operands = [_compiled(node) for node in nodes]
+    return lambda values: operation(*(operand(values) for operand in operands))

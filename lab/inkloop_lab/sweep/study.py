@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +16,19 @@ from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.packaged import classes_from
-from inkloop.suggest import near, nearest
 from inkloop.tables.messages import sentence
-from inkloop_lab.sweep.distributions import KINDS, Distribution, distribution
-from inkloop_lab.sweep.override_check import errors_of_values
-from inkloop_lab.sweep.sampling import BALANCED, LEAST, SOBOL_INDICES, Samples, sampled
-from inkloop_lab.sweep.tables import SampleTable, StudyFile
+from inkloop_lab.sweep.sampling import (
+    BALANCED,
+    LEAST,
+    SOBOL_INDICES,
+    Distribution,
+    Samples,
+    sampled,
+)
+from inkloop_lab.sweep.tables import StudyFile, axes_of, distributions_of
 
+TRIES = 50
+"""Points that a value is tried with that does not fit the scenario as it stands."""
 PRINTS_MAX = 1_000_000
 """Prints of a study; more would take a processor at least a day even for the smallest part."""
 
@@ -55,8 +62,8 @@ class Study:
             table = 'title = "..." and scenario = "..."'
             raise ScenarioError(str(path), [f"is a scenario; name it in a study file, which has {table}"])
         errors: list[str] = []
-        axes = dict(_axes(raw.get("vary", {}), errors))
-        spreads = dict(_distributions(raw, errors))
+        axes = dict(axes_of(raw.get("vary", {}), errors))
+        spreads = dict(distributions_of(raw, errors))
         tables: StudyFile | None = None
         try:
             tables = StudyFile.model_validate(raw)
@@ -95,10 +102,7 @@ class Study:
     @property
     def count(self) -> int:
         """Points."""
-        count = 1
-        for length in self.shape.values():
-            count *= length
-        return count
+        return math.prod(self.shape.values())
 
     @property
     def first_seed(self) -> int:
@@ -116,49 +120,6 @@ class Study:
                 yield chosen
             else:
                 yield from ({**chosen, **self.samples.overrides(number)} for number in range(len(self.samples)))
-
-
-def _axes(vary: Any, errors: list[str]) -> Iterator[tuple[str, list[Any]]]:
-    for key, values in _leaves(vary) if isinstance(vary, Mapping) else ():
-        place = f'vary."{key}"'
-        if not isinstance(values, list) or not values:
-            errors.append(f"{place} is {values!r}; expected a list of values")
-        elif len({repr(value) for value in values}) < len(values):
-            errors.append(f"{place} is {values!r}; expected each value once")
-        else:
-            yield key, values
-
-
-def _distributions(raw: dict[str, Any], errors: list[str]) -> Iterator[tuple[str, Distribution]]:
-    """The distributions of `[sample]`, which are taken out of the table: only its own keys stay there."""
-    sample = raw.get("sample")
-    if not isinstance(sample, Mapping):
-        return
-    own = {key: value for key, value in sample.items() if key in SampleTable.model_fields}
-    raw["sample"] = own
-    for key, table in _leaves({key: value for key, value in sample.items() if key not in own}, of_tables=True):
-        place = f'sample."{key}"'
-        if not isinstance(table, dict):
-            hint = nearest(key, SampleTable.model_fields) if near(key, SampleTable.model_fields) else ""
-            expected = f"expected a distribution, such as {{ uniform = [0.0, 1.0] }}: {', '.join(KINDS)}"
-            errors.append(f"{place} is {table!r}; {hint or expected}")
-            continue
-        try:
-            yield key, distribution(table)
-        except ValueError as error:
-            errors.append(f"{place} {error}")
-
-
-def _leaves(tables: Mapping[str, Any], *, of_tables: bool = False, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted key and value of what is no table; of_tables: a table that holds no other one is a value too."""
-    for key, value in tables.items():
-        is_table = isinstance(value, Mapping) and not (
-            of_tables and not any(isinstance(each, Mapping) for each in value.values())
-        )
-        if is_table:
-            yield from _leaves(value, of_tables=of_tables, path=f"{path}{key}.")
-        else:
-            yield f"{path}{key}", value
 
 
 def _errors_of_keys(tables: StudyFile, axes: Mapping[str, Any], spreads: Mapping[str, Distribution]) -> Iterator[str]:
@@ -217,8 +178,40 @@ def _scenario(
             return None  # reported by Scenario.load
         keys = {**axes, **{key: spread.extremes() for key, spread in spreads.items()}}
         places = {key: f'{"vary" if key in axes else "sample"}."{key}"' for key in keys}
-        errors += errors_of_values(text, str(source), places, keys)
+        errors += _errors_of_values(text, str(source), places, keys)
     if scenario:
         on_bench = [each for each, table in scenario.tables.components.items() if table.kind in devices.KINDS]
         errors += [f"scenario {name}: components.{each} is a device; a study prints on models" for each in on_bench]
     return scenario
+
+
+def _errors_of_values(
+    text: str, source: str, places: Mapping[str, str], keys: Mapping[str, Sequence[Any]]
+) -> list[str]:
+    """A sentence for each value that fits neither the scenario nor the scenario with another key of the study changed.
+
+    places: key -> where it stands in the study; keys: key -> its values. A value that fits with some other keys only is
+    no error of the study: the points that it does not fit become rows with their error.
+    """
+    known = set(_errors(text, source, {}))
+    found = []
+    for key, values in keys.items():
+        for value in values:
+            errors = [error for error in _errors(text, source, {key: value}) if error not in known]
+            if not errors or (not known and _fits_with_others(text, source, key, value, keys)):
+                continue
+            found += [f"{places[key]}: {error}" for error in errors]
+    return list(dict.fromkeys(found))
+
+
+def _fits_with_others(text: str, source: str, key: str, value: Any, keys: Mapping[str, Sequence[Any]]) -> bool:
+    others = ({other: each} for other, values in keys.items() if other != key for each in values)
+    return any(not _errors(text, source, {**other, key: value}) for other, _ in zip(others, range(TRIES), strict=False))
+
+
+def _errors(text: str, source: str, overrides: Mapping[str, Any]) -> tuple[str, ...]:
+    try:
+        Scenario.of_text(text, source, overrides)
+    except ScenarioError as error:
+        return error.errors
+    return ()

@@ -1,13 +1,16 @@
-"""The study file as a set of tables: every key with its type, limits, default and meaning."""
+"""The study file as a set of tables: every key with its type, limits, default and meaning; its keys of the scenario."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from inkloop.suggest import near, nearest
 from inkloop.tables.shapes import Table
 from inkloop_lab.sweep.figures import METRICS, Expression
+from inkloop_lab.sweep.sampling import KINDS, Distribution, distribution
 
 Metric = Literal["mean_error", "mae", "rms", "std", "min", "max", "layers", "droplets", "mismatch"]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -105,7 +108,7 @@ class KeepTable(Table):
 
 
 class StudyFile(Table):
-    """The whole file; `[vary]` and the distributions of `[sample]` are read by `inkloop_lab.sweep.study`."""
+    """The whole file; `[vary]` and the distributions of `[sample]` are read by the functions below."""
 
     schema_version: Literal[1] = 1
     title: str | None = Field(default=None, description="what tables and pictures are called")
@@ -116,3 +119,47 @@ class StudyFile(Table):
     seeds: SeedsTable = SeedsTable()
     optimise: OptimiseTable | None = None
     keep: KeepTable = KeepTable()
+
+
+def axes_of(vary: Any, errors: list[str]) -> Iterator[tuple[str, list[Any]]]:
+    """Key and values of each entry of `[vary]`; its errors are added to `errors`."""
+    for key, values in _leaves(vary) if isinstance(vary, Mapping) else ():
+        place = f'vary."{key}"'
+        if not isinstance(values, list) or not values:
+            errors.append(f"{place} is {values!r}; expected a list of values")
+        elif len({repr(value) for value in values}) < len(values):
+            errors.append(f"{place} is {values!r}; expected each value once")
+        else:
+            yield key, values
+
+
+def distributions_of(raw: dict[str, Any], errors: list[str]) -> Iterator[tuple[str, Distribution]]:
+    """The distributions of `[sample]`, which are taken out of the table: only its own keys stay there."""
+    sample = raw.get("sample")
+    if not isinstance(sample, Mapping):
+        return
+    own = {key: value for key, value in sample.items() if key in SampleTable.model_fields}
+    raw["sample"] = own
+    for key, table in _leaves({key: value for key, value in sample.items() if key not in own}, of_tables=True):
+        place = f'sample."{key}"'
+        if not isinstance(table, dict):
+            hint = nearest(key, SampleTable.model_fields) if near(key, SampleTable.model_fields) else ""
+            expected = f"expected a distribution, such as {{ uniform = [0.0, 1.0] }}: {', '.join(KINDS)}"
+            errors.append(f"{place} is {table!r}; {hint or expected}")
+            continue
+        try:
+            yield key, distribution(table)
+        except ValueError as error:
+            errors.append(f"{place} {error}")
+
+
+def _leaves(tables: Mapping[str, Any], *, of_tables: bool = False, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted key and value of what is no table; of_tables: a table that holds no other one is a value too."""
+    for key, value in tables.items():
+        is_table = isinstance(value, Mapping) and not (
+            of_tables and not any(isinstance(each, Mapping) for each in value.values())
+        )
+        if is_table:
+            yield from _leaves(value, of_tables=of_tables, path=f"{path}{key}.")
+        else:
+            yield f"{path}{key}", value

@@ -11,6 +11,8 @@ static bool is_broken(const FuzzBoard *board, uint8_t what) {
 static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t length) {
     const FuzzBoard *board = context;
     invariant(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "reads stay in the storage");
+    if (board->blind_from > 0 && offset >= board->blind_from)
+        return false;
     memcpy(to, board->storage + offset, length);
     return true;
 }
@@ -30,6 +32,8 @@ static void fail_if_due(FuzzBoard *board) {
 static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
     FuzzBoard *board = context;
     invariant(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "writes stay in the storage");
+    invariant(offset % board->hal.write_unit == 0 && length % board->hal.write_unit == 0, "whole words are written");
+    invariant(!board->lamp && !board->gate, "nothing is energised while the flash is busy");
     board->written_to = true;
     if (is_broken(board, BROKEN_STORAGE)) /* it reports success and stores nothing */
         return true;
@@ -176,6 +180,7 @@ void fuzz_board_init(FuzzBoard *board, Node *node, uint8_t sectors) {
     board->hal = (Hal){.context = board,
                        .sectors = sectors,
                        .sector_bytes = FUZZ_SECTOR_BYTES,
+                       .write_unit = FUZZ_WRITE_UNIT,
                        .storage_read = storage_read,
                        .storage_write = storage_write,
                        .storage_erase = storage_erase,

@@ -7,7 +7,12 @@
 
 #include "node.h"
 
-enum { FUZZ_SECTORS_MAX = 3, FUZZ_SECTOR_BYTES = 250, FUZZ_STORAGE_BYTES = FUZZ_SECTORS_MAX * FUZZ_SECTOR_BYTES };
+enum {
+    FUZZ_SECTORS_MAX = 3,
+    FUZZ_SECTOR_BYTES = 256,
+    FUZZ_WRITE_UNIT = 8,
+    FUZZ_STORAGE_BYTES = FUZZ_SECTORS_MAX * FUZZ_SECTOR_BYTES
+};
 enum { FUZZ_GATE_MS = 20, FUZZ_WORK_MS = 50, FUZZ_PATTERN_BYTES = 8, LATE_TICK_MS = 255 };
 
 enum { /* what is broken; bits */
@@ -36,9 +41,10 @@ typedef struct {
     uint32_t now;
     uint8_t broken;
     uint8_t storage[FUZZ_STORAGE_BYTES];
-    bool written_to;  /* since the journal was looked at */
-    bool tampered;    /* storage holds records that no node wrote: it proves nothing */
-    bool power_fails; /* in the next write or erasure, after `written` bytes */
+    uint32_t blind_from; /* offset from which storage cannot be read; 0: all can */
+    bool written_to;     /* since the journal was looked at */
+    bool tampered;       /* storage holds records that no node wrote: it proves nothing */
+    bool power_fails;    /* in the next write or erasure, after `written` bytes */
     uint32_t written;
     jmp_buf power_failure;
     bool lamp, gate, homed; /* as driven */

@@ -6,6 +6,7 @@
 
 static void check_outputs(const FuzzBoard *board) {
     const Node *node = board->node;
+    invariant(!node->journal.unread || node_is_off(node), "off while it is not known what was done");
     const uint32_t here = fuzz_board_lines(board);
     invariant(!node_is_off(node) || (!board->lamp && !board->gate && !board->working), "SAFE and FAULT are off");
     invariant(!board->lamp || ((here & LINE_GATE_CLOSED) && !(here & LINE_GATE_OPEN)),
@@ -27,7 +28,9 @@ static void check_progress(FuzzBoard *board) {
     const Node *node = board->node;
     const LayerProgress *progress = &node->progress, *before = &board->progress;
     const Jetted *jetted = &board->jetted;
-    if (node->dry || board->tampered)
+    if (progress->layer == UINT16_MAX) /* a person gave up what could not be read */
+        board->tampered = true;
+    if (node->dry || board->tampered || node->journal.unread)
         return;
     const bool head = node_has(node, ROLE_HEAD);
     const uint8_t known = (uint8_t)(progress->done | progress->unknown);
@@ -74,7 +77,8 @@ static bool is_cause(Cause cause) {
                                    1u << CAUSE_ENABLE_DROPPED | 1u << CAUSE_TWO_MASTERS | 1u << CAUSE_SUPERVISION |
                                    1u << CAUSE_STEP_EXPIRED | 1u << CAUSE_GATE_NOT_CONFIRMED | 1u << CAUSE_LAMP_TIME |
                                    1u << CAUSE_BACK_PRESSURE | 1u << CAUSE_STAGE_POSITION | 1u << CAUSE_SCAN_FAILED |
-                                   1u << CAUSE_JOURNAL_DAMAGED | 1u << CAUSE_PASS_UNKNOWN | 1u << CAUSE_STORAGE_FAILED;
+                                   1u << CAUSE_JOURNAL_DAMAGED | 1u << CAUSE_PASS_UNKNOWN | 1u << CAUSE_STORAGE_FAILED |
+                                   1u << CAUSE_JOURNAL_UNREADABLE;
     return cause < 32 && (CAUSES >> cause & 1u);
 }
 

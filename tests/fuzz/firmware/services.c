@@ -69,11 +69,24 @@ static void other_master(Bench *bench) {
 static void tamper(Bench *bench) {
     bench->board.tampered = true;
     uint8_t *storage = bench->board.storage;
-    const size_t slot = input_byte(&bench->input) % (FUZZ_STORAGE_BYTES / RECORD_BYTES);
-    uint8_t *record = storage + slot / 6 * FUZZ_SECTOR_BYTES + slot % 6 * RECORD_BYTES;
+    enum { IN_SECTOR = FUZZ_SECTOR_BYTES / RECORD_BYTES };
+    const size_t slot = input_byte(&bench->input) % (FUZZ_SECTORS_MAX * IN_SECTOR);
+    uint8_t *record = storage + slot / IN_SECTOR * FUZZ_SECTOR_BYTES + slot % IN_SECTOR * RECORD_BYTES;
     record[input_byte(&bench->input) % RECORD_BYTES] = input_byte(&bench->input);
     if (input_byte(&bench->input) % 2) /* a checksum that is right proves little */
         put_u32(record + RECORD_BYTES - 4, crc32_after(0, record, RECORD_BYTES - 4));
+}
+
+/* With all records, with an altered one, or with some that cannot be read then. */
+static void power_up(Bench *bench) {
+    const uint8_t how = input_byte(&bench->input) % 3;
+    if (how == 1) {
+        tamper(bench);
+        return;
+    }
+    bench->board.blind_from = how == 2 ? 1 + 3u * input_byte(&bench->input) : 0;
+    bench_power_up(bench);
+    bench->board.blind_from = 0;
 }
 
 static void operate(Bench *bench) {
@@ -127,10 +140,7 @@ static void operate(Bench *bench) {
         bring_to_work(bench);
         break;
     default:
-        if (input_byte(input) % 2)
-            tamper(bench);
-        else
-            bench_power_up(bench);
+        power_up(bench);
     }
     bench_turn(bench, 0);
 }

@@ -196,10 +196,6 @@ static void any_call(Run *run, Input *input) {
     case 11:
         log_categories(s, input);
         break;
-    case 12:
-        subject_begin(s);
-        subject_end(s, "a call without sense", IS_MISUSED, s->fmu->version->senseless(s->instance, input_byte(input)));
-        break;
     case 13:
     case 14:
         any_access(s, input, false);

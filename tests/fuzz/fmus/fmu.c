@@ -1,10 +1,11 @@
 #include "fmu.h"
 
-#include <dlfcn.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "shared_library.h"
 
 static void give_up(const char *what, const char *which) {
     fprintf(stderr, "%s: %s\n", which, what);
@@ -48,7 +49,7 @@ void fmu_open(Fmu *fmu, const char *table) {
     fmu->is_resizable = is_resizable != 0;
     fmu->has_scalar_references = version == 2;
     fmu->version = version == 2 ? &VERSION_2 : &VERSION_3;
-    void *library = dlopen(fmu->library, RTLD_NOW | RTLD_LOCAL);
+    void *library = open_library(fmu->library);
     if (!library || !fmu->version->load(library))
         give_up(dlerror(), fmu->library);
 }

@@ -55,7 +55,6 @@ typedef struct {
     Status (*serialize)(void *instance, void *state, unsigned char *bytes, size_t size);
     Status (*deserialize)(void *instance, const unsigned char *bytes, size_t size, void **state);
     Status (*set_categories)(void *instance, size_t count, const char *const categories[]);
-    Status (*senseless)(void *instance, unsigned which); /* a call that is an error whatever the mode */
 } Version;
 
 extern const Version VERSION_2, VERSION_3;

@@ -1,7 +1,6 @@
 #include "fmi3FunctionTypes.h"
 #include "fmu.h"
 
-#include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -15,8 +14,6 @@
     DO(ExitConfigurationMode)                                                                                          \
     DO(EnterInitializationMode)                                                                                        \
     DO(ExitInitializationMode)                                                                                         \
-    DO(EnterEventMode)                                                                                                 \
-    DO(EnterStepMode)                                                                                                  \
     DO(DoStep)                                                                                                         \
     DO(Terminate)                                                                                                      \
     DO(Reset)                                                                                                          \
@@ -30,10 +27,6 @@
     DO(SetBoolean)                                                                                                     \
     DO(SetInt64)                                                                                                       \
     DO(SetUInt64)                                                                                                      \
-    DO(GetFloat32)                                                                                                     \
-    DO(SetString)                                                                                                      \
-    DO(GetDirectionalDerivative)                                                                                       \
-    DO(GetOutputDerivatives)                                                                                           \
     DO(GetFMUState)                                                                                                    \
     DO(SetFMUState)                                                                                                    \
     DO(FreeFMUState)                                                                                                   \
@@ -41,23 +34,11 @@
     DO(SerializeFMUState)                                                                                              \
     DO(DeserializeFMUState)
 
-#define POINTER(Name) fmi3##Name##TYPE *Name;
-static struct {
-    FUNCTIONS(POINTER)
-} call;
-
-static bool found(void *library, const char *name, void *pointer) {
-    void *function = dlsym(library, name);
-    memcpy(pointer, &function, sizeof function);
-    return function != NULL;
-}
-
-static bool load(void *library) {
-    bool all = true;
-#define FIND(Name) all = found(library, "fmi3" #Name, &call.Name) && all;
-    FUNCTIONS(FIND)
-    return all;
-}
+#define NAME(Name) "fmi3" #Name
+#define TYPE(Name) fmi3##Name##TYPE
+#define STATE(before, after) before##FMUState##after
+#define INSTANCE(it) (it)
+#include "version_calls.h"
 
 static void on_message(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text) {
     Log *log = environment;
@@ -167,122 +148,12 @@ static Status configure(void *it, bool enters) {
     return call.ExitConfigurationMode(it);
 }
 
-static Status serialize(void *it, void *state, unsigned char *bytes, size_t size) {
-    return call.SerializeFMUState(it, state, bytes, size);
-}
-
 static Status deserialize(void *it, const unsigned char *bytes, size_t size, void **state) {
     return call.DeserializeFMUState(it, bytes, size, state);
-}
-
-static Status set_categories(void *it, size_t count, const char *const categories[]) {
-    fmi3String given[4] = {NULL};
-    memcpy(given, categories, (count < 4 ? count : 4) * sizeof *given);
-    return call.SetDebugLogging(it, true, count, given);
-}
-
-static Status senseless(void *it, unsigned which) {
-    const fmi3ValueReference reference = 0;
-    const fmi3Int32 order = 1;
-    const fmi3String text = "text";
-    double value = 1.0, reached;
-    float narrow;
-    bool flag;
-    fmi3Byte byte = 0;
-    fmi3FMUState state = NULL;
-    size_t size;
-    switch (which % 18) {
-    case 0:
-        return call.GetFloat32(it, &reference, 1, &narrow, 1);
-    case 1:
-        return call.SetString(it, &reference, 1, &text, 1);
-    case 2:
-        return call.GetDirectionalDerivative(it, &reference, 1, &reference, 1, &value, 1, &value, 1);
-    case 3:
-        return call.GetOutputDerivatives(it, &reference, 1, &order, &value, 1);
-    case 4:
-        return call.EnterEventMode(it);
-    case 5:
-        return call.EnterStepMode(it);
-    case 6:
-        return call.SetDebugLogging(it, true, 1, &text);
-    case 7:
-        return call.SetDebugLogging(it, true, 1, NULL);
-    case 8:
-        return call.GetFloat64(it, NULL, 1, &value, 1);
-    case 9:
-        return call.GetFloat64(it, &reference, 1, NULL, 1);
-    case 10:
-        return call.SetFloat64(it, &reference, 1, NULL, 1);
-    case 11:
-        return call.DoStep(it, 0.0, 1.0, true, NULL, &flag, &flag, &reached);
-    case 12:
-        return call.GetFMUState(it, NULL);
-    case 13:
-        return call.SetFMUState(it, NULL);
-    case 14:
-        return call.SerializedFMUStateSize(it, NULL, &size);
-    case 15:
-        return call.SerializeFMUState(it, NULL, &byte, 1);
-    case 16:
-        return call.DeserializeFMUState(it, NULL, 1000, &state);
-    default:
-        return call.DeserializeFMUState(it, &byte, 1, NULL);
-    }
 }
 
 static void release(void *it) {
     call.FreeInstance(it);
 }
 
-static Status exit_initialization(void *it) {
-    return call.ExitInitializationMode(it);
-}
-
-static Status terminate(void *it) {
-    return call.Terminate(it);
-}
-
-static Status reset(void *it) {
-    return call.Reset(it);
-}
-
-static Status get_state(void *it, void **state) {
-    return call.GetFMUState(it, state);
-}
-
-static Status set_state(void *it, void *state) {
-    return call.SetFMUState(it, state);
-}
-
-static Status free_state(void *it, void **state) {
-    return call.FreeFMUState(it, state);
-}
-
-static Status state_size(void *it, void *state, size_t *size) {
-    return call.SerializedFMUStateSize(it, state, size);
-}
-
-const Version VERSION_3 = {.load = load,
-                           .instantiate = instantiate,
-                           .release = release,
-                           .kind = kind,
-                           .value_size = value_size,
-                           .encode = encode,
-                           .decode = decode,
-                           .get = get,
-                           .set = set,
-                           .enter = enter,
-                           .exit = exit_initialization,
-                           .step = step,
-                           .terminate = terminate,
-                           .reset = reset,
-                           .configure = configure,
-                           .get_state = get_state,
-                           .set_state = set_state,
-                           .free_state = free_state,
-                           .state_size = state_size,
-                           .serialize = serialize,
-                           .deserialize = deserialize,
-                           .set_categories = set_categories,
-                           .senseless = senseless};
+const Version VERSION_3 = VERSION_OF_CALLS(configure);

@@ -60,6 +60,12 @@ def in_scan(run: FaultRun) -> None:
     run.scan()
 
 
+def with_records_lost(run: FaultRun) -> None:
+    """The head restarts with records that it cannot read; a print is not made ready."""
+    in_second_pass(run)
+    make_ready(run.rig, tuple(Node))
+
+
 def with_another_pattern(run: FaultRun) -> None:
     job = Job(SIDE, SIDE, 1e-4, np.zeros((SIDE, SIDE)), np.ones((SIDE, SIDE), np.bool_), inks=(Ink(), Ink()), passes=4)
     run.print_layer(1)
@@ -80,6 +86,8 @@ def with_a_stop_request(run: FaultRun) -> None:
 NEVER_WHOLE = "corruption:id=0x640,step=download,byte=6,count=1000000"
 STUCK, BAD_CHECK = (f"{kind}:id=0x20,count=1000,step=pass,pass=1" for kind in ("stuck-counter", "bad-check"))
 SHORT_MS = 5
+SECOND = "node=head,step=pass,pass=1"
+UNREADABLE = f"unreadable:{SECOND}"
 
 FAILURES: tuple[tuple[str, str, Callable[[FaultRun], None], Node, int], ...] = (
     ("no answer to a request", "loss:id=0x641,step=pass,pass=1", in_second_pass, Node.HEAD, SHORT_MS),
@@ -93,6 +101,18 @@ FAILURES: tuple[tuple[str, str, Callable[[FaultRun], None], Node, int], ...] = (
     ("two masters", "second-master:step=pass,pass=1", in_second_pass, Node.HEAD, LONG_MS),
     ("adapter unplugged", "unplugged:step=pass,pass=1", in_second_pass, Node.HEAD, LONG_MS),
     ("bus-off", "bus-off:step=pass,pass=1", in_second_pass, Node.HEAD, LONG_MS),
+    ("bus-off of a node", "bus-off:node=head,step=pass,pass=1,frames=40", in_second_pass, Node.HEAD, LONG_MS),
+    ("a node's queue holds three frames", "short-queue:node=head", in_transfer, Node.HEAD, SHORT_MS),
+    ("frames of one id sent out of order", "transmit-order:id=0x647,nth=3", in_scan, Node.PROFILER, SHORT_MS),
+    ("an erasure of 200 ms", "slow-erase:node=head,step=pass,pass=1", in_second_pass, Node.HEAD, SHORT_MS),
+    (
+        "an erasure longer than the watchdog",
+        "slow-erase:node=head,step=pass,frames=60",
+        in_second_pass,
+        Node.HEAD,
+        LONG_MS,
+    ),
+    ("records that cannot be read", f"{UNREADABLE} reboot:{SECOND}", with_records_lost, Node.HEAD, LONG_MS),
     ("a map short each time", "short-map:count=1000000", in_scan, Node.PROFILER, SHORT_MS),
     ("another pattern than the journal's", "", with_another_pattern, Node.HEAD, SHORT_MS),
     ("a stop request", "", with_a_stop_request, Node.HEAD, SHORT_MS),
@@ -104,7 +124,7 @@ FAILURES: tuple[tuple[str, str, Callable[[FaultRun], None], Node, int], ...] = (
 def rows() -> Iterator[Row]:
     """The rows, each on an emulator of its own. A frame that an adapter refuses (ENOBUFS) is no matter of the nodes."""
     for name, fault, print_layer, node, pass_ms in FAILURES:
-        with faulty(*filter(None, [fault]), pass_ms=pass_ms) as run:
+        with faulty(*fault.split(), pass_ms=pass_ms) as run:
             yield name, f"`{fault}`" if fault else "", _outcome(run, print_layer), *_record(run, node)
     with faulty() as run:
         run.print_layer(2)

@@ -17,10 +17,10 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.node_state import NodeState
 from inkloop_hardware.protocol.records import NodeStatus, unpack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.transfer_bytes import read_map
 from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 
@@ -136,6 +136,6 @@ def printed(passes: tuple[int, ...]) -> NDArray[np.float64]:
         bench.ready()
         assert bench.download(BLOB, 1) == 0
         for number in passes:
-            assert bench.run(node_bench.PASS, layer=1, which=number, option=bytes([number])) == node_bench.DONE
+            assert bench.jet(1, number) == node_bench.DONE
         found = np.round(bench.surface / 1e-7) * 1e-7
     return found

@@ -189,11 +189,11 @@ class Scanner(Server):
 
 
 class Plc(can.Listener):
-    """Jets what the head holds on request, and sends its state every 20 ms."""
+    """Jets what the head holds on request, and sends its state every 20 ms; told: layer of which it has sent BUSY."""
 
     def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner, wide: bool) -> None:
         self.bus, self.head, self.scanner, self.wide = bus, head, scanner, wide
-        self.done, self.asked, self.busy_until = 0, 0, 0.0
+        self.done, self.asked, self.told, self.busy_until = 0, 0, 0, 0.0
         self.failed = False
 
     def on_message_received(self, message: can.Message) -> None:
@@ -209,12 +209,13 @@ class Plc(can.Listener):
 
     def run(self) -> None:
         while True:
-            now = time.monotonic()
-            if self.asked > self.done and now > self.busy_until and self.head.layer == self.asked:
+            now, asked = time.monotonic(), self.asked
+            if self.told == asked > self.done and now > self.busy_until and self.head.layer == asked:
                 self.scanner.surface_um = self.scanner.surface_um + DROPLET_UM * self.head.pattern
-                self.done = self.asked
+                self.done = asked
                 self.head.log.note("done", self.done)
-            state = 3 if self.failed else 1 if self.asked > self.done else 2
+            state = 3 if self.failed else 1 if asked > self.done else 2
+            self.told = asked if state == 1 else self.told
             data = struct.pack("<BHHhx", 0 if self.wide else state, self.done, 1250, 215)
             data += bytes([0, 0, 0, state]) if self.wide else b""
             frame = can.Message(arbitration_id=LONG * self.wide + 0x220, is_extended_id=self.wide, data=data)

@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
@@ -27,14 +28,15 @@ from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.emulated_bench import program
-from inkloop_hardware.link.node_wire import NodeWire
+from inkloop_hardware.link.rig import NodeWire
 from inkloop_hardware.protocol.vocabulary import Node
 from support import compiled
-from support.benches.bench_run import FAST
+from support.benches.bench_run import FAST, PATIENCE_S
 from support.places import C_SOURCES
 
 BUSY = b"\x03\x7f\x31\x78"
 WORDS_FILE, DONE = "words.txt", "done"
+POLL_S = 0.002
 
 
 def looks() -> Path:
@@ -212,6 +214,23 @@ def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) ->
     process.start()
     process.join(120)
     return _last_words(process, folder)
+
+
+def session_killed_when(folder: Path, due: Callable[[], bool]) -> str | None:
+    """A session in a separate process, killed from outside when it is `due`: None if it was, else its last message."""
+    process = FORKING.Process(target=_unwatched_master, args=(folder,))
+    process.start()
+    until = time.monotonic() + PATIENCE_S
+    while process.is_alive() and not due():
+        assert time.monotonic() < until, "the session does not go on"
+        time.sleep(POLL_S)
+    process.kill()
+    process.join()
+    return _last_words(process, folder)
+
+
+def _unwatched_master(folder: Path) -> None:
+    _keep_words(folder, session(folder))
 
 
 def _last_words(process: BaseProcess, folder: Path) -> str | None:

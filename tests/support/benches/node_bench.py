@@ -7,6 +7,7 @@ import os
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum, IntFlag, auto
 from functools import cache
 from pathlib import Path
 from struct import pack, unpack, unpack_from
@@ -17,6 +18,7 @@ import numpy as np
 from inkloop.fmu_writer import archive
 from inkloop_hardware.protocol.c_codec import write_codec
 from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
+from inkloop_hardware.protocol.services import Routine
 from support import compiled
 from support.places import C_SOURCES, ROOT
 
@@ -46,20 +48,34 @@ STATES = (
     *("SAFE", "IDLE", "RECEIVING", "VERIFIED", "PRINTING", "PRINTED"),
     *("CURING", "CURED", "SCANNING", "MAP_READY", "FAULT"),
 )
-CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
 LAMP, GATE, MOTION = 1, 2, 4
 HEAD_ROLE, STAGE_ROLE, CURE_ROLE, PROFILER_ROLE = 1, 2, 4, 8
 DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
-NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
-GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS, STORAGE_FULL, LAMP_STAYS_OFF = (
-    1 << bit for bit in range(8)
-)
-GATE_OPENINGS, LAMP_PULSES, LAMP_WITH_GATE = range(3)
-MASTER_LOST, STOP_REQUEST, ENABLE_DROPPED, TWO_MASTERS = range(1, 5)
-SUPERVISION, STEP_EXPIRED, GATE_NOT_CONFIRMED, LAMP_TIME = range(5, 9)
-BACK_PRESSURE, STAGE_POSITION, SCAN_FAILED = 11, 12, 14
-JOURNAL_DAMAGED, PASS_UNKNOWN, STORAGE_FAILED = 16, 17, 18
 RASTER = (0, 1, 2, 3)
+
+
+class Nrc(IntEnum):
+    """Codes that refuse a request."""
+
+    BUSY = 0x21
+    CONDITIONS = 0x22
+    SEQUENCE = 0x24
+    FAILED = 0x26
+    RANGE = 0x31
+    PENDING = 0x78
+
+
+class Broken(IntFlag):
+    """Defects of the printer: BROKEN_... of world.h."""
+
+    GATE_STAYS_OPEN = auto()
+    GATE_STAYS_CLOSED = auto()
+    LAMP_STAYS_ON = auto()
+    NOT_READY = auto()
+    WORK_FAILS = auto()
+    WORK_HANGS = auto()
+    STORAGE_FULL = auto()
+    LAMP_STAYS_OFF = auto()
 
 
 class MasterAlive(ctypes.Structure):
@@ -102,7 +118,7 @@ def library() -> ctypes.CDLL:
     probe = C_SOURCES / "bench_probe.c"
     wire = (*WIRE, codec() / "inkloop.c")
     loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, *wire, probe))
-    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
+    for name in ("bench_create", "probe_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
         getattr(loaded, name).restype = ctypes.c_size_t
@@ -133,6 +149,7 @@ class State:
     pattern_crc: int
     gate_pulses: int
     by_watchdog: bool
+    journal_unread: bool
 
 
 @dataclass(frozen=True)
@@ -146,6 +163,10 @@ class Times:
     lamp_off: int
     gate_opened: int
     gate_closed: int
+
+
+def _count(which: int) -> property:
+    return property(lambda bench: int(bench.c.probe_count(bench.bench, which)))
 
 
 class NodeBench:
@@ -180,7 +201,7 @@ class NodeBench:
         self.c.bench_power_up(self.bench, node, ctypes.c_uint32(self.clock))
 
     def node(self, node: int) -> ctypes.c_void_p:
-        return ctypes.c_void_p(self.c.bench_node(self.bench, node))
+        return ctypes.c_void_p(self.c.probe_node(self.bench, node))
 
     def tick(self, milliseconds: int = 5, step: int = 5) -> None:
         """Lets time pass; the master sends MasterAlive every 100 ms."""
@@ -250,7 +271,7 @@ class NodeBench:
         """The final answer; time passes while the node is busy."""
         answer = self.raw(request, node)
         for _ in range(8000):
-            if answer[:1] != b"\x7f" or answer[2] != NRC_PENDING:
+            if answer[:1] != b"\x7f" or answer[2] != Nrc.PENDING:
                 return answer
             self.tick()
             answer = self.late(node) or answer
@@ -275,7 +296,7 @@ class NodeBench:
         return -answer[2] if answer[0] == 0x7F else answer[4]
 
     def clear(self, node: int = HEAD, option: int = 0) -> int:
-        return self.run(CLEAR, node, option=bytes([option]))
+        return self.run(Routine.CLEAR, node, option=bytes([option]))
 
     def state(self, node: int = HEAD) -> State:
         found = self.raw(b"\x22\x01\x00", node)[3:]
@@ -283,7 +304,13 @@ class NodeBench:
         passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
         needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
         first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
-        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64))
+        return State(
+            *first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64), bool(flags & 128)
+        )
+
+    def state_and_cause(self, node: int = HEAD) -> tuple[str, int]:
+        found = self.state(node)
+        return found.state, found.cause
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
@@ -324,22 +351,26 @@ class NodeBench:
         self.tick(100)
         for node in range(self.count):
             assert self.clear(node) == DONE
-        assert self.run(HOME, STAGE if self.count == 4 else HEAD) == DONE
+        assert self.run(Routine.HOME, STAGE if self.count == 4 else HEAD) == DONE
         return self
 
     def print_layer(self, pattern: Any, layer: int, order: tuple[int, ...] = RASTER) -> None:
         """Download and passes, each with its cure."""
         assert self.download(pattern_blob(pattern, passes=len(order)), layer) == 0
         for number, colour in enumerate(order):
-            assert self.run(PASS, layer=layer, which=number, option=bytes([colour])) == DONE
+            assert self.jet(layer, number, colour) == DONE
             assert self.cure(layer, number) == DONE
+
+    def jet(self, layer: int, which: int = 0, colour: int | None = None) -> int:
+        """A pass; its colour is its number, unless given."""
+        return self.run(Routine.PASS, layer=layer, which=which, option=bytes([which if colour is None else colour]))
 
     def cure(self, layer: int, which: int = 0, attempt: int = 1, milliseconds: int = 20) -> int:
         node = CURE if self.count == 4 else HEAD
-        return self.run(CURE_ROUTINE, node, layer=layer, which=which, attempt=attempt, option=pack(">H", milliseconds))
+        return self.run(Routine.CURE, node, layer=layer, which=which, attempt=attempt, option=pack(">H", milliseconds))
 
     def scan(self, layer: int, attempt: int = 1) -> int:
-        return self.run(SCAN, PROFILER if self.count == 4 else HEAD, layer=layer, attempt=attempt)
+        return self.run(Routine.SCAN, PROFILER if self.count == 4 else HEAD, layer=layer, attempt=attempt)
 
     @property
     def surface(self) -> Any:
@@ -362,6 +393,32 @@ class NodeBench:
         """From now on the flash does not hold what is written to it, and does not say so."""
         self.c.probe_wear(self.bench, node)
 
+    def refuse_slots(self, first: int, end: int, node: int = HEAD) -> None:
+        """From now on these slots of the journal refuse to be written, whatever they read."""
+        offsets = (ctypes.c_uint32(slot // 102 * 4096 + slot % 102 * 40) for slot in (first, end))
+        self.c.probe_refuse_slots(self.bench, node, *offsets)
+
+    def decay(self, records: int, node: int = HEAD) -> None:
+        """The newest records of a node cannot be read any more."""
+        self.c.bench_decay(self.bench, node, ctypes.c_uint32(records))
+
+    def decay_slots(self, slots: Sequence[int], node: int = HEAD) -> None:
+        """The same for slots of its journal."""
+        for slot in slots:
+            self.c.probe_decay(self.bench, node, ctypes.c_uint32(slot // 102 * 4096 + slot % 102 * 40))
+
+    def restore(self, node: int = HEAD) -> None:
+        """The storage of a node is as good as new; it holds what it held."""
+        self.c.probe_restore(self.bench, node)
+
+    def memory(self, sectors: int, sector_bytes: int, write_unit: int, node: int = HEAD) -> None:
+        """The storage of a node from its next power-up on."""
+        self.c.probe_memory(self.bench, node, *map(ctypes.c_uint32, (sectors, sector_bytes, write_unit)))
+
+    def erase_slowly(self, milliseconds: int, node: int = HEAD) -> None:
+        """From now on an erasure takes so long, by the clock of the world."""
+        self.c.probe_erase_slowly(self.bench, node, ctypes.c_uint32(milliseconds))
+
     def refuse_work(self, node: int = HEAD) -> None:
         """From now on the devices of a node cannot begin anything."""
         self.c.probe_refuse_work(self.bench, node)
@@ -370,8 +427,8 @@ class NodeBench:
         """From now on the lamp comes on by itself while a node writes a record, and stays on."""
         self.c.probe_light_while_recording(self.bench, node)
 
-    def counted(self, what: int) -> int:
-        return int(self.c.probe_count(self.bench, what))
+    gate_openings, lamp_pulses, lamp_with_gate, world_clock = map(_count, range(4))
+    """Counts of the world; ticks with the lamp on and the gate not closed; its clock [ms]."""
 
 
 def pattern_blob(pattern: Any, *, passes: int = 4, bits: int = 2) -> bytes:

@@ -1,19 +1,27 @@
-"""A rig without a wire: the nodes of the firmware in this process, asked directly, by an injected clock."""
+"""A rig without a bus process: links to the nodes of the firmware in this process, by an injected clock."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from struct import pack, unpack_from
+from dataclasses import replace
+from struct import unpack_from
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from inkloop.component import Component, Job, Values
+from inkloop.testing import job as small_job
 from inkloop_hardware.errors import NodeRefused
-from inkloop_hardware.protocol.node_state import MapSize, NodeLimits, NodeState, NodeTimes
+from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.records import NodeStatus
-from inkloop_hardware.protocol.services import REFUSALS, Key, Outcome, Routine
+from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
+from support.benches.faulty_wire import CODEC, FaultyWire
 
+FOUR = replace(small_job(), passes=4)
+FULL = np.ones((FOUR.nx, FOUR.ny), np.int32)
 NUMBERS = {node: number for number, node in enumerate(Node)}
 
 if TYPE_CHECKING:
@@ -22,54 +30,34 @@ else:
     Base = object
 
 
-class NodeLink:
-    """One node, as `inkloop_hardware.link.link.Link` shows it; `asked` are the routines that were started."""
+def bench(part: Job = FOUR, **options: Any) -> node_bench.NodeBench:
+    """Nodes for a part, whose passes and scans take 5 ms."""
+    return node_bench.NodeBench(**{"nx": part.nx, "ny": part.ny, "pass_ms": 5, "scan_ms": 5, **options})
+
+
+def print_layer(printer: Component, layer: int, pattern: np.ndarray = FULL) -> Values:
+    """Outputs after the step in which a layer is commanded."""
+    inputs = {"pattern": pattern.astype(np.int32), "drop_level": np.ones(pattern.shape, np.int32)}
+    return printer.do_step(0, 1_000_000_000, inputs | {"layer_command": np.asarray(layer, np.int32)})
+
+
+class NodeLink(Link):
+    """One node on a wire without faults; `asked` are the routines that were started."""
 
     def __init__(self, rig: NodeRig, node: Node) -> None:
-        self._rig, self._number, self.node = rig, NUMBERS[node], node
+        super().__init__(node, CODEC, FaultyWire(rig.bench, NUMBERS[node]), "a wire")
+        self._rig = rig
         self.asked: list[tuple[Routine, Key, bytes]] = []
-
-    def _answer(self, request: bytes) -> bytes:
-        answer = self._rig.bench.ask(request, self._number)
-        if answer[0] == 0x7F:
-            raise NodeRefused(f"{self.node.lower()}: {REFUSALS[answer[2]]}", answer[2])
-        return answer
 
     def download(self, layer: int, blob: bytes, *, coded: bool = False, progress: Any = None) -> None:
         if coded and not self._rig.takes_coded:
             raise NodeRefused("head: no coded patterns", 0x31)
-        refused = self._rig.bench.download(blob, layer, coded=0x10 * coded)
-        if refused:
-            raise NodeRefused(f"head: {REFUSALS[-refused]}", -refused)
+        super().download(layer, blob, coded=coded, progress=progress)
         self._rig.downloads.append((layer, coded))
-
-    def upload(self, layer: int, *, progress: Any = None) -> bytes:
-        return self._rig.bench.upload(layer)
 
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
         self.asked.append((routine, key, option))
-        return Outcome(self._answer(pack(">BBH", 0x31, 1, routine) + bytes(key) + option)[4])
-
-    def ask(self, routine: Routine, key: Key) -> Outcome:
-        return Outcome(self._answer(pack(">BBH", 0x31, 3, routine) + bytes(key))[4])
-
-    def _read(self, identifier: int) -> bytes:
-        return self._answer(pack(">BH", 0x22, identifier))[3:]
-
-    def state(self) -> NodeState:
-        return NodeState.of(self._read(0x0100))
-
-    def times(self) -> NodeTimes:
-        return NodeTimes.of(self._read(0x0101))
-
-    def limits(self) -> NodeLimits:
-        return NodeLimits.of(self._read(0x0102))
-
-    def map_size(self) -> MapSize:
-        return MapSize.of(self._read(0x0103))
-
-    def version(self) -> str:
-        return self._read(0xF195).decode()
+        return super().routine(routine, key, option, limit_s=limit_s)
 
 
 class NodeRig(Base):

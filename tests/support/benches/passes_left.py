@@ -13,7 +13,7 @@ import numpy as np
 from inkloop.contract import pass_colours
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal, MasterRecord
 from inkloop_hardware.protocol.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.protocol.services import Key

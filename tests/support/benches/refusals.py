@@ -10,30 +10,13 @@ import numpy as np
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Happening, Step
 from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.services import Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Source
-from support.benches.node_bench import (
-    CLEAR,
-    CURE,
-    CURE_ROUTINE,
-    GATE,
-    GATE_STAYS_CLOSED,
-    GATE_STAYS_OPEN,
-    HEAD,
-    LAMP,
-    LAMP_STAYS_OFF,
-    MOTION,
-    PASS,
-    SCAN,
-    SELF_TEST,
-    STORAGE_FULL,
-    MasterAlive,
-    NodeBench,
-    pattern_blob,
-)
+from support.benches.node_bench import CURE, GATE, HEAD, LAMP, MOTION, Broken, MasterAlive, NodeBench, pattern_blob
 
 CODEC = Codec()
 FULL = np.ones((9, 8), np.uint8)
-CONTRADICTION = GATE_STAYS_OPEN | GATE_STAYS_CLOSED
+CONTRADICTION = Broken.GATE_STAYS_OPEN | Broken.GATE_STAYS_CLOSED
 LONG_MS, WRAP_MS, HANGS_MS = 5000, 1 << 32, 3000
 PASS_REQUEST, CURE_REQUEST = b"\0", b"\x0f\xa0"
 HEADS = ("what goes wrong", "asked or under way", "answer", "state, cause", "newest record")
@@ -65,7 +48,7 @@ def asked(made: NodeBench, request: bytes, node: int = HEAD) -> tuple[str, str, 
 
 def under_way(made: NodeBench, happen: Callable[[], object], node: int = HEAD) -> tuple[str, str, str]:
     """A pass of the head, or a cure, in which something happens."""
-    routine, option = (PASS, PASS_REQUEST) if node == HEAD else (CURE_ROUTINE, CURE_REQUEST)
+    routine, option = (Routine.PASS, PASS_REQUEST) if node == HEAD else (Routine.CURE, CURE_REQUEST)
     assert made.raw(made.routine(routine, 1, option=option), node) == b"\x7f\x31\x78"
     made.tick(200)
     happen()
@@ -102,10 +85,13 @@ def of_gates() -> Iterator[Row]:
     what = "both end switches of the gate true"
     with bench() as made:
         made.broken(CONTRADICTION)
-        test = made.routine(SELF_TEST, option=b"\0\0")
-        for name, request in (("pass", made.routine(PASS, 1, option=PASS_REQUEST)), ("self test of the gate", test)):
+        test = made.routine(Routine.SELF_TEST, option=b"\0\0")
+        for name, request in (
+            ("pass", made.routine(Routine.PASS, 1, option=PASS_REQUEST)),
+            ("self test of the gate", test),
+        ):
             yield what, f"{name}, asked", *asked(made, request)
-        yield what, "cure, asked", *asked(made, made.routine(CURE_ROUTINE, 1, option=CURE_REQUEST), CURE)
+        yield what, "cure, asked", *asked(made, made.routine(Routine.CURE, 1, option=CURE_REQUEST), CURE)
     for name, node in (("pass", HEAD), ("cure", CURE)):
         with bench() as made:
             yield what, name, *under_way(made, lambda: made.broken(CONTRADICTION), node)
@@ -113,7 +99,7 @@ def of_gates() -> Iterator[Row]:
 
 def of_lamps() -> Iterator[Row]:
     with bench() as made:
-        made.broken(LAMP_STAYS_OFF)
+        made.broken(Broken.LAMP_STAYS_OFF)
         yield "the lamp stays dark", "cure", *under_way(made, lambda: made.tick(LONG_MS), CURE)
 
 
@@ -122,15 +108,15 @@ def of_one_node() -> Iterator[Row]:
     with bench(one_node=True) as made:
         made.master = MasterAlive(LAMP | GATE, 1, 7)
         made.tick(100)
-        yield what, "pass, asked", *asked(made, made.routine(PASS, 1, option=PASS_REQUEST))
+        yield what, "pass, asked", *asked(made, made.routine(Routine.PASS, 1, option=PASS_REQUEST))
     with bench(one_node=True) as made:
         yield what, "pass", *under_way(made, lambda: setattr(made, "master", MasterAlive(GATE, 1, 7)))
     with bench(one_node=True, passes=1) as made:
-        assert made.ask(made.routine(PASS, 1, option=b"\xff"))[0] == 0x71
+        assert made.ask(made.routine(Routine.PASS, 1, option=b"\xff"))[0] == 0x71
         what = "uncured ink, head and lamp one node"
         download = bytes.fromhex("34 00 44 00000002 00000020")
         yield what, "pattern of the next layer, asked", *asked(made, download)
-        yield what, "scan, asked", *asked(made, made.routine(SCAN, 1))
+        yield what, "scan, asked", *asked(made, made.routine(Routine.SCAN, 1))
 
 
 def of_watchdogs() -> Iterator[Row]:
@@ -144,12 +130,12 @@ def of_watchdogs() -> Iterator[Row]:
 
 
 def clear(made: NodeBench, option: int = 0) -> bytes:
-    return made.routine(CLEAR, option=bytes([option]))
+    return made.routine(Routine.CLEAR, option=bytes([option]))
 
 
 def of_storage() -> Iterator[Row]:
     with bench() as made:
-        made.broken(STORAGE_FULL)
+        made.broken(Broken.STORAGE_FULL)
         yield "what the pass has made cannot be kept", "pass", *under_way(made, lambda: made.tick(LONG_MS))
 
 

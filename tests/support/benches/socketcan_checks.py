@@ -6,6 +6,8 @@ The emulator speaks slcan on a terminal; the kernel makes the interface slcan0 o
 from __future__ import annotations
 
 import logging
+import re
+import shutil
 import subprocess
 import threading
 import time
@@ -13,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from struct import pack
+from typing import Any
 
 import can
 import numpy as np
@@ -37,12 +40,28 @@ from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 SLCAN, VCAN, LEFT, RIGHT = "slcan0", "vcan0", "vxcan0", "vxcan1"
 LIMIT_S = 60.0
+RECEIVERS = Path("/proc/net/can/rcvlist_all")
+SOCKETCAND_PORT = 29536
 SCAN_MS = 1500
 """Of prints that are disturbed in a scan: long against the time in which a program starts."""
 
 
 def ip(*words: str) -> None:
     subprocess.run(["ip", "link", *words], check=True)
+
+
+@contextmanager
+def prepared_ip() -> Iterator[Callable[[str], None]]:
+    """`ip link set` that takes its words at once: a start of a program takes seconds on a busy machine."""
+    with subprocess.Popen(["ip", "-batch", "-"], stdin=subprocess.PIPE, text=True, bufsize=1) as running:
+        assert running.stdin is not None
+        yield lambda words: print("link set", words, file=running.stdin)
+    assert running.returncode == 0
+
+
+def is_open(interface: str) -> bool:
+    """Whether a socket receives all frames of an interface."""
+    return re.search(rf"^ +{interface} ", RECEIVERS.read_text(encoding="ascii"), re.MULTILINE) is not None
 
 
 @contextmanager
@@ -155,6 +174,16 @@ def test_print_over_a_virtual_interface_behind_a_gateway(path: Path) -> None:
     assert_same_print(found, printed_with_fmus(path, EXACT))
 
 
+def test_print_through_the_server_of_socketcand(path: Path) -> None:
+    if shutil.which("socketcand") is None:
+        pytest.skip("socketcand is not on the PATH; Debian 12 does not have it: build it from its public source")
+    bus: dict[str, Any] = {"bench.interface": "socketcand", "bench.channel": SLCAN}
+    bus["bench.options"] = {"host": "127.0.0.1", "port": SOCKETCAND_PORT}
+    with bench(path), process("socketcand", "-i", SLCAN, "-l", "lo", "-p", f"{SOCKETCAND_PORT}", "-n"):
+        found = print_part(Scenario.load(path, {**bus, **EXACT}), folder=path.parent / "run")
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
 def test_rig_of_can_fd_and_long_ids(path: Path) -> None:
     bus = f'interface = "socketcan"\nchannel = "{VCAN}"\nbit_rate_switch = true'
     text = foreign_rig.SCENARIO.replace('interface = "slcan"\nchannel = "CHANNEL"', bus)
@@ -200,13 +229,17 @@ def test_bus_off_that_a_controller_reports(path: Path, log: pytest.LogCaptureFix
 def test_controller_that_has_left_the_bus_without_a_frame(path: Path, log: pytest.LogCaptureFixture) -> None:
     """An interface that is up without a carrier, as the kernel leaves one that is bus-off; its queue drops frames."""
 
-    def act() -> None:
-        ip("set", RIGHT, "down")
-        time.sleep(0.5)
-        ip("set", RIGHT, "up")
+    with bench(path, scan_ms=SCAN_MS), pair(), joined(SLCAN, RIGHT), prepared_ip() as set_link:
 
-    with bench(path, scan_ms=SCAN_MS), pair(), joined(SLCAN, RIGHT), in_scan(2, LEFT, act) as acted:
-        found = printed(path, LEFT)
+        def act() -> None:
+            set_link(f"{RIGHT} down")
+            until = time.monotonic() + LIMIT_S
+            while is_open(LEFT) and time.monotonic() < until:
+                time.sleep(0.01)
+            set_link(f"{RIGHT} up")
+
+        with in_scan(2, LEFT, act) as acted:
+            found = printed(path, LEFT)
     assert acted.is_set()
     assert "connected again after" in log.text
     assert_same_print(found, printed_with_fmus(path, EXACT))

@@ -21,22 +21,10 @@ from udsoncan.connections import PythonIsoTpConnection
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.records import MasterAlive
 from inkloop_hardware.protocol.records import pack as pack_frame
+from inkloop_hardware.protocol.services import Bytes as Raw
 from support.benches import node_bench
 
 FULL = np.ones((9, 9), np.uint8)
-
-
-class Raw(udsoncan.DidCodec):
-    """An identifier as its bytes."""
-
-    def encode(self, value: bytes) -> bytes:
-        return value
-
-    def decode(self, payload: bytes) -> bytes:
-        return payload
-
-    def __len__(self) -> int:
-        raise udsoncan.DidCodec.ReadAllRemainingData
 
 
 @contextmanager
@@ -145,9 +133,9 @@ def read_map(client: Client, layer: int) -> bytes:
 def print_and_scan(head: Client, lamp: Client, profiler: Client) -> None:
     """The first layer, full, in four passes, each cured; then its scan."""
     for client in (head, lamp, profiler):
-        assert start(client, node_bench.CLEAR, b"\0") == node_bench.DONE
+        assert start(client, node_bench.Routine.CLEAR, b"\0") == node_bench.DONE
     send_pattern(head, node_bench.pattern_blob(FULL), 1)
     for number in range(4):
-        assert start(head, node_bench.PASS, bytes([number]), which=number) == node_bench.DONE
-        assert start(lamp, node_bench.CURE_ROUTINE, pack(">H", 20), which=number) == node_bench.DONE
-    assert start(profiler, node_bench.SCAN) == node_bench.DONE
+        assert start(head, node_bench.Routine.PASS, bytes([number]), which=number) == node_bench.DONE
+        assert start(lamp, node_bench.Routine.CURE, pack(">H", 20), which=number) == node_bench.DONE
+    assert start(profiler, node_bench.Routine.SCAN) == node_bench.DONE

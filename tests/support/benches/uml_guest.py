@@ -14,12 +14,15 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from support import compiled
+from support.places import C_SOURCES
+
 KERNEL = "linux.uml"
 PROGRAMS = (KERNEL, "insmod", "ip", "slcand", "cangw", "cangen")
 """Debian's user-mode-linux, kmod, iproute2 and can-utils."""
-SYSTEM_PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
+SYSTEM_PATH = "/usr/local/bin:/usr/sbin:/sbin:/usr/bin:/bin"
 MODULES = (
-    *("net/can/can", "net/can/can-raw", "net/can/can-gw", "drivers/net/can/dev/can-dev"),
+    *("net/can/can", "net/can/can-raw", "net/can/can-bcm", "net/can/can-gw", "drivers/net/can/dev/can-dev"),
     *("drivers/net/can/vcan", "drivers/net/can/vxcan", "drivers/net/can/slcan/slcan"),
 )
 INIT = """#!/bin/sh
@@ -40,6 +43,12 @@ def missing_programs() -> list[str]:
     return [name for name in PROGRAMS if shutil.which(name, path=f"{os.environ['PATH']}:{SYSTEM_PATH}") is None]
 
 
+def _whole_xstate() -> Path:
+    """The library without which the kernel panics on a processor with AMX."""
+    made = compiled.object_of(C_SOURCES / "whole_xstate.c", ("-std=gnu11", "-O1", "-fPIC"))
+    return compiled.linked("whole_xstate.so", [made], ("-shared",))
+
+
 def run_in_guest(command: Sequence[str], folder: Path, at: Path, python: str, limit_s: float) -> tuple[int | None, str]:
     """Boot, run a command in the folder `at` and power off: its exit code, None without one, and the console.
 
@@ -54,6 +63,7 @@ def run_in_guest(command: Sequence[str], folder: Path, at: Path, python: str, li
         kernel = [KERNEL, "mem=1G", "rootfstype=hostfs", "rootflags=/", "ro", f"init={init}", f"uml_dir={sockets}"]
         guest = subprocess.Popen(
             [*kernel, "con=null", "con0=null,fd:1", "quiet"],
+            env=os.environ | {"LD_PRELOAD": str(_whole_xstate())},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -6,7 +6,10 @@ which prints on several instances at once. Each reads a table with the variables
 
 from __future__ import annotations
 
+import os
+import random
 import re
+import subprocess
 import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -180,3 +183,31 @@ def program(folder: Path, name: str, compiler: str, flags: Sequence[str], *, oth
     places = (f"-I{FUZZ / 'fmus'}", f"-I{FUZZ / 'firmware'}", f"-isystem{HEADERS}")
     run((compiler, *fixed, *flags, *places, *own, *others, "-lm", "-ldl", "-lpthread", "-o", path))
     return path
+
+
+DRAWN = 300
+"""Inputs of the fuzz target that are drawn once and for all, for every FMU."""
+
+
+def drawn(name: str, count: int = DRAWN) -> list[bytes]:
+    """The inputs of one FMU."""
+    generator = random.Random(name)
+    return [generator.randbytes(400) for _ in range(count)]
+
+
+def calls_program(folder: Path, flags: Sequence[str] = ()) -> Path:
+    """The fuzz target as a program that is fed inputs."""
+    return program(folder, "calls", "gcc", flags, others=[FUZZ / "firmware" / "replay.c"])
+
+
+def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
+    """Output of the program for all inputs; it ends at the first that breaks an invariant."""
+    given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
+    settings = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
+    done = subprocess.run([program], input=given, env=os.environ | settings, capture_output=True, check=False)
+    output = done.stderr.decode(errors="replace")
+    through = len(done.stdout)
+    if done.returncode:
+        hexadecimal = inputs[through].hex() if through < len(inputs) else ""
+        raise AssertionError(f"input {through} ends with {done.returncode}: {output[-2000:]}\n{hexadecimal}")
+    return output

@@ -15,9 +15,10 @@ import fmpy
 
 from inkloop.fmu_writer.cross import compiler_command
 from inkloop.fmu_writer.targets import Target
-from support.places import C_SOURCES
+from support.places import C_SOURCES, ROOT
 
 SOURCE = C_SOURCES / "fmu_calls.c"
+VERSIONS = ROOT / "tests" / "fuzz" / "fmus"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 _DEBIAN = Path("/usr/lib/wine")  # where its package wine64 leaves the programs, out of the path
 WINE = shutil.which("wine64", path=os.pathsep.join((os.environ.get("PATH", ""), str(_DEBIAN))))
@@ -65,12 +66,13 @@ def _size(description: Any, variable: Any) -> int:
     return count
 
 
-def compiled(target: Target | None, fmi: int, out: Path) -> Path:
+def compiled(target: Target | None, out: Path) -> Path:
     """The calling program, made by gcc for this machine or by zig for a target."""
-    warnings = ("-std=c11", "-s", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI_VERSION={fmi}")
+    flags = ("-std=c11", "-s", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{VERSIONS}", "-isystem", HEADERS)
     compiler = ["gcc"] if target is None else [*compiler_command(), "cc", "-target", target.triple]
-    libraries = ["-ldl"] if target is None or target.system == "Linux" else []
-    subprocess.run([*compiler, *warnings, "-isystem", HEADERS, "-o", out, SOURCE, *libraries], check=True)
+    libraries = ["-ldl", "-lm"] if target is None or target.system == "Linux" else []
+    sources = [SOURCE, *(VERSIONS / f"version_{fmi}.c" for fmi in (2, 3))]
+    subprocess.run([*compiler, *flags, "-o", out, *sources, *libraries], check=True)
     return out
 
 

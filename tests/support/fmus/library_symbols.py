@@ -48,3 +48,12 @@ def newest_glibc(image: Any) -> tuple[int, ...]:
         for version in requirement.get_auxiliary_symbols()
     ]
     return max(versions)
+
+
+def assert_of_the_standard(binary: bytes, fmi: str) -> None:
+    """A binary for Linux offers the functions of the standard and no other, and needs the C library alone."""
+    (image,) = parsed(binary)
+    functions = declared(fmi)
+    assert len(functions) > 30
+    assert exports(image) == functions
+    assert {str(library).split(".")[0] for library in image.libraries} <= {"libc", "libm"}

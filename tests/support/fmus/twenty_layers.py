@@ -62,11 +62,11 @@ class TwentyLayers:
         folder = self._folder / (target.name if target else "native")
         folder.mkdir(exist_ok=True)
         suffix = target.suffix if target else ".so"  # Windows appends .dll to a name without one
-        library, program = folder / f"{MODEL}{suffix}", compiled(target, 3, folder / "calls.exe")
+        library, program = folder / f"{MODEL}{suffix}", compiled(target, folder / "calls.exe")
         library.write_bytes(binary)
         before = runner(target) if target else []
         assert before is not None, target
         script = script_of(self._description, VALUES, 1.0, LAYERS)
-        text = answers([*before, program, library, self._description.instantiationToken, ""], script, environment)
+        text = answers([*before, program, "3", library, self._description.instantiationToken, ""], script, environment)
         assert len(set(text.split())) > LAYERS * SIDE
         return hashlib.sha256(text.encode()).hexdigest()

@@ -15,8 +15,7 @@ import numpy as np
 from fmu_manipulation_toolbox.assembly import Assembly
 
 from inkloop.exchange.ssp.system import Part, System
-from support.masters.loops import Loop
-from support.masters.six_by_six import TIME_MAX_S
+from support.masters.loops import TIME_MAX_S, Loop
 
 
 def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:

@@ -14,8 +14,7 @@ from fmpy.ssp.ssd import read_ssv
 
 from inkloop.exchange.ssp import ssd
 from inkloop.exchange.ssp.system import Part, System
-from support.masters.loops import Loop
-from support.masters.six_by_six import TIME_MAX_S
+from support.masters.loops import TIME_MAX_S, Loop
 
 GAUSS_SEIDEL = "Gauss-Seidel"
 

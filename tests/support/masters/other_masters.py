@@ -17,13 +17,11 @@ import numpy as np
 
 from inkloop.exchange.ssp import folder as files
 from inkloop.exchange.ssp.system import System
+from support.masters.file_masters import by_maestro, by_omsimulator
 from support.masters.fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
 from support.masters.java_programs import MAESTRO
-from support.masters.loops import THREE_FMUS, Loop
-from support.masters.maestro_master import by_maestro
-from support.masters.omsimulator_master import by_omsimulator
+from support.masters.loops import LAYERS, THREE_FMUS, TIME_MAX_S, Loop, scenario_in
 from support.masters.other_programs import ECOS, FMPY, FMUTOOL, LIBCOSIM, OMSIMULATOR, Program
-from support.masters.six_by_six import LAYERS, TIME_MAX_S, scenario_in
 
 Step = tuple[int, Any]
 JACOBI = "Jacobi"

@@ -1,6 +1,6 @@
 """Scanners of others that ask the nodes of the emulator for everything which ISO 14229-1 knows, and judge the answers.
 
-scapy's enumerators make the requests; they travel by can-isotp and python-can's slcan. Each answer is compared with
+scapy's enumerators make the requests; they travel by can-isotp and slcan. Each answer is compared with
 what the standard demands of a server with the services of a node: that comparison is ours. caringcaribou is a program
 with an ISO-TP of its own; it is taken at its word.
 """
@@ -20,6 +20,8 @@ from typing import Any
 import can
 import isotp
 
+from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
+from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.vocabulary import Node
 
 EVERYWHERE, TRANSFER = {0x10, 0x22, 0x31, 0x3E}, {0x36, 0x37}
@@ -151,6 +153,27 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
     return scan
 
 
+def answers_by_scapy(channel: str, node: Node, requests: Sequence[bytes]) -> list[bytes]:
+    """Answers by scapy's own ISO-TP over python-can; empty for one that did not come."""
+    from scapy.config import conf
+
+    conf.contribs["ISOTP"] = {"use-can-isotp-kernel-module": False}
+    conf.contribs["CANSocket"] = {"use-python-can": True}
+    from scapy.contrib.cansocket_python_can import PythonCANSocket
+    from scapy.contrib.isotp import ISOTPSoftSocket
+    from scapy.packet import Raw
+
+    request_id = Codec().request_id(node)
+    options: dict[str, Any] = {"interface": "slcan", "channel": channel, "bitrate": 500_000}
+    bus = PythonCANSocket(**options)
+    found = []
+    with bus, ISOTPSoftSocket(bus, tx_id=request_id, rx_id=request_id + 1, basecls=Raw, padding=True) as socket:
+        for request in requests:
+            answer = socket.sr1(Raw(request), timeout=ANSWER_LIMIT_S, verbose=False)
+            found.append(b"" if answer is None else bytes(answer))
+    return found
+
+
 def servers_by_caringcaribou(channel: str, arbitration_ids: range) -> list[tuple[int, int]]:
     """Identifiers of requests and answers of the servers that it discovers."""
     span = ("-min", f"{arbitration_ids[0]}", "-max", f"{arbitration_ids[-1]}", "-d", f"{DISCOVERY_S}")
@@ -178,7 +201,7 @@ def _caringcaribou(channel: str, *words: str) -> str:
 def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None]]:
     """A function that sends a request and returns the final answer, None if there is none."""
     number = list(Node).index(node)
-    with can.Bus(interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0) as bus:
+    with BulkSlcanBus(channel, bitrate=500_000) as bus:  # python-can's own loses frames on a busy machine
         notifier = can.Notifier(bus, [])
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640 + 2 * number, rxid=0x641 + 2 * number)
         stack = isotp.NotifierBasedCanStack(bus, notifier, address=ids, params={"tx_padding": 0xCC})
@@ -197,6 +220,8 @@ def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None
             if answer is None:  # what comes late comes before the answer to the next request
                 stack.send(TESTER_PRESENT)
                 while (late := receive(ANSWER_LIMIT_S)) != bytes([0x7E, 0]):
+                    if late is None:
+                        raise RuntimeError(f"{node} does not answer {TESTER_PRESENT.hex(' ')}")
                     answer = late
             return answer
 

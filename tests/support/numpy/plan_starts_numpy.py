@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop_controller.core import bindings
-from inkloop_controller.model.starts import full_layers
-from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, full_layers
 
 
 def shifted(last: IntPlan, problem: HorizonProblem) -> IntPlan:

@@ -189,8 +189,9 @@ def smooth_prior(o: Setup, look: Look) -> Any:
     shares = 0 if o.model == "off" else len(look.state.share)
     precision = np.pad(look.datum[2], (0, shares))
     if shares:
-        step = c.SHARE_STEP[o.model] ** 2 * np.eye(shares)
-        precision[6:, 6:] = inverse(look.state.share_covariance + step)
+        inks = 1 + np.arange(shares) // (3 if o.model == "full" else 1)
+        printed = [min(1.0, np.sum(look.pattern == ink) / max(1, np.sum(o.part))) for ink in inks]
+        precision[6:, 6:] = inverse(look.state.share_covariance + c.SHARE_STEP[o.model] ** 2 * np.diag(printed))
     return precision
 
 

@@ -12,12 +12,12 @@ import pytest
 
 from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
-from inkloop_controller.baselines.planners import OpenLoop
+from inkloop_controller.baseline_planners import OpenLoop
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_plan import LayerPlan
 from inkloop_controller.problem.horizon_problem import IntPlan
 from support.closed_loop import SECOND, block, inputs_of, print_part
@@ -96,19 +96,6 @@ def test_part_is_printed_to_its_end_and_the_same_bits_again(make: Any) -> None:
     assert len(one.patterns) >= 4
 
 
-def test_restored_controller_continues_with_the_same_bits() -> None:
-    controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
-    height, plant = FLAT, LayerModel.of(JOB)
-    for layer in range(3):
-        pattern = answer(controller, height, layer, layer)["pattern"]
-        height = plant.layer(height, pattern, layer + 1, np.full(height.shape, 0.9))
-    resumed.restore(controller.save())  # type: ignore[attr-defined]
-    assert resumed.save() == controller.save()  # type: ignore[attr-defined]
-    left, right = (answer(one, height, 3, 3) for one in (controller, resumed))
-    for name in left.keys() - {"solve_time"}:
-        np.testing.assert_array_equal(left[name], right[name], err_msg=name)
-
-
 @pytest.mark.parametrize("options", [{"horizon": 1}, {"horizon": 2, "drop_levels": 2}])
 def test_outputs_of_a_restored_state_are_those_it_was_saved_with(options: dict[str, Any]) -> None:
     controller, resumed = (started(LayerMpcController(JOB, **options)) for _ in range(2))
@@ -184,16 +171,6 @@ def test_state_of_another_grid_is_refused() -> None:
             LayerMpcController(JOB).restore(wrong)
 
 
-def test_height_that_is_no_number_is_refused_where_it_is_marked_valid() -> None:
-    broken = FLAT.copy()
-    broken[3, 4] = np.nan
-    valid = np.ones(FLAT.shape, np.bool_)
-    with pytest.raises(ComponentError, match=r"nan at cell \(3, 4\) of scan 0, which is marked valid"):
-        answer(started(LayerMpcController(JOB)), broken, 0, 0)
-    valid[3, 4] = False
-    assert answer(started(LayerMpcController(JOB)), broken, 0, 0, valid)["layer_command"] == 1
-
-
 def test_first_scan_without_a_reading_is_refused_and_the_next_one_answered() -> None:
     controller = started(LayerMpcController(JOB))
     with pytest.raises(ComponentError, match=r"layer controller: scan 0: .* less than 2 % of the cells; .* sensor"):
@@ -224,43 +201,6 @@ def test_bound_counts_only_with_a_relaxation() -> None:
     bounded = answer(started(LayerMpcController(JOB, horizon=1, relaxation="ipopt")), FLAT, 0, 0)
     assert bounded["bound_valid"]
     assert bounded["bound"] <= bounded["objective"]
-
-
-def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_continues() -> None:
-    controller, plant, height = (
-        started(LayerMpcController(JOB, untrusted_layers=1, flat_ground=False)),
-        LayerModel.of(JOB),
-        FLAT,
-    )
-    hidden = np.ones(FLAT.shape, np.bool_)
-    hidden[4, 4] = False
-    statuses = []
-    for layer in range(20):
-        outputs = answer(controller, height, layer, layer, hidden)
-        statuses.append(int(outputs["status"]))
-        if outputs["status"] == Status.DONE:
-            break
-        assert outputs["layer_command"] == layer + 1
-        height = plant.layer(height, outputs["pattern"], layer + 1)
-    assert statuses[0] == Status.IDLE
-    assert set(statuses[1:-1]) == {Status.UNTRUSTED}
-    assert statuses[-1] == Status.DONE
-
-
-@pytest.mark.long
-def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> None:
-    controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
-    height, plant, rng = FLAT, LayerModel.of(JOB), np.random.default_rng(6)
-    for layer in range(6):
-        if layer == 3:
-            resumed.restore(controller.save())  # type: ignore[attr-defined]
-        scan = height + rng.normal(0.0, 1e-6, height.shape)
-        outputs = answer(controller, scan, layer, layer)
-        if layer >= 3:
-            again = answer(resumed, scan, layer, layer)
-            for name in ("pattern", "estimated_height", "volume_scale"):
-                np.testing.assert_array_equal(again[name], outputs[name], err_msg=name)
-        height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
 
 
 @pytest.mark.system

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import sys
 import types
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from inkloop.component import FloatMap, Job, Status
+from inkloop.component import FloatMap, Ink, Job, Status
 from inkloop.components import catalog
 from inkloop.course.layer_course import LayerCourse
 from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck, job
+from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, StochasticGreedy
+from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
+from inkloop_controller.core.bindings import paper_search
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.model import ink_maps
+from inkloop_controller.planning.layer_plan import PlanStatus
+from inkloop_controller.problem.horizon_problem import full_layers
+from support.closed_loop import block, cylinder, print_part
+from support.long_proofs import rest_is_long
 from support.toys import DROPLET, ToyPrinter, ToyProfiler, toy_job
 
 SECOND = 1_000_000_000
@@ -81,3 +92,106 @@ def test_what_is_no_pattern_is_refused(
 def test_class_that_is_neither_component_nor_rule_is_refused_with_what_it_lacks() -> None:
     with pytest.raises(ScenarioError, match="workshop:Nothing', which has no inputs, outputs, initialize, do_step"):
         catalog.make("workshop:Nothing", toy_job(), {})
+
+
+INK = Ink()
+
+
+def rough(job: Job, seed: int) -> Any:
+    """A surface below and above the target by up to a layer."""
+    return job.target_height + np.random.default_rng(seed).uniform(-8e-6, 4e-6, job.target_height.shape)
+
+
+def footprint(job: Job, i: int, j: int) -> Any:
+    """Heights that a droplet adds to the part on flat ground."""
+    added = np.zeros((job.nx, job.ny))
+    for di, dj in np.ndindex(3, 3):
+        added[i + di - 1, j + dj - 1] = (INK.h1, INK.h2, INK.h3)[abs(di - 1) + abs(dj - 1)]
+    return np.where(job.mask, added, 0.0)
+
+
+def dropped(job: Job, height: Any) -> Any:
+    return CohenLipson(job).droplets(height, ink_maps((INK,), np.zeros((job.nx, job.ny), np.int32)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sweeps_drop_what_the_choice_one_by_one_drops(seed: int) -> None:
+    job = block(14, 12)
+    height = rough(job, seed)
+    prints = {(int(i), int(j)): footprint(job, i, j) for i, j in np.argwhere(job.mask)}
+    lacking, one_by_one = np.where(job.mask, job.target_height - height, 0.0), np.zeros_like(job.mask)
+    while prints:
+        excess = {cell: (lacking * print_).sum() - (print_**2).sum() / 2 for cell, print_ in prints.items()}
+        weighted = {cell: (lacking * print_).sum() / print_.sum() for cell, print_ in prints.items()}
+        able = [cell for cell in prints if excess[cell] > 0.0]
+        if not able:
+            break
+        cell = max(able, key=lambda cell: weighted[cell])
+        one_by_one[cell] = True
+        lacking = lacking - prints.pop(cell)
+    assert one_by_one.sum() > 10
+    np.testing.assert_array_equal(dropped(job, height), one_by_one)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_further_droplet_would_lower_the_squares_of_the_predicted_map(seed: int) -> None:
+    job = block(14, 12)
+    height = rough(job, seed)
+    chosen = dropped(job, height)
+    grown = sum(footprint(job, i, j) for i, j in np.argwhere(chosen))
+    lacking = np.where(job.mask, job.target_height - height - grown, 0.0)
+    for i, j in np.argwhere(job.mask & ~chosen):
+        assert ((lacking - footprint(job, i, j)) ** 2).sum() >= (lacking**2).sum() * (1.0 - 1e-12)
+
+
+def test_density_of_error_diffusion_is_the_share_of_a_layer_that_is_lacking() -> None:
+    job = block(44, 44)
+    for share in (0.1, 0.35, 0.8):
+        estimate = Estimate.exact(job.target_height - share * INK.layer_height, job.inks)
+        pattern = ErrorDiffusion(job).plan(estimate, 0, np.zeros((1, 44, 44), np.int32)).pattern
+        assert pattern[job.mask].mean() == pytest.approx(share, abs=0.01)
+        assert not pattern[~job.mask].any()
+
+
+@pytest.mark.parametrize("make", [CohenLipson, ErrorDiffusion])
+def test_nothing_falls_where_nothing_is_lacking(make: Any) -> None:
+    job = block()
+    plan = make(job).plan(Estimate.exact(job.target_height, job.inks), 3, np.zeros((1, job.nx, job.ny), np.int32))
+    assert plan.status is PlanStatus.DONE
+    assert not plan.pattern.any()
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("make", rest_is_long([ErrorDiffusionController, CohenLipsonController], 1))
+def test_cylinder_ends_flatter_and_nearer_to_its_height_than_in_open_loop(make: Any) -> None:
+    job = cylinder()
+    blind = print_part(OpenLoopController(job), job, variation=0.2, seed=1).errors_um(job)
+    bias, mae, std = print_part(make(job), job, variation=0.2, seed=1).errors_um(job)
+    assert abs(bias) < 0.2
+    assert mae < blind[1] / 20
+    assert std < blind[2] / 3
+
+
+def test_higher_threshold_leaves_the_surface_lower() -> None:
+    job = block(14, 12)
+    surfaces = [
+        print_part(CohenLipsonController(job, threshold_um=threshold), job, variation=0.2, seed=3)
+        for threshold in (0.0, 1.5, 3.0)
+    ]
+    errors = [one.errors_um(job)[0] for one in surfaces]
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_seed_and_layer_have_halves_of_the_random_key_of_the_papers_search() -> None:
+    job = replace(block(34, 32), seed=2**32 + 3)
+    planner, estimate = StochasticGreedy(job), Estimate.exact(rough(job, 1), job.inks)
+    problem = planner._problems.problem(estimate, 7)
+    found = paper_search(problem, full_layers(problem), 20, 100_000, 3 * 2**32 + 7)
+    np.testing.assert_array_equal(planner.plan(estimate, 7, found.plan).plan, found.plan)
+    other = paper_search(problem, full_layers(problem), 20, 100_000, 3 * 2**32 + 8)
+    assert not np.array_equal(other.plan, found.plan)
+
+
+def test_threshold_below_zero_is_refused() -> None:
+    with pytest.raises(ValueError, match="threshold is -1e-06; needs a height of at least 0"):
+        CohenLipsonController(block(), threshold_um=-1.0)

@@ -28,7 +28,7 @@ from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError
 from inkloop.tables import schema
 from inkloop.testing import job
-from inkloop_controller.baselines.planners import OpenLoop
+from inkloop_controller.baseline_planners import OpenLoop
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from support.places import ROOT

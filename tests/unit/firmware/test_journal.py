@@ -10,24 +10,19 @@ from struct import pack, unpack_from
 import numpy as np
 import pytest
 
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Fault
 from support.benches.node_bench import (
     CURE,
-    CURE_ROUTINE,
     DONE,
     DONE_BEFORE,
-    GATE_OPENINGS,
     HEAD,
-    JOURNAL_DAMAGED,
     NEVER,
-    NRC_CONDITIONS,
-    NRC_FAILED,
-    NRC_SEQUENCE,
-    PASS,
-    PASS_UNKNOWN,
     PROFILER,
     RASTER,
     UNKNOWN,
     NodeBench,
+    Nrc,
     pattern_blob,
 )
 
@@ -52,7 +47,7 @@ def reboot(bench: NodeBench, node: int = HEAD) -> None:
 
 def known(bench: NodeBench, number: int) -> int:
     """Outcome that the node reports of a pass, asked without starting it."""
-    return bench.raw(bench.routine(PASS, 1, number, kind=3))[4]
+    return bench.raw(bench.routine(Routine.PASS, 1, number, kind=3))[4]
 
 
 @pytest.mark.parametrize("after", range(0, 400, 5))
@@ -64,22 +59,22 @@ def test_power_failure_at_any_time_doubles_and_hides_no_pass(after: int) -> None
         assert bench.download(pattern, 1) == 0
         begun, end = 0, bench.clock + after
         while bench.clock < end and begun < 4:
-            bench.raw(bench.routine(PASS, 1, begun, option=bytes([begun])))
+            bench.raw(bench.routine(Routine.PASS, 1, begun, option=bytes([begun])))
             bench.tick()
             begun += bench.late()[4:5] == bytes([DONE])
-        opened = bench.counted(GATE_OPENINGS)
+        opened = bench.gate_openings
         reboot(bench)
         state = bench.state()
         assert (state.done | state.unknown).bit_count() == opened
         assert state.needs_operator == bool(state.unknown)
         if state.unknown:
             number = state.unknown.bit_length() - 1
-            assert state.cause == PASS_UNKNOWN
+            assert state.cause == Fault.PASS_UNKNOWN
             assert known(bench, number) == UNKNOWN
-            assert bench.clear() == -NRC_CONDITIONS
+            assert bench.clear() == -Nrc.CONDITIONS
             assert bench.clear(option=1) == DONE
-            assert bench.download(pattern, 1) == -NRC_SEQUENCE, "closed to jetting"
-            assert bench.run(PASS, layer=1, which=number, option=b"\x00") == -NRC_SEQUENCE
+            assert bench.download(pattern, 1) == -Nrc.SEQUENCE, "closed to jetting"
+            assert bench.jet(1, number, 0) == -Nrc.SEQUENCE
             assert bench.download(pattern, 2) == 0
             return
         assert bench.clear() == DONE
@@ -87,68 +82,60 @@ def test_power_failure_at_any_time_doubles_and_hides_no_pass(after: int) -> None
             assert bench.download(pattern, 1) == 0
         for number in RASTER:
             expected = DONE_BEFORE if state.done >> number & 1 else DONE
-            assert bench.run(PASS, layer=1, which=number, option=bytes([number])) == expected
-        assert bench.counted(GATE_OPENINGS) == 4
+            assert bench.jet(1, number) == expected
+        assert bench.gate_openings == 4
 
 
 def test_resumed_layer_takes_the_same_pattern_only(bench: NodeBench) -> None:
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    assert bench.jet(1) == DONE
     reboot(bench)
     assert bench.clear() == DONE
-    assert bench.run(PASS, layer=1, which=1, option=b"\x01") == -NRC_SEQUENCE, "the pattern is lost"
+    assert bench.jet(1, 1) == -Nrc.SEQUENCE, "the pattern is lost"
     assert bench.download(pattern_blob(np.eye(9, 8)), 1) == -0x72
     assert bench.download(pattern_blob(FULL), 1) == 0
     assert bench.state().state == "PRINTED"
-    assert bench.run(PASS, layer=1, which=1, option=b"\x01") == DONE
+    assert bench.jet(1, 1) == DONE
+
+
+def stop(bench: NodeBench) -> None:
+    bench.stop(True)
+    bench.stop(False)
 
 
 @pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
-def test_torn_intent_energises_nothing_and_was_never_written(bench: NodeBench, written: int) -> None:
+@pytest.mark.parametrize("torn", ["INTENT", "DONE", "UNKNOWN"])
+def test_torn_intent_was_never_written_and_without_another_record_the_pass_is_unknown(
+    bench: NodeBench, torn: str, written: int
+) -> None:
+    """And nothing is energised before the next power-up."""
+    if torn != "INTENT":
+        assert bench.raw(bench.routine(Routine.PASS, 1, 0, option=b"\0")) == b"\x7f\x31\x78"
+        bench.tick(20)
     bench.tear(written)
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == -NRC_FAILED
-    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
-    assert bench.counted(GATE_OPENINGS) == 0
+    if torn == "UNKNOWN":
+        stop(bench)
+    elif torn == "INTENT":
+        assert bench.jet(1) == -Nrc.FAILED
+    bench.tick(200)
+    assert bench.state_and_cause() == ("FAULT", Fault.JOURNAL_DAMAGED)
+    assert bench.gate_openings == (torn != "INTENT")
     bench.tear(-1)
-    assert bench.clear(option=1) == -NRC_CONDITIONS, "a journal is read at power-up only"
+    assert bench.clear(option=1) == -Nrc.CONDITIONS, "a journal is read at power-up only"
     reboot(bench)
-    assert (known(bench, 0), bench.state().unknown) == (NEVER, 0)
-    assert bench.clear() == DONE
-    assert bench.download(pattern_blob(FULL), 1) == 0
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    assert (known(bench, 0), bench.state().unknown) == ((NEVER, 0) if torn == "INTENT" else (UNKNOWN, 1))
+    assert bench.clear(option=1) == DONE
+    assert bench.download(pattern_blob(FULL), 1) == (0 if torn == "INTENT" else -Nrc.SEQUENCE)
 
 
 def test_record_that_the_flash_holds_wrongly_energises_nothing(bench: NodeBench) -> None:
     bench.wear()
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == -NRC_FAILED
-    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
-    assert bench.counted(GATE_OPENINGS) == 0
-
-
-@pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
-def test_torn_done_is_unknown(bench: NodeBench, written: int) -> None:
-    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
-    bench.tear(written)
-    bench.tick(200)
-    assert bench.state().cause == JOURNAL_DAMAGED
-    reboot(bench)
-    assert (known(bench, 0), bench.state().unknown) == (UNKNOWN, 1)
-
-
-@pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
-def test_stop_that_cannot_be_written_down_is_a_fault_and_the_pass_unknown(bench: NodeBench, written: int) -> None:
-    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
-    bench.tick(20)
-    bench.tear(written)
-    bench.stop(True)
-    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
-    assert bench.state().unknown == 1
-    bench.stop(False)
-    reboot(bench)
-    assert (known(bench, 0), bench.state().unknown) == (UNKNOWN, 1)
+    assert bench.jet(1) == -Nrc.FAILED
+    assert bench.state_and_cause() == ("FAULT", Fault.JOURNAL_DAMAGED)
+    assert bench.gate_openings == 0
 
 
 def test_altered_record_is_not_believed(bench: NodeBench) -> None:
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    assert bench.jet(1) == DONE
     assert bench.journal()[-2:] == [(INTENT, 4, 0), (DONE_RECORD, 4, 0)]
     newest = len(bench.journal()) - 1
     bench.storage()[newest * RECORD + 21] ^= 1
@@ -170,7 +157,7 @@ def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int
 
 
 def test_unknown_pass_given_up_by_an_interlock_is_reported_at_once_and_after_a_reboot(bench: NodeBench) -> None:
-    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.raw(bench.routine(Routine.PASS, 1, 0, option=b"\x00"))
     bench.tick(30)
     bench.stop(True)
     bench.stop(False)
@@ -185,11 +172,11 @@ def test_unknown_pass_given_up_by_an_interlock_is_reported_at_once_and_after_a_r
 
 
 def test_unknown_cure_is_repeated_by_a_person_s_leave(bench: NodeBench) -> None:
-    bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=b"\x01\x00"), CURE)
+    bench.raw(bench.routine(Routine.CURE, 1, 0, option=b"\x01\x00"), CURE)
     bench.tick(50)
     reboot(bench, CURE)
-    assert bench.raw(bench.routine(CURE_ROUTINE, 1, 0, kind=3), CURE)[4] == UNKNOWN
-    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.raw(bench.routine(Routine.CURE, 1, 0, kind=3), CURE)[4] == UNKNOWN
+    assert bench.clear(CURE) == -Nrc.CONDITIONS
     assert bench.clear(CURE, 1) == DONE
     assert bench.cure(1, attempt=2) == DONE
     assert bench.cure(1, attempt=3) == DONE_BEFORE
@@ -199,21 +186,10 @@ def leave_a_pass_unknown(bench: NodeBench) -> None:
     """Power fails while it is jetted, and a person has looked at it."""
     bench.ready()
     assert bench.download(pattern_blob(FULL), 1) == 0
-    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.raw(bench.routine(Routine.PASS, 1, 0, option=b"\x00"))
     bench.tick(20)
     reboot(bench)
     assert bench.clear(option=1) == DONE
-
-
-def test_unknown_pass_is_cured_and_scanned_before_anything_is_jetted() -> None:
-    with NodeBench(one_node=1) as bench:
-        leave_a_pass_unknown(bench)
-        assert bench.scan(1) == -NRC_SEQUENCE, "wet"
-        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
-        assert bench.cure(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE, "not seen"
-        assert bench.scan(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == 0
 
 
 def test_boots_are_counted_and_the_ring_forgets_only_what_is_old(bench: NodeBench) -> None:
@@ -274,7 +250,7 @@ def test_record_says_what_was_done_of_which_layer_and_when(bench: NodeBench) -> 
     assert bench.download(pattern_blob(FULL), 1) == 0
     for number in (0, 1):
         began = bench.clock
-        assert bench.run(PASS, layer=1, which=number, attempt=3 + number, option=bytes([number])) == DONE
+        assert bench.run(Routine.PASS, layer=1, which=number, attempt=3 + number, option=bytes([number])) == DONE
     records = bench.raw(b"\x22\x01\x10")[3:]
     newest, intent = (unpack_from(">I4BIHHI4B2I", records, at) for at in (0, RECORD))
     number, *step, job, layer, boots, crc, passes, done, unknown, cured, flags, time = newest
@@ -289,11 +265,11 @@ def test_record_says_what_was_done_of_which_layer_and_when(bench: NodeBench) -> 
 def test_unknown_cure_asks_for_a_person_although_one_has_seen_the_unknown_pass() -> None:
     with NodeBench(one_node=1) as bench:
         leave_a_pass_unknown(bench)
-        bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=b"\x01\x00"))
+        bench.raw(bench.routine(Routine.CURE, 1, 0, option=b"\x01\x00"))
         bench.tick(20)
         reboot(bench)
         assert bench.state().needs_operator
-        assert bench.clear() == -NRC_CONDITIONS
+        assert bench.clear() == -Nrc.CONDITIONS
 
 
 def test_node_without_a_pattern_counts_its_boots_through_its_layers(bench: NodeBench) -> None:
@@ -325,7 +301,7 @@ def test_pass_that_is_cut_off_has_printed_the_lines_that_there_was_time_for(pass
     with NodeBench(pass_ms=90, gate_ms=0) as bench:
         bench.ready()
         assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        bench.raw(bench.routine(PASS, 1, option=b"\xff"))
+        bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff"))
         while bench.state().step == 0 or not bench.times().gate_opened:
             bench.tick()
         bench.tick(5)

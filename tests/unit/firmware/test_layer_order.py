@@ -7,39 +7,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
+from inkloop_hardware.protocol.services import Routine
 from support.benches.node_bench import (
     CURE,
     CURE_ROLE,
-    CURE_ROUTINE,
     DONE,
     DONE_BEFORE,
-    DRY_RUN,
-    GATE_OPENINGS,
     HEAD,
     HEAD_ROLE,
-    HOME,
-    LAMP_PULSES,
-    LAMP_WITH_GATE,
-    MOVE,
     NEVER,
-    NOT_READY,
-    NRC_BUSY,
-    NRC_CONDITIONS,
-    NRC_PENDING,
-    NRC_RANGE,
-    NRC_SEQUENCE,
-    PASS,
     PROFILER,
-    PURGE,
-    SCAN,
-    SELF_TEST,
     STAGE,
     STAGE_ROLE,
+    STATES,
     UNDER_WAY,
+    Broken,
     NodeBench,
+    Nrc,
     pattern_blob,
 )
 
@@ -57,7 +42,7 @@ def everything(bench: NodeBench) -> Any:
     """State that must not change when a request is refused or repeated."""
     states = [bench.state(node) for node in range(bench.count)]
     journals = [bench.journal(node) for node in range(bench.count)]
-    return states, journals, bench.surface.copy().tobytes(), bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)
+    return states, journals, bench.surface.copy().tobytes(), bench.gate_openings, bench.lamp_pulses
 
 
 def test_three_layers_go_round(bench: NodeBench) -> None:
@@ -65,59 +50,48 @@ def test_three_layers_go_round(bench: NodeBench) -> None:
     for layer in (1, 2, 3):
         bench.print_layer(FULL, layer)
         assert bench.scan(layer) == DONE
-    assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 12
-    assert bench.counted(LAMP_WITH_GATE) == 0
+    assert bench.gate_openings == bench.lamp_pulses == 12
+    assert bench.lamp_with_gate == 0
     assert bench.state().done == 15
 
 
 def test_states_are_passed_in_order() -> None:
     with NodeBench(one_node=1) as bench:
         seen = [bench.state().state]
-
-        def note() -> None:
-            if bench.state().state != seen[-1]:
-                seen.append(bench.state().state)
-
-        def begin(request: bytes) -> None:
-            bench.raw(request)
-            for _ in range(100):
-                note()
+        for request in (
+            bench.routine(Routine.CLEAR, option=b"\0"),
+            bench.routine(Routine.HOME),
+            bytes.fromhex("34 00 44 00000001 00000010"),
+            None,
+            bench.routine(Routine.PASS, 1, option=b"\xff"),
+            bench.routine(Routine.CURE, 1, option=b"\x00\x14"),
+            bench.routine(Routine.SCAN, 1),
+        ):
+            bench.tick(100)
+            if request is None:
+                assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+            else:
+                bench.raw(request)
+            for _ in range(30):
+                if bench.state().state != seen[-1]:
+                    seen.append(bench.state().state)
                 bench.tick()
-
-        bench.tick(100)
-        assert bench.clear() == DONE
-        note()
-        bench.run(HOME)
-        bench.raw(bytes.fromhex("3400440000000100000010"))
-        note()
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        note()
-        begin(bench.routine(PASS, 1, option=b"\xff"))
-        begin(bench.routine(CURE_ROUTINE, 1, option=b"\x00\x14"))
-        begin(bench.routine(SCAN, 1))
-        assert seen == [
-            "SAFE",
-            "IDLE",
-            "RECEIVING",
-            "VERIFIED",
-            "PRINTING",
-            "PRINTED",
-            "CURING",
-            "CURED",
-            "SCANNING",
-            "MAP_READY",
-        ]
+        assert tuple(seen) == STATES[:-1]
 
 
 def test_nothing_is_done_before_the_node_is_cleared(bench: NodeBench) -> None:
     bench.tick(100)
     before = everything(bench)
     stage, cure, profiler = (STAGE, CURE, PROFILER) if bench.count == 4 else (HEAD, HEAD, HEAD)
-    assert bench.download(pattern_blob(FULL), 1) == -NRC_CONDITIONS
-    assert bench.run(HOME, stage) == bench.run(MOVE, stage, option=b"\x01") == -NRC_CONDITIONS
-    assert bench.run(PURGE) == bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
-    assert bench.cure(1) == bench.scan(1) == -NRC_CONDITIONS
-    assert bench.run(DRY_RUN, profiler, option=b"\x01") == bench.run(DRY_RUN, cure, option=b"\x01") == -NRC_CONDITIONS
+    assert bench.download(pattern_blob(FULL), 1) == -Nrc.CONDITIONS
+    assert bench.run(Routine.HOME, stage) == bench.run(Routine.MOVE, stage, option=b"\x01") == -Nrc.CONDITIONS
+    assert bench.run(Routine.PURGE) == bench.jet(1) == -Nrc.CONDITIONS
+    assert bench.cure(1) == bench.scan(1) == -Nrc.CONDITIONS
+    assert (
+        bench.run(Routine.DRY_RUN, profiler, option=b"\x01")
+        == bench.run(Routine.DRY_RUN, cure, option=b"\x01")
+        == -Nrc.CONDITIONS
+    )
     assert everything(bench) == before
 
 
@@ -126,24 +100,24 @@ def test_repeat_of_done_changes_nothing(bench: NodeBench) -> None:
     assert bench.scan(1) == DONE
     before = everything(bench)
     for number in range(4):
-        assert bench.run(PASS, layer=1, which=number, attempt=9, option=bytes([number])) == DONE_BEFORE
+        assert bench.run(Routine.PASS, layer=1, which=number, attempt=9, option=bytes([number])) == DONE_BEFORE
         assert bench.cure(1, number, attempt=9) == DONE_BEFORE
     assert bench.scan(1) == DONE_BEFORE
-    assert bench.run(HOME, STAGE if bench.count == 4 else HEAD) == DONE_BEFORE
+    assert bench.run(Routine.HOME, STAGE if bench.count == 4 else HEAD) == DONE_BEFORE
     assert everything(bench) == before
 
 
 def test_repeat_of_what_is_under_way_does_not_begin_it_again(bench: NodeBench) -> None:
     bench.ready()
     assert bench.download(pattern_blob(SPARSE), 1) == 0
-    request = bench.routine(PASS, 1, 0, option=b"\x00")
+    request = bench.routine(Routine.PASS, 1, 0, option=b"\x00")
     assert bench.raw(request) == bench.raw(request) == b"\x7f\x31\x78"
-    assert bench.raw(bench.routine(PASS, 1, 0, kind=3))[4] == UNDER_WAY
-    assert bench.raw(bench.routine(PASS, 1, 1, option=b"\x01")) == b"\x7f\x31\x21"
+    assert bench.raw(bench.routine(Routine.PASS, 1, 0, kind=3))[4] == UNDER_WAY
+    assert bench.raw(bench.routine(Routine.PASS, 1, 1, option=b"\x01")) == b"\x7f\x31\x21"
     bench.tick(200)
     assert bench.late()[4] == DONE
     assert bench.late() == b""
-    assert bench.counted(GATE_OPENINGS) == 1
+    assert bench.gate_openings == 1
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
@@ -151,88 +125,69 @@ def test_passes_come_in_their_order(bench: NodeBench, number: int) -> None:
     bench.ready()
     assert bench.download(pattern_blob(SPARSE), 1) == 0
     before = everything(bench)
-    assert bench.run(PASS, layer=1, which=number, option=b"\x00") == -NRC_SEQUENCE
-    assert bench.run(PASS, layer=1, which=4, option=b"\x00") == -NRC_RANGE
-    assert bench.run(PASS, layer=1, which=0, option=b"\x04") == -NRC_RANGE
-    assert bench.run(PASS, layer=1, which=0, option=b"\xff") == -NRC_RANGE
-    assert bench.run(PASS, layer=2, which=0, option=b"\x00") == -NRC_SEQUENCE
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00", job=8) == -NRC_SEQUENCE
-    assert bench.raw(bench.routine(PASS, 1, number, kind=3))[4] == NEVER
+    assert bench.jet(1, number, 0) == -Nrc.SEQUENCE
+    assert bench.jet(1, 4, 0) == -Nrc.RANGE
+    assert bench.jet(1, colour=4) == -Nrc.RANGE
+    assert bench.jet(1, colour=255) == -Nrc.RANGE
+    assert bench.jet(2) == -Nrc.SEQUENCE
+    assert bench.run(Routine.PASS, layer=1, which=0, option=b"\x00", job=8) == -Nrc.SEQUENCE
+    assert bench.raw(bench.routine(Routine.PASS, 1, number, kind=3))[4] == NEVER
     assert everything(bench) == before
 
 
-def test_pattern_of_a_begun_layer_is_refused(bench: NodeBench) -> None:
+@pytest.mark.parametrize(
+    ("printed", "refused"), [("nothing", (0,)), ("pattern", (0, 2)), ("pass", (0, 1, 2, 3)), ("layer", (0, 1, 3))]
+)
+def test_layers_come_in_their_order_and_none_twice(bench: NodeBench, printed: str, refused: tuple[int, ...]) -> None:
     bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.download(pattern_blob(FULL), 1) == 0, "not begun: a better one is welcome"
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    if printed == "layer":
+        bench.print_layer(FULL, 1)
+        assert bench.scan(1) == DONE
+    elif printed != "nothing":
+        assert bench.download(pattern_blob(SPARSE), 1) == bench.download(pattern_blob(FULL), 1) == 0
+        assert bench.clear() == DONE, (
+            "every device of a rig clears the nodes: of one that is not off it changes nothing"
+        )
+        assert bench.state().state == "VERIFIED"
+    if printed == "pass":
+        assert bench.jet(1) == DONE
     before = everything(bench)
-    for layer in (0, 1, 2, 3):
-        assert bench.download(pattern_blob(SPARSE), layer) == -NRC_SEQUENCE
+    for layer in refused:
+        assert bench.download(pattern_blob(SPARSE), layer) == -Nrc.SEQUENCE
+    assert bench.jet(2) == -Nrc.SEQUENCE
+    assert bench.cure(1, 4) == bench.cure(1, 255) == -Nrc.RANGE
     assert everything(bench) == before
 
 
-def test_layers_are_neither_left_out_nor_printed_again(bench: NodeBench) -> None:
-    bench.ready().print_layer(FULL, 1)
-    assert bench.scan(1) == DONE
-    before = everything(bench)
-    for layer in (0, 1, 3):
-        assert bench.download(pattern_blob(FULL), layer) == -NRC_SEQUENCE
-    assert bench.run(PASS, layer=2, which=0, option=b"\x00") == -NRC_SEQUENCE
-    assert everything(bench) == before
-
-
-def test_wet_ink_is_not_scanned_by_a_node_that_knows() -> None:
-    with NodeBench(one_node=1) as bench:
+@pytest.mark.parametrize("ended", ["printed", "abandoned", "cure interrupted", "pass interrupted", "no profiler"])
+def test_wet_ink_is_cured_and_seen_before_anything_else_by_a_node_that_knows(ended: str) -> None:
+    with NodeBench(one_node=1, pass_ms=100) as bench:
         bench.ready()
+        if ended == "no profiler":
+            bench.roles(HEAD_ROLE | STAGE_ROLE | CURE_ROLE)
         assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.scan(1) == -NRC_SEQUENCE
-        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
-        assert bench.scan(1) == -NRC_SEQUENCE
-        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
-        assert bench.cure(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE, "not seen yet"
-        assert bench.scan(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == 0
-
-
-@pytest.mark.parametrize("cut", [False, True], ids=["never cured", "cure interrupted"])
-def test_uncured_ink_of_an_abandoned_layer_keeps_the_next_one_out(cut: bool) -> None:
-    with NodeBench(one_node=1) as bench:
-        bench.ready().print_layer(FULL, 1)
-        assert bench.scan(1) == DONE
-        assert bench.download(pattern_blob(FULL), 2) == 0
-        assert bench.run(PASS, layer=2, option=b"\0") == DONE
-        if cut:
-            assert bench.raw(bench.routine(CURE_ROUTINE, 2, option=b"\0\xff")) == b"\x7f\x31\x78"
+        assert bench.cure(1) == -Nrc.SEQUENCE, "nothing to cure"
+        if ended == "pass interrupted":
+            bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff"))
+            bench.tick(50)
+        else:
+            assert bench.jet(1, colour=255) == DONE
+        if ended == "cure interrupted":
+            assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\0\xff")) == b"\x7f\x31\x78"
+            bench.tick()
+        if "interrupted" in ended:
             bench.power_up()
             bench.tick(100)
-        assert bench.clear(HEAD, 3) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == bench.scan(2) == -NRC_SEQUENCE
-        assert bench.cure(2, attempt=2) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == -NRC_SEQUENCE, "not seen yet"
-        assert bench.scan(2) == DONE
-        assert bench.download(pattern_blob(FULL), 3) == 0
-
-
-def test_uncured_ink_keeps_the_next_layer_out_where_no_scan_comes_between() -> None:
-    """Print head and lamp are one node, the profiler is another."""
-    with NodeBench(one_node=1) as bench:
-        bench.ready()
-        bench.roles(HEAD_ROLE | STAGE_ROLE | CURE_ROLE)
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
-        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
-        assert bench.cure(1) == DONE
+        if ended not in ("printed", "no profiler"):
+            assert bench.clear(HEAD, 3 if ended == "abandoned" else 1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE
+        if ended != "no profiler":
+            assert bench.scan(1) == -Nrc.SEQUENCE
+        assert bench.cure(1, attempt=2) == DONE
+        if ended != "no profiler":
+            assert bench.download(pattern_blob(FULL), 2) == -Nrc.SEQUENCE, "not seen yet"
+            assert bench.scan(1) == DONE
         assert bench.download(pattern_blob(FULL), 2) == 0
-
-
-def test_cure_needs_something_to_cure() -> None:
-    with NodeBench(one_node=1) as bench:
-        bench.ready()
-        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
-        assert bench.cure(1) == -NRC_SEQUENCE
-        assert bench.counted(LAMP_PULSES) == 0
 
 
 def test_rescan_is_allowed_and_a_stale_map_is_not_given(bench: NodeBench) -> None:
@@ -247,29 +202,29 @@ def test_rescan_is_allowed_and_a_stale_map_is_not_given(bench: NodeBench) -> Non
     assert bench.upload(1, profiler) == first
     assert bench.scan(1, attempt=2) == DONE
     assert bench.upload(1, profiler) != first
-    assert bench.scan(0) == -NRC_SEQUENCE
+    assert bench.scan(0) == -Nrc.SEQUENCE
 
 
 def test_scan_of_another_attempt_waits_until_this_one_is_over(bench: NodeBench) -> None:
     profiler = PROFILER if bench.count == 4 else HEAD
     bench.ready()
-    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
-    assert bench.raw(bench.routine(SCAN, attempt=2), profiler)[2] == NRC_BUSY
-    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
+    assert bench.raw(bench.routine(Routine.SCAN, attempt=1), profiler)[2] == Nrc.PENDING
+    assert bench.raw(bench.routine(Routine.SCAN, attempt=2), profiler)[2] == Nrc.BUSY
+    assert bench.raw(bench.routine(Routine.SCAN, attempt=1), profiler)[2] == Nrc.PENDING
     bench.tick(8000)
     assert bench.scan(0, attempt=1) == DONE_BEFORE
-    assert bench.raw(bench.routine(SCAN, attempt=2), profiler)[2] == NRC_PENDING
-    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_BUSY, "its map is being overwritten"
+    assert bench.raw(bench.routine(Routine.SCAN, attempt=2), profiler)[2] == Nrc.PENDING
+    assert bench.raw(bench.routine(Routine.SCAN, attempt=1), profiler)[2] == Nrc.BUSY, "its map is being overwritten"
     bench.tick(8000)
     assert bench.scan(0, attempt=2) == DONE_BEFORE
-    assert bench.run(SCAN, profiler, which=4) == -NRC_RANGE, "what could not be known as done before"
+    assert bench.run(Routine.SCAN, profiler, which=4) == -Nrc.RANGE, "what could not be known as done before"
 
 
 def test_service_of_another_role_is_refused() -> None:
     with NodeBench() as bench:
         bench.ready()
         for node in range(4):
-            own = {HEAD: PASS, STAGE: HOME, CURE: CURE_ROUTINE, PROFILER: SCAN}
+            own = {HEAD: Routine.PASS, STAGE: Routine.HOME, CURE: Routine.CURE, PROFILER: Routine.SCAN}
             for other, routine in own.items():
                 if other != node:
                     assert bench.raw(bench.routine(routine, 1), node) == b"\x7f\x31\x31"
@@ -283,19 +238,19 @@ def test_dry_run_prints_lights_and_remembers_nothing(bench: NodeBench) -> None:
     bench.ready().print_layer(SPARSE, 1)
     assert bench.scan(1) == DONE
     surface, journals = bench.surface.copy(), [bench.journal(node) for node in range(bench.count)]
-    openings, pulses = bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)
+    openings, pulses = bench.gate_openings, bench.lamp_pulses
     bench.stop(True), bench.stop(False)
     for node in range(bench.count):
         assert bench.clear(node, 1) == DONE
-        assert bench.run(DRY_RUN, node, option=b"\x01") == DONE
+        assert bench.run(Routine.DRY_RUN, node, option=b"\x01") == DONE
     if bench.count == 1:
         assert bench.scan(1) == DONE
     bench.print_layer(FULL, 2)
     for node in range(bench.count):
-        assert bench.run(DRY_RUN, node, option=b"\x00") == DONE
+        assert bench.run(Routine.DRY_RUN, node, option=b"\x00") == DONE
     assert bench.state().layer == 1
     assert bench.surface.tobytes() == surface.tobytes()
-    assert (bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)) == (openings, pulses)
+    assert (bench.gate_openings, bench.lamp_pulses) == (openings, pulses)
     cleared: list[tuple[int, ...]] = [(6, 0, 0)]
     assert [bench.journal(node) for node in range(bench.count)] == [journal + cleared for journal in journals]
 
@@ -304,11 +259,11 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert bench.master
     bench.ready()
     assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    assert bench.jet(1) == DONE
     bench.master.job = 8
     bench.send_keep_alive()
-    assert bench.download(pattern_blob(FULL), 1) == -NRC_SEQUENCE
-    assert bench.clear(HEAD, 2) == -NRC_CONDITIONS, "only a person gives a layer up"
+    assert bench.download(pattern_blob(FULL), 1) == -Nrc.SEQUENCE
+    assert bench.clear(HEAD, 2) == -Nrc.CONDITIONS, "only a person gives a layer up"
     assert bench.clear(HEAD, 3) == DONE
     if bench.count == 1:
         assert bench.cure(1) == bench.scan(1) == DONE
@@ -316,152 +271,68 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert (bench.state().job, bench.state().done) == (8, 0)
 
 
-@settings(max_examples=60)
-@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3), st.integers(0, 4)), max_size=40), st.booleans())
-def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_node: bool) -> None:
-    """Also: the clock may wrap, and the lamp is never on without the gate closed."""
-    jetted: set[tuple[int, int]] = set()
-    with NodeBench(one_node=one_node, clock=2**32 - 500) as bench:
-        bench.ready()
-        for action, layer, number in asked:
-            if action == 0:
-                bench.download(pattern_blob(FULL), layer)
-            elif action == 1:
-                bench.cure(layer, number)
-            elif action == 2:
-                bench.scan(layer)
-            elif action == 3:
-                bench.power_up(HEAD)
-                bench.tick(100)
-                bench.clear(HEAD, 1)
-            elif bench.run(PASS, layer=layer, which=number, option=bytes([number % 4])) == DONE:
-                assert (layer, number) not in jetted
-                jetted.add((layer, number))
-        assert bench.counted(GATE_OPENINGS) == len(jetted)
-        assert bench.counted(LAMP_WITH_GATE) == 0
-
-
-@settings(max_examples=200)
-@given(st.lists(st.binary(max_size=24), max_size=20))
-def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
-    with NodeBench() as bench:
-        bench.tick(100)
-        for request in requests:
-            answer = bench.raw(request, len(request) % 4)
-            assert not answer or answer[0] in (request[0] + 0x40, 0x7F)
-        assert bench.state().state in ("SAFE", "IDLE")
-        assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
-
-
-def test_layer_that_is_not_begun_is_not_left_out_either(bench: NodeBench) -> None:
-    bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.download(pattern_blob(SPARSE), 2) == -NRC_SEQUENCE
-    assert bench.state().layer == 1
-
-
-def test_cure_and_scan_of_a_pass_that_there_is_not_are_refused(bench: NodeBench) -> None:
-    bench.ready().print_layer(FULL, 1)
-    assert bench.cure(1, 4) == bench.cure(1, 255) == -NRC_RANGE
-    assert bench.cure(1, 3) == DONE_BEFORE
-
-
 def test_nodes_without_a_pattern_begin_another_job_at_its_first_layer() -> None:
     with NodeBench() as bench:
         bench.ready()
         for layer in (1, 5):
             assert bench.cure(layer) == bench.scan(layer) == DONE
-        assert bench.cure(4) == bench.scan(4) == -NRC_SEQUENCE
-        assert bench.run(CURE_ROUTINE, CURE, layer=1, option=b"\0\x14", job=8) == DONE
-        assert bench.run(SCAN, PROFILER, layer=0, job=8) == DONE
+        assert bench.cure(4) == bench.scan(4) == -Nrc.SEQUENCE
+        assert bench.run(Routine.CURE, CURE, layer=1, option=b"\0\x14", job=8) == DONE
+        assert bench.run(Routine.SCAN, PROFILER, layer=0, job=8) == DONE
         assert (bench.state(CURE).job, bench.state(CURE).layer) == (8, 1)
 
 
-def test_dry_run_begins_where_nothing_is_under_way(bench: NodeBench) -> None:
-    bench.ready()
-    assert bench.download(pattern_blob(SPARSE), 1) == 0
-    assert bench.run(DRY_RUN, option=b"\1") == -NRC_SEQUENCE
-    assert bench.run(DRY_RUN, attempt=2, option=b"\0") == DONE, "there is none"
+def test_dry_run_begins_where_nothing_is_under_way_and_leaves_nothing(bench: NodeBench) -> None:
+    blob = pattern_blob(FULL)
+    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
+    assert bench.ready().download(blob, 1) == 0
+    assert bench.run(Routine.DRY_RUN, option=b"\1") == -Nrc.SEQUENCE
+    assert bench.run(Routine.DRY_RUN, attempt=2, option=b"\0") == DONE, "there is none"
     assert bench.state().pattern_loaded
-    assert bench.run(DRY_RUN, attempt=3, option=b"\2") == -NRC_RANGE
-
-
-def test_dry_run_ends_its_transfer_and_tests_nothing(bench: NodeBench) -> None:
-    bench.ready()
-    assert bench.run(DRY_RUN, option=b"\1") == DONE
-    assert bench.run(SELF_TEST, option=b"\0\0") == -NRC_CONDITIONS
+    assert bench.run(Routine.DRY_RUN, attempt=3, option=b"\2") == -Nrc.RANGE
+    bench.stop(True), bench.stop(False)
+    assert bench.clear(option=1) == DONE
+    assert bench.run(Routine.DRY_RUN, option=b"\1") == DONE
+    assert bench.run(Routine.SELF_TEST, option=b"\0\0") == -Nrc.CONDITIONS
+    assert bench.download(blob, 1) == 0
+    assert bench.raw(exit_)[0] == 0x77
+    assert bench.run(Routine.DRY_RUN, attempt=2, option=b"\0") == DONE
+    assert (bench.state().state, bench.state().pattern_loaded) == ("IDLE", False)
+    assert bench.raw(exit_) == bytes((0x7F, 0x37, Nrc.SEQUENCE))
+    assert bench.run(Routine.DRY_RUN, attempt=3, option=b"\1") == DONE
     assert bench.raw(bytes.fromhex("3400440000000100000010"))[0] == 0x74
-    assert bench.run(DRY_RUN, attempt=2, option=b"\0") == DONE
-    assert bench.raw(b"\x36\x01\x01") == bytes((0x7F, 0x36, NRC_SEQUENCE))
-    assert bench.state().state == "IDLE"
-
-
-def test_layer_0_is_the_start_surface_and_not_printed(bench: NodeBench) -> None:
-    assert bench.ready().download(pattern_blob(FULL), 0) == -NRC_SEQUENCE
-    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.run(Routine.DRY_RUN, attempt=4, option=b"\0") == DONE
+    assert bench.raw(b"\x36\x01\x01") == bytes((0x7F, 0x36, Nrc.SEQUENCE))
 
 
 def test_stage_knows_its_stations_and_moves_to_none_before_it_is_homed(bench: NodeBench) -> None:
     stage = STAGE if bench.count == 4 else HEAD
     bench.tick(100)
     assert [bench.clear(node) for node in range(bench.count)] == [DONE] * bench.count
-    assert bench.run(MOVE, stage, option=b"\1") == -NRC_CONDITIONS
+    assert bench.run(Routine.MOVE, stage, option=b"\1") == -Nrc.CONDITIONS
+    assert bench.scan(0) == (-Nrc.CONDITIONS if stage == HEAD else DONE), (
+        "a profiler that is no stage need not be homed"
+    )
+    bench.broken(Broken.NOT_READY)
+    assert bench.run(Routine.PURGE) == -Nrc.CONDITIONS
+    bench.broken(0)
+    assert bench.run(Routine.PURGE, attempt=2) == DONE
     assert bench.download(pattern_blob(FULL), 1) == 0
     if stage == HEAD:
-        assert bench.run(PASS, layer=1, option=b"\0") == -NRC_CONDITIONS
-    assert bench.run(HOME, stage) == DONE
-    assert [bench.run(MOVE, stage, attempt=k, option=bytes([k])) for k in range(5)] == [*[DONE] * 4, -NRC_RANGE]
-    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+        assert bench.jet(1) == -Nrc.CONDITIONS
+    assert bench.run(Routine.HOME, stage) == DONE
+    assert [bench.run(Routine.MOVE, stage, attempt=k, option=bytes([k])) for k in range(5)] == [*[DONE] * 4, -Nrc.RANGE]
+    assert bench.jet(1) == DONE
 
 
 def test_nothing_is_transferred_during_a_step(bench: NodeBench) -> None:
     """Nor is what was transferred before it confirmed again: the node answers one thing at a time."""
     blob = pattern_blob(FULL)
     assert bench.ready().download(blob, 1) == 0
-    assert bench.raw(bench.routine(PASS, 1, 0, option=b"\0")) == b"\x7f\x31\x78"
+    assert bench.raw(bench.routine(Routine.PASS, 1, 0, option=b"\0")) == b"\x7f\x31\x78"
     exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
     for request in (bytes.fromhex("34 00 44 00000001 0000001A"), b"\x36\x01\x00", exit_):
-        assert bench.raw(request) == bytes((0x7F, request[0], NRC_BUSY))
+        assert bench.raw(request) == bytes((0x7F, request[0], Nrc.BUSY))
     bench.tick(100)
     assert bench.late()[4] == DONE
     assert bench.raw(exit_)[0] == 0x77
-
-
-def test_clear_of_a_node_that_is_not_off_changes_nothing(bench: NodeBench) -> None:
-    """Every device of a rig clears the nodes when it begins."""
-    assert bench.ready().download(pattern_blob(FULL), 1) == 0
-    assert bench.clear() == DONE
-    assert bench.state().state == "VERIFIED"
-    assert bench.run(PASS, layer=1, option=b"\0") == DONE
-
-
-def test_pattern_of_a_dry_run_is_not_confirmed_after_it(bench: NodeBench) -> None:
-    blob = pattern_blob(FULL)
-    exit_ = b"\x37" + zlib.crc32(blob).to_bytes(4, "big")
-    bench.ready()
-    assert bench.run(DRY_RUN, option=b"\1") == DONE
-    assert bench.download(blob, 1) == 0
-    assert bench.raw(exit_)[0] == 0x77
-    assert bench.state().pattern_loaded
-    assert bench.run(DRY_RUN, option=b"\0") == DONE
-    assert not bench.state().pattern_loaded, "no pass jets it"
-    assert bench.raw(exit_) == bytes((0x7F, 0x37, NRC_SEQUENCE))
-
-
-def test_profiler_that_is_no_stage_need_not_be_homed() -> None:
-    with NodeBench() as bench:
-        bench.tick(100)
-        assert bench.clear(PROFILER) == DONE
-        assert bench.scan(0) == DONE
-    with NodeBench(one_node=1) as bench:
-        bench.tick(100)
-        assert bench.clear() == DONE
-        assert bench.scan(0) == -NRC_CONDITIONS
-
-
-def test_head_that_is_not_ready_is_not_purged() -> None:
-    with NodeBench() as bench:
-        bench.ready().broken(NOT_READY)
-        assert bench.run(PURGE) == -NRC_CONDITIONS
-        bench.broken(0)
-        assert bench.run(PURGE, attempt=2) == DONE

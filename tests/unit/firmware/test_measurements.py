@@ -17,7 +17,8 @@ from inkloop_hardware.protocol.records import (
     StageMeasurement,
     unpack,
 )
-from support.benches.node_bench import CURE, CURE_ROUTINE, HEAD, PROFILER, SCAN, STAGE, NodeBench, heights
+from inkloop_hardware.protocol.services import Routine
+from support.benches.node_bench import CURE, HEAD, PROFILER, STAGE, NodeBench, heights
 
 CODEC = Codec()
 MEMORY = 64
@@ -65,8 +66,8 @@ def test_lamp_time_is_that_of_the_present_or_the_last_pulse() -> None:
     with NodeBench() as bench:
         bench.ready()
         assert lamp(bench) == (0.0, 30.0, 0.0)
-        bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\x2c"), CURE)
-        bench.tick(200)
+        bench.raw(bench.routine(Routine.CURE, 1, option=b"\x01\x2c"), CURE)
+        bench.tick(205)
         assert lamp(bench) == (1e4, 30.0, 200.0)
         bench.tick(200)
         assert lamp(bench) == (0.0, 30.0, 300.0)
@@ -85,13 +86,14 @@ def test_profiler_counts_its_scans_and_the_cells_that_answered() -> None:
         bench.ready()
         assert found(bench) == (0, 0.0, 0.0)
         for number in (1, 2):
-            bench.raw(bench.routine(SCAN, attempt=number), PROFILER)
+            bench.raw(bench.routine(Routine.SCAN, attempt=number), PROFILER)
+            bench.tick()
             assert found(bench)[:2] == (number - 1, 0.0)
             bench.tick(100)
             valid = heights(bench.upload(0), 1e-7)[1]
             assert found(bench) == (number, 1.0, pytest.approx(valid.mean(), abs=0.0025))
             assert 0.3 < valid.mean() < 0.9
-        bench.raw(bench.routine(SCAN, attempt=3), PROFILER)
+        bench.raw(bench.routine(Routine.SCAN, attempt=3), PROFILER)
         bench.tick(20)
         bench.stop(True)
         assert found(bench)[0] == 2, "a scan that was given up is none"

@@ -9,20 +9,8 @@ import numpy as np
 import pytest
 
 from inkloop_hardware.protocol.codec import Frame
-from support.benches.node_bench import (
-    CLEAR,
-    CURE,
-    DONE,
-    DRY_RUN,
-    HEAD,
-    HOME,
-    NRC_CONDITIONS,
-    PROFILER,
-    SCAN,
-    STAGE,
-    NodeBench,
-    pattern_blob,
-)
+from inkloop_hardware.protocol.services import Routine
+from support.benches.node_bench import CURE, DONE, HEAD, PROFILER, STAGE, NodeBench, Nrc, pattern_blob
 
 SUPPRESSED = 0x80
 SERVICE, SUBFUNCTION, LENGTH, SEQUENCE, RANGE = 0x11, 0x12, 0x13, 0x24, 0x31
@@ -76,16 +64,18 @@ def test_first_check_that_fails_names_the_code(bench: NodeBench, node: int, requ
 
 
 def test_positive_answer_of_a_routine_is_suppressed_on_request(bench: NodeBench) -> None:
-    assert bench.raw(bench.routine(CLEAR, option=b"\0", kind=1 | SUPPRESSED)) == b""
-    assert bench.raw(bench.routine(CLEAR, kind=3 | SUPPRESSED)) == b""
-    assert bench.raw(bench.routine(DRY_RUN, option=b"\1", kind=1 | SUPPRESSED)) == b""
-    assert bench.raw(bench.routine(CLEAR, option=b"\4", kind=1 | SUPPRESSED)) == bytes((0x7F, 0x31, RANGE))
-    assert bench.raw(bench.routine(DRY_RUN, option=b"\0"))[:2] == b"\x71\x01", "the node did what it did not answer"
+    assert bench.raw(bench.routine(Routine.CLEAR, option=b"\0", kind=1 | SUPPRESSED)) == b""
+    assert bench.raw(bench.routine(Routine.CLEAR, kind=3 | SUPPRESSED)) == b""
+    assert bench.raw(bench.routine(Routine.DRY_RUN, option=b"\1", kind=1 | SUPPRESSED)) == b""
+    assert bench.raw(bench.routine(Routine.CLEAR, option=b"\4", kind=1 | SUPPRESSED)) == bytes((0x7F, 0x31, RANGE))
+    assert bench.raw(bench.routine(Routine.DRY_RUN, option=b"\0"))[:2] == b"\x71\x01", (
+        "the node did what it did not answer"
+    )
     assert bench.late() == b""
 
 
 def test_answer_that_was_announced_by_still_busy_is_not_suppressed(bench: NodeBench) -> None:
-    request = bench.routine(HOME, attempt=2, kind=1 | SUPPRESSED)
+    request = bench.routine(Routine.HOME, attempt=2, kind=1 | SUPPRESSED)
     assert bench.raw(request, STAGE) == b"\x7f\x31\x78"
     bench.tick(200)
     assert bench.late(STAGE)[:5] == b"\x71\x01\x02\x01" + bytes([DONE])
@@ -117,7 +107,7 @@ def test_step_under_way_keeps_its_session() -> None:
     with NodeBench(scan_ms=2 * S3_MS) as bench:
         bench.ready()
         assert bench.raw(b"\x10\x03", PROFILER)[:2] == b"\x50\x03"
-        assert bench.raw(bench.routine(SCAN), PROFILER) == b"\x7f\x31\x78"
+        assert bench.raw(bench.routine(Routine.SCAN), PROFILER) == b"\x7f\x31\x78"
         bench.tick(2 * S3_MS + 50)
         assert session_of(bench, PROFILER) == 3
 
@@ -127,7 +117,7 @@ def test_session_changes_no_condition(bench: NodeBench) -> None:
     bench.stop(True)
     for session in (b"\x10\x01", b"\x10\x03"):
         bench.raw(session)
-        assert bench.clear(HEAD, 1) == -NRC_CONDITIONS
+        assert bench.clear(HEAD, 1) == -Nrc.CONDITIONS
     bench.stop(False)
     assert bench.clear(HEAD, 1) == DONE
 
@@ -142,12 +132,12 @@ def test_flags_of_the_state_are_told_apart(bench: NodeBench) -> None:
     assert flags_of(bench) == set()
     assert bench.scan(0) == DONE
     assert flags_of(bench, PROFILER) == {"scanned"}
-    assert bench.raw(bench.routine(DRY_RUN, option=b"\1"))[4] == DONE
+    assert bench.raw(bench.routine(Routine.DRY_RUN, option=b"\1"))[4] == DONE
     assert flags_of(bench) == {"dry run"}
     assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
     assert flags_of(bench) == {"dry run", "pattern"}
     bench.tear(10, PROFILER)
-    bench.raw(bench.routine(SCAN, attempt=2), PROFILER)
+    bench.raw(bench.routine(Routine.SCAN, attempt=2), PROFILER)
     assert "damaged" in flags_of(bench, PROFILER)
     bench.stop(True)
     assert flags_of(bench) == {"needs operator", "stopped"}
@@ -159,6 +149,7 @@ def test_limits_and_times_of_a_session_are_those_of_the_page(bench: NodeBench) -
     assert found == (18, 300, 10_000, 500, 120_000, 30_000, 60_000, 4095)
     assert bench.raw(b"\x22\x01\x02", CURE)[3:7] == bytes(4), "it takes no pattern"
     assert unpack(">HH", bench.raw(b"\x10\x03")[2:]) == (1000, 500), "P2 [ms], P2* [10 ms]"
+    assert bench.raw(b"\x3e\x00") == b"\x7e\x00"
     with NodeBench(nx=5, ny=3) as odd:
         assert unpack(">I", odd.raw(b"\x22\x01\x02")[3:7]) == (4,)
 

@@ -8,18 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from support.benches.node_bench import (
-    CURE,
-    CURE_ROUTINE,
-    DONE,
-    HEAD,
-    LAMP_WITH_GATE,
-    NRC_CONDITIONS,
-    PASS,
-    PASS_UNKNOWN,
-    NodeBench,
-    pattern_blob,
-)
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Fault
+from support.benches.node_bench import CURE, DONE, HEAD, NodeBench, Nrc, pattern_blob
 
 FULL = np.ones((9, 8), np.uint8)
 PASS_MS, PERIOD_MS = 900, 300
@@ -36,18 +27,18 @@ def bench() -> Iterator[NodeBench]:
 
 def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_not_longer(bench: NodeBench) -> None:
     """Nine lines in 900 ms: one in 100 ms. The last kick comes with the tick in which the jets begin."""
-    assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
-    bench.tick()
+    assert bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+    bench.tick(10)
     bench.clock += 3000
     bench.tick()
     state = bench.state()
-    assert (state.state, state.cause, state.unknown, state.boots) == ("SAFE", PASS_UNKNOWN, 1, 2)
+    assert (state.state, state.cause, state.unknown, state.boots) == ("SAFE", Fault.PASS_UNKNOWN, 1, 2)
     assert state.by_watchdog
     assert bench.journal()[-2:] == [(INTENT, 4, 0), (WATCHDOG, 0, 0)]
     jetted = np.flatnonzero(bench.surface.max(axis=1) > 1e-6)
     assert jetted.tolist() == [0, 1, 2]
     bench.tick(100)
-    assert bench.clear() == -NRC_CONDITIONS, "a person has to look"
+    assert bench.clear() == -Nrc.CONDITIONS, "a person has to look"
     assert bench.clear(HEAD, 1) == DONE
     bench.power_up()
     assert not bench.state().by_watchdog, "the next one has another cause"
@@ -55,9 +46,10 @@ def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_no
 
 def test_head_without_power_has_its_gate_closed(bench: NodeBench) -> None:
     """By its spring: before the node is there again."""
-    cure = bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00")
-    assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
-    assert bench.raw(cure, CURE) == bytes((0x7F, 0x31, NRC_CONDITIONS))
+    cure = bench.routine(Routine.CURE, 1, option=b"\x01\x00")
+    assert bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+    bench.tick()
+    assert bench.raw(cure, CURE) == bytes((0x7F, 0x31, Nrc.CONDITIONS))
     bench.c.bench_power_off(bench.bench, HEAD)
     assert bench.raw(cure, CURE) == b"\x7f\x31\x78"
 
@@ -68,10 +60,11 @@ def test_lamp_without_power_is_dark(one_node: int) -> None:
     with NodeBench(one_node=one_node) as bench:
         if one_node:
             assert bench.ready().download(pattern_blob(FULL, passes=1), 1) == 0
-            assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+            assert bench.jet(1, colour=255) == DONE
         else:
             bench.ready()
-        assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\x00"), node) == b"\x7f\x31\x78"
+        assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\x01\x00"), node) == b"\x7f\x31\x78"
+        bench.tick()
 
         def irradiance() -> int:
             frame = bench.measured(CURE, ctypes.create_string_buffer(64), bench.clock)
@@ -83,22 +76,12 @@ def test_lamp_without_power_is_dark(one_node: int) -> None:
         assert irradiance() == 0
 
 
-def test_node_that_hangs_with_the_lamp_on_asks_for_a_person(bench: NodeBench) -> None:
-    assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x1f\x40"), CURE) == b"\x7f\x31\x78"
-    bench.tick(50)
-    bench.clock += PERIOD_MS
-    bench.tick()
-    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", PASS_UNKNOWN)
-    assert bench.state(CURE).by_watchdog
-    assert bench.counted(LAMP_WITH_GATE) == 0
-
-
 def test_node_that_finds_itself_unwell_does_not_kick(bench: NodeBench) -> None:
     """It ticks on, but drives something without a step."""
     bench.c.probe_drive_gate(bench.bench, HEAD)
     bench.tick(PERIOD_MS - 5)
     assert bench.state().boots == 1
-    bench.tick(10)
+    bench.tick(5)
     assert (bench.state().state, bench.state().boots, bench.state().by_watchdog) == ("SAFE", 2, True)
     assert bench.journal()[-1][0] == WATCHDOG
     assert [bench.state(node).boots for node in range(1, 4)] == [1, 1, 1]

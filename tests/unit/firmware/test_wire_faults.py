@@ -12,20 +12,7 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import (
-    CORE,
-    FAULTS,
-    FIRMWARE,
-    GATE_STAYS_CLOSED,
-    GATE_STAYS_OPEN,
-    HOST,
-    KERNELS,
-    LAMP_STAYS_ON,
-    NOT_READY,
-    WIRE,
-    codec,
-    firmware_library,
-)
+from support.benches.node_bench import CORE, FAULTS, FIRMWARE, HOST, KERNELS, WIRE, Broken, codec, firmware_library
 from support.places import C_SOURCES
 
 TO_NODES, FROM_NODES = 0, 1
@@ -134,6 +121,44 @@ def test_frames_are_doubled_swapped_and_overtaken() -> None:
     assert Counter(through("swap:probability=0.3,seed=5", count=200)).most_common(1)[0][1] == 1
 
 
+def test_frames_of_one_id_leave_a_node_out_of_order() -> None:
+    wire = FaultyWire("transmit-order:id=0x641,nth=2")
+    for number, frame in enumerate(numbered(4, 0x641)):
+        wire.send(frame, FROM_NODES)
+        wire.send(Frame(0x101, bytes([number])), FROM_NODES)
+    found = [frame for frame in wire.taken() if isinstance(frame, Frame)]
+    assert [frame.data[-1] for frame in found if frame.arbitration_id == 0x641] == [0, 2, 1, 3]
+    assert [frame.data[-1] for frame in found if frame.arbitration_id == 0x101] == [0, 1, 2, 3]
+    assert through("transmit-order", count=3) == [0, 1, 2], "masters send in order"
+    alone = FaultyWire("transmit-order")
+    alone.send(Frame(0x101, bytes(8)), FROM_NODES)
+    assert not alone.taken()
+    alone.c.probe_settle()
+    assert len(alone.taken()) == 1, "in the same turn of its node"
+
+
+def test_short_queue_holds_the_first_frames_of_each_block() -> None:
+    wire = FaultyWire("short-queue:node=head,frames=3")
+    wire.send(Frame(0x640, b"\x11\x2c"))
+    for block in range(2):
+        for number in range(16):
+            wire.send(Frame(0x640, bytes([0x20 + (number + 1) % 16, block])))
+            wire.send(Frame(0x646, bytes([0x20 + (number + 1) % 16])))
+        wire.send(Frame(0x641, b"\x30\x10\x00"), FROM_NODES)
+    found = [frame for frame in wire.taken() if isinstance(frame, Frame)]
+    assert [frame.data for frame in found if frame.arbitration_id == 0x640] == [
+        b"\x11\x2c", b"\x21\0", b"\x22\0", b"\x23\0", b"\x21\1", b"\x22\1", b"\x23\1"
+    ]  # fmt: skip
+    assert len([frame for frame in found if frame.arbitration_id == 0x646]) == 32, "another node"
+
+
+def test_node_keeps_32_frames_of_its_own_until_its_next_turn() -> None:
+    """A block of 16 and what comes during an erasure of 300 ms; frames of others need no room."""
+    overruns = library().probe_overruns
+    assert [overruns(0x640, number) for number in (16, 32, 33, 40)] == [0, 0, 1, 8]
+    assert [overruns(identifier, 40) for identifier in (0x10, 0x20, 0x642, 0x101)] == [8, 8, 0, 0]
+
+
 def test_a_frame_meets_every_fault_in_turn_and_each_of_them_once() -> None:
     assert through("duplication:nth=2", "loss:nth=3", count=4) == [0, 1, 2, 3]
     assert through("loss:nth=5", "swap:nth=2", count=7) == [0, 2, 1, 3, 5, 6]
@@ -162,6 +187,8 @@ def test_burst_that_begins_within_another_one_does_not_lengthen_it() -> None:
         ("loss:nth=0", "the key does not take this value"),
         ("loss:colour=1", "there is no such key"),
         ("hang", "it needs node=head, stage, cure or profiler"),
+        ("slow-erase", "it needs node=head, stage, cure or profiler"),
+        ("unreadable:count=3", "it needs node=head, stage, cure or profiler"),
         ("broken", "it needs part=gate-stays-open"),
         ("lost", "no fault is called lost"),
     ],
@@ -235,4 +262,7 @@ def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> No
 
 def test_parts_that_break_one_after_the_other_are_all_broken() -> None:
     wire = FaultyWire("broken:part=lamp-stays-on", "broken:part=not-ready", "broken:part=end-switches")
-    assert wire.c.probe_broken() == LAMP_STAYS_ON | NOT_READY | GATE_STAYS_OPEN | GATE_STAYS_CLOSED
+    assert (
+        wire.c.probe_broken()
+        == Broken.LAMP_STAYS_ON | Broken.NOT_READY | Broken.GATE_STAYS_OPEN | Broken.GATE_STAYS_CLOSED
+    )

@@ -45,19 +45,6 @@ def test_height_of_a_cell_is_the_mean_of_the_cap_over_it(radius, height) -> None
         assert surface[i, j] == pytest.approx(mean, abs=1e-11 * whole)
 
 
-def test_drop_smaller_than_its_cell_stays_there() -> None:
-    (surface,) = printed(3, 3, [one_drop(3, 3)], cap_radius_a=0.49 * PITCH)
-    assert np.count_nonzero(surface) == 1
-
-
-def test_surface_is_linear_in_the_pattern_and_forgets_what_lay_there() -> None:
-    rough = np.random.default_rng(1).uniform(0.0, 50e-6, (7, 6))
-    first, second = np.minimum(random_patterns(7, 6, 2), 1)
-    both = printed(7, 6, [first, second], height_start=rough)[-1]
-    alone = [printed(7, 6, [pattern])[0] for pattern in (first, second)]
-    assert both - rough == pytest.approx(sum(alone), rel=1e-9, abs=0.0)
-
-
 @pytest.mark.parametrize(("nx", "ny"), [(9, 9), (1, 7), (5, 8), (1, 1)])
 def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
     caps = (CAP, (420e-6, 9e-6))
@@ -71,16 +58,6 @@ def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
             lost += fell
             assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-11, abs=0.0)
         assert fmu.get("volume_lost") == pytest.approx(lost * PITCH**2, rel=1e-11, abs=0.0)
-
-
-def test_what_leaves_over_the_open_edge_is_counted() -> None:
-    with Driver("SuperpositionDeposition", nx=4, ny=7).start() as fmu:
-        for pattern in random_patterns(4, 7, 5):
-            fmu.print_layer(pattern)
-        drops = fmu.get("droplets_a") + fmu.get("droplets_b")
-        ink = fmu.get("height").sum() * PITCH**2 + fmu.get("volume_lost")
-        assert fmu.get("volume_lost") > 0.0
-        assert ink == pytest.approx(drops * caps_numpy.volume(*CAP), rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(

@@ -50,14 +50,6 @@ def test_droplet_is_even_about_the_middle_of_its_cell(points) -> None:
         np.testing.assert_allclose(turned, height, rtol=0.0, atol=1e-3 * height.max())
 
 
-def test_part_with_a_margin_loses_nothing() -> None:
-    with Driver(MODEL, nx=8, ny=8).start(COARSE) as fmu:
-        for _ in range(3):
-            fmu.print_layer(middle(8, 8))
-        assert fmu.get("volume_lost") == 0.0
-        assert fmu.get("height").sum() * PITCH**2 == pytest.approx(48 * VOLUME, rel=1e-12, abs=0.0)
-
-
 def test_fmu_prints_what_its_kernels_print() -> None:
     """Lines p, p + 4, ... in pass p, in the order of the rotation."""
     kernels = Print(9, 9, 4)
@@ -98,15 +90,6 @@ def test_one_pass_adds_what_each_line_would_print_alone() -> None:
     assert together == pytest.approx(alone, rel=1e-12, abs=0.0)
 
 
-def test_both_materials_are_the_same_liquid_counted_apart() -> None:
-    patterns = random_patterns(6, 6, 2)
-    with Driver(MODEL, nx=6, ny=6).start(COARSE) as two, Driver(MODEL, nx=6, ny=6).start(COARSE) as one:
-        for pattern in patterns:
-            assert np.array_equal(two.print_layer(pattern), one.print_layer(np.minimum(pattern, 1)))
-        assert two.get("droplets_b") == sum((pattern == 2).sum() for pattern in patterns)
-        assert one.get("droplets_b") == 0
-
-
 def test_two_drops_in_one_droplet_spread_like_one_of_twice_the_volume() -> None:
     pattern = np.zeros((5, 5), dtype=np.int32)
     pattern[2, 2] = 1
@@ -126,12 +109,6 @@ def test_liquid_between_walls_does_not_gather_on_one_point() -> None:
     after = model.layer(before, pattern)
     assert after.fallbacks == 1  # equation 3 has no solution there
     assert (after.over_grid - before.over_grid).max() < 300e-6  # a spike is 6 mm high
-
-
-def test_start_surface_is_kept_in_the_mean_of_every_cell() -> None:
-    surface = np.random.default_rng(6).uniform(0.0, 4e-6, (6, 5))
-    with Driver(MODEL, nx=6, ny=5).start({**COARSE, "height_start": surface}) as fmu:
-        assert fmu.print_layer(np.zeros((6, 5), dtype=np.int32)) == pytest.approx(surface, rel=1e-12, abs=0.0)
 
 
 def test_droplet_that_spreads_too_far_is_refused() -> None:

@@ -31,7 +31,7 @@ from inkloop.contract import (
 from inkloop.errors import ComponentError
 from inkloop.units import UM_PER_M
 
-_LOG = logging.getLogger("inkloop.components.shadow.shadow")
+_LOG = logging.getLogger(__name__)
 _SAME_M = 1e-9  # a plant on another start surface than it was given differs by more (assumed)
 
 SCAN_INPUTS = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED)

@@ -21,7 +21,7 @@ _WHITE_AND_BLACK = (255, 255, 255, 0, 0, 0)
 _CENTIMETRE, _TOP_LEFT, _MIN_IS_WHITE = 3, 1, 0  # TIFF 6.0, tags 296, 274 and 262
 _PHOTOMETRIC, _ORIENTATION, _ROWS_PER_STRIP = 262, 274, 278
 _ENTRY = struct.Struct("<HHIHH")  # TIFF 6.0, section 2: tag, type, count, and a value of 16 bits
-_BMP_FILE, _BMP_INFO = struct.Struct("<2sIHHI"), struct.Struct("<IiiHHIIiiII")
+_BMP_PER_METRE = struct.Struct("<ii")
 
 
 def encode(droplets: BoolMap, pitch: float, form: str, title: str) -> bytes:
@@ -86,16 +86,13 @@ def _png(rows: NDArray[np.bool_], pitch: float, title: str) -> bytes:
 
 
 def _bmp(rows: NDArray[np.bool_], pitch: float, title: str) -> bytes:
-    """Windows bitmap with BITMAPINFOHEADER and two colours; it stores the last row first, and has no room for text."""
-    height, width = rows.shape
-    packed = np.packbits(rows[::-1], axis=1)
-    padded = np.pad(packed, ((0, 0), (0, -packed.shape[1] % 4)))  # each row is a whole number of 32 bits
-    per_metre = round(1.0 / pitch)
-    palette = bytes((255, 255, 255, 0, 0, 0, 0, 0))
-    begin = _BMP_FILE.size + _BMP_INFO.size + len(palette)
-    head = _BMP_FILE.pack(b"BM", begin + padded.size, 0, 0, begin)
-    info = _BMP_INFO.pack(_BMP_INFO.size, width, height, 1, 1, 0, padded.size, per_metre, per_metre, 2, 2)
-    return head + info + palette + padded.tobytes()
+    """Windows bitmap of two colours; it stores the last row first, and has no room for text."""
+    file = io.BytesIO()
+    Image.fromarray(rows).save(file, "BMP")
+    content = bytearray(file.getvalue())
+    _BMP_PER_METRE.pack_into(content, 38, *[round(1.0 / pitch)] * 2)  # Pillow converts to inches, and not exactly
+    content[54:62] = 255, 255, 255, 0, 0, 0, 0, 0  # colours: in Pillow's files a set bit is white
+    return bytes(content)
 
 
 _ENCODERS: Mapping[str, Callable[[NDArray[np.bool_], float, str], bytes]] = {"tiff": _tiff, "png": _png, "bmp": _bmp}

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
 from inkloop.errors import missing
-from inkloop.metrology.evaluation.form import Step
-from inkloop.metrology.evaluation.minimax import minimax
+from inkloop.metrology.evaluation.form import Step, minimax
 from inkloop.metrology.evaluation.surface import Found, Refusal, refused
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M

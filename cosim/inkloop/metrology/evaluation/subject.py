@@ -9,7 +9,7 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.datum import plane, reference_cells
-from inkloop.metrology.evaluation.definitions import symbols
+from inkloop.metrology.evaluation.definitions import Treatment, symbols
 from inkloop.metrology.evaluation.form import EDGE, Points, central_third, flatness, parallelism, step, step_height
 from inkloop.metrology.evaluation.outline import outline_parameters
 from inkloop.metrology.evaluation.surface import (
@@ -21,7 +21,6 @@ from inkloop.metrology.evaluation.surface import (
     refused,
     s_filtered,
 )
-from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
-from inkloop.metrology.evaluation.definitions import Axis, FOperation
+from inkloop.metrology.evaluation.definitions import Axis, FOperation, Treatment
 from inkloop.metrology.evaluation.filters import cutoff_error, gaussian
-from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 
 CELLS_MIN = 50

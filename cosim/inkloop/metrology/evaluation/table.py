@@ -6,23 +6,21 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import nan, pi
 
+import numpy as np
+
 from inkloop.component import BoolMap, FloatMap
-from inkloop.metrology.evaluation.areal import height_parameters, hybrid_parameters
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, Axis, Group, symbols
-from inkloop.metrology.evaluation.material_ratio import material_ratio_parameters
+from inkloop.metrology.evaluation.areal import height_parameters, hybrid_parameters, material_ratio_parameters
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, Axis, Evaluation, Group, Treatment, symbols
 from inkloop.metrology.evaluation.profile import PRIMARY, ROUGHNESS, Profiles, profile_parameters
 from inkloop.metrology.evaluation.spatial import spatial_parameters
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found, Refusal, evaluated, refused
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
-from inkloop.metrology.evaluation.volume import volume_parameters
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import NL_PER_M3, PL_PER_M3, UM_PER_M
 
 SHOWN: Mapping[str, float] = {"um": UM_PER_M, "nl": NL_PER_M3, "pl": PL_PER_M3, "deg": 180.0 / pi, "1": 1.0}
 """Unit in keys -> factor from SI."""
-PRINTED_UNITS: Mapping[str, str] = {"um": "µm", "deg": "°"}
-"""Unit in keys -> unit for a person, where it differs."""
+_PRINTED = {"um": "µm", "deg": "°", "1": ""}
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,11 @@ class Parameter:
     def shown_unit(self) -> str:
         """The unit in tables, as keys have it: "um", "nl", "pl", "deg" or "1"."""
         return DEFINITIONS[self.symbol].shown
+
+    @property
+    def printed_unit(self) -> str:
+        """The same for a person, "" for a ratio or a count."""
+        return _PRINTED.get(self.shown_unit, self.shown_unit)
 
     @property
     def shown(self) -> float:
@@ -82,7 +85,7 @@ def found(subject: Subject, group: Group, treatment: Treatment | None = None) ->
         return subject.form_parameters(treatment)
     if group == "volume":
         below = subject.substrate_heights()
-        return volume_parameters(subject.map_, subject.cells, below, subject.target, subject.droplets)
+        return _volume_parameters(subject.map_, subject.cells, below, subject.target, subject.droplets)
     surface = evaluated(subject.map_, subject.mask, treatment, target=subject.target)
     if isinstance(surface, Refusal):
         return refused(symbols(group), surface.reason)
@@ -123,3 +126,50 @@ def _row(symbol: str, value: float | Refusal) -> Parameter:
     if isinstance(value, Refusal):
         return Parameter(symbol, definition.name, nan, definition.unit, value.reason)
     return Parameter(symbol, definition.name, value, definition.unit)
+
+
+def _volume_parameters(
+    map_: HeightMap, mask: BoolMap, substrate: FloatMap | Refusal, target: FloatMap | None, droplets: int | None
+) -> Found:
+    """volume_printed, volume_target, volume_error, droplet_volume [m3], droplets [1].
+
+    printed = sum over the part of (height - substrate) dx dy
+    target  = sum over the part of (target - substrate) dx dy      error = target - printed (positive: too little)
+    droplet = sum over the whole map of (height - substrate) dx dy / droplets
+
+    A cell without a height would make a volume too small, and no height is invented: then there is no volume.
+
+    substrate: (m, n) height below the part [m].
+    """
+    cell = map_.dx * map_.dy
+
+    def volume(top: FloatMap | None, cells: BoolMap) -> float | Refusal:
+        if isinstance(substrate, Refusal):
+            return substrate
+        if top is None:
+            return Refusal("a map knows no target; evaluate a run")
+        thickness = (top - substrate)[cells]
+        if lacking := int(np.isnan(thickness).sum()):
+            return Refusal(f"{lacking} cells have no height: what stands on them is unknown")
+        return float(thickness.sum()) * cell
+
+    printed, wanted = volume(map_.z, mask), volume(target, mask)
+    whole = volume(map_.z, np.ones_like(mask))
+    counted = Refusal("a map knows no droplets; evaluate a run") if droplets is None else float(droplets)
+    error = wanted - printed if isinstance(wanted, float) and isinstance(printed, float) else _reason(wanted, printed)
+    each: float | Refusal = Refusal("no droplet landed")
+    if isinstance(whole, Refusal) or isinstance(counted, Refusal):
+        each = _reason(whole, counted)
+    elif counted > 0.0:
+        each = whole / counted
+    return {
+        "volume_printed": printed,
+        "volume_target": wanted,
+        "volume_error": error,
+        "droplets": counted,
+        "droplet_volume": each,
+    }
+
+
+def _reason(*values: float | Refusal) -> Refusal:
+    return next(value for value in values if isinstance(value, Refusal))

@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 
 from inkloop.contract import PATTERN
 from inkloop.report.page.charts import SIGN, plain
+from inkloop.results.metrics import error_of
 from inkloop.units import UM_PER_M
 
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
@@ -78,8 +79,8 @@ def distribution(errors: Mapping[str, NDArray[np.float64]]) -> go.Figure:
 
 def final_error(run: xr.Dataset) -> NDArray[np.float64]:
     """Target minus final height of the cells of the part [um], where it is known."""
-    error = (run.target_height - run.height[-1]).values[run["mask"].values.astype(bool)] * UM_PER_M
-    return np.asarray(error[np.isfinite(error)])
+    error = error_of(run)
+    return error[np.isfinite(error)]
 
 
 def _line(number: int) -> dict[str, Any]:

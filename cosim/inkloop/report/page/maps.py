@@ -30,6 +30,19 @@ _TYPES = (np.dtype("<i1"), np.dtype("<i2"), np.dtype("<i4"))
 Whole = NDArray[np.int32]
 
 
+def block_sums(values: NDArray[Any], block: int) -> FloatMap:
+    """Sums over square blocks of `block` cells a side, which are smaller at the far edges."""
+    along_x = np.add.reduceat(values, np.arange(0, values.shape[0], block), axis=0, dtype=np.float64)
+    return np.asarray(np.add.reduceat(along_x, np.arange(0, values.shape[1], block), axis=1))
+
+
+def block_means(values: FloatMap, block: int) -> FloatMap:
+    """Means over such blocks, of the cells that have a number; NaN where none has."""
+    counts = block_sums(np.isfinite(values), block)
+    means: FloatMap = block_sums(np.nan_to_num(values), block) / np.where(counts > 0.0, counts, np.nan)
+    return means
+
+
 class Blocks:
     """Square blocks of `block` cells a side on a grid; at the far edges of the grid they may be smaller.
 
@@ -38,17 +51,15 @@ class Blocks:
 
     def __init__(self, mask: BoolMap, block: int) -> None:
         self.block = block
-        self._starts = [np.arange(0, cells, block) for cells in mask.shape]
-        self.shape = len(self._starts[0]), len(self._starts[1])
         self.part: BoolMap = self.sums(mask) > 0
+        self.shape = self.part.shape
         nx, ny = mask.shape
         self._counted = mask | ~self.part.repeat(block, axis=0).repeat(block, axis=1)[:nx, :ny]
         self._cells = self.sums(self._counted)
 
     def sums(self, values: NDArray[Any]) -> FloatMap:
         """Sums over the cells of each block; values: (nx, ny)."""
-        along_x = np.add.reduceat(values, self._starts[0], axis=0, dtype=np.float64)
-        return np.asarray(np.add.reduceat(along_x, self._starts[1], axis=1))
+        return block_sums(values, self.block)
 
     def means(self, values: FloatMap) -> FloatMap:
         """Means over the cells of each block, over those of the part if it has any: so the edge keeps its error."""

@@ -4,7 +4,7 @@
 #include "random.h"
 
 enum { FIRST_STREAM = 100, STEP_DOWNLOAD = 8 /* first random stream, after those of StepKind */, STEP_UPLOAD };
-enum { FLOW_CONTROL = 0x3, FIRST_ISOTP_ID = INKLOOP_HEAD_REQUEST_FRAME_ID };
+enum { FIRST_FRAME = 0x1, CONSECUTIVE = 0x2, FLOW_CONTROL = 0x3, FIRST_ISOTP_ID = INKLOOP_HEAD_REQUEST_FRAME_ID };
 enum { LAST_ISOTP_ID = INKLOOP_PROFILER_ANSWER_FRAME_ID, POSITIVE = 0x40, NEGATIVE = 0x7F };
 
 static bool fits(int32_t wanted, int32_t found) {
@@ -24,7 +24,7 @@ static bool is_reached(const Fault *fault, const Node *node) {
 void faults_arm(Faults *faults, Bench *bench) {
     for (uint32_t k = 0; k < faults->count; k++)
         for (int node = 0; node < bench_node_count(bench) && !faults->fault[k].armed; node++)
-            faults->fault[k].armed = is_reached(&faults->fault[k], bench_node(bench, node));
+            faults->fault[k].armed = is_reached(&faults->fault[k], &bench->node[node]);
 }
 
 /* Counts an event that matches; returns whether it is hit, or one of the `in_a_row` before it was. */
@@ -45,9 +45,10 @@ static bool is_hit(Fault *fault, uint32_t id, uint32_t in_a_row) {
     return true;
 }
 
-static bool is_flow_control(const CanFrame *frame) {
-    return frame->id >= FIRST_ISOTP_ID && frame->id <= LAST_ISOTP_ID && frame->length > 0 &&
-           frame->data[0] >> 4 == FLOW_CONTROL;
+/* Kind of an ISO-TP frame; ANY for other frames. */
+static int32_t isotp_kind(const CanFrame *frame) {
+    const bool is_isotp = frame->id >= FIRST_ISOTP_ID && frame->id <= LAST_ISOTP_ID && frame->length > 0;
+    return is_isotp ? frame->data[0] >> 4 : ANY;
 }
 
 static bool is_supervised(uint32_t id) {
@@ -65,16 +66,40 @@ static int32_t node_of(uint32_t id) {
     return own ? (int32_t)(id & 0xF) - 1 : ANY;
 }
 
+/* Whether a frame comes when the queue of its node is full: the node empties it once in a block. */
+static bool overflows(Fault *fault, Way way, const CanFrame *frame) {
+    const int32_t kind = isotp_kind(frame);
+    if (kind == ANY)
+        return false;
+    uint32_t *in_block = &fault->in_block[node_of(frame->id)];
+    if (kind == (way == TO_NODES ? FIRST_FRAME : FLOW_CONTROL))
+        *in_block = 0;
+    return way == TO_NODES && kind == CONSECUTIVE && ++*in_block > fault->frames;
+}
+
+/* Whether a fault of this kind can hit the frame. */
+static bool is_suitable(Fault *fault, Way way, const CanFrame *frame) {
+    switch (fault->kind) {
+    case FAULT_FLOW_CONTROL:
+        return isotp_kind(frame) == FLOW_CONTROL;
+    case FAULT_TRANSMIT_ORDER:
+        return way == FROM_NODES;
+    case FAULT_SHORT_QUEUE:
+        return overflows(fault, way, frame);
+    case FAULT_STUCK_COUNTER:
+    case FAULT_BAD_CHECK:
+        return is_supervised(frame->id);
+    default:
+        return fault->kind < FAULT_STUCK_COUNTER;
+    }
+}
+
 bool fault_hits_frame(Fault *fault, Way way, const CanFrame *frame) {
     if (!fault->armed || !fits(fault->way, (int32_t)way) || !fits(fault->id, (int32_t)frame->id))
         return false;
     if (fault->node != ANY && fault->node != node_of(frame->id))
         return false;
-    if (fault->kind == FAULT_FLOW_CONTROL && !is_flow_control(frame))
-        return false;
-    if ((fault->kind == FAULT_STUCK_COUNTER || fault->kind == FAULT_BAD_CHECK) && !is_supervised(frame->id))
-        return false;
-    return fault->kind <= FAULT_BAD_CHECK && is_hit(fault, frame->id, fault->count);
+    return is_suitable(fault, way, frame) && is_hit(fault, frame->id, fault->count);
 }
 
 bool fault_hits_answer(Fault *fault, int node, const uint8_t *answer, size_t length) {

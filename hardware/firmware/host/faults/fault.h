@@ -23,6 +23,8 @@ typedef enum {
     FAULT_DELAY,
     FAULT_FLOW_CONTROL,
     FAULT_MALFORMED_LINE,
+    FAULT_TRANSMIT_ORDER,
+    FAULT_SHORT_QUEUE,
     FAULT_STUCK_COUNTER,
     FAULT_BAD_CHECK,
     FAULT_LATE_ANSWER, /* faults of a node's answers */
@@ -31,6 +33,8 @@ typedef enum {
     FAULT_REBOOT, /* faults of nodes, masters and adapters */
     FAULT_DEATH,
     FAULT_HANG,
+    FAULT_SLOW_ERASE,
+    FAULT_UNREADABLE,
     FAULT_BROKEN,
     FAULT_SECOND_MASTER,
     FAULT_UNPLUGGED,
@@ -48,7 +52,8 @@ typedef struct {
     double probability; /* probability for each frame; 0: once, at the nth */
     /* first match that is hit, and number of hits in a row; nth 0: the first, an event at once */
     uint32_t nth, count;
-    uint32_t frames; /* duration: frames that overtake a delayed one, MasterAlive frames of a death; 0: without end */
+    uint32_t
+        frames; /* that overtake a delayed one, that fit into a queue, MasterAlive frames of an event; 0: without end */
     int32_t way, id, node, service, byte, part;
     int32_t layer, pass, step; /* node state that arms the fault; ANY: armed from the start */
     int32_t seed;
@@ -57,6 +62,7 @@ typedef struct {
     bool armed, over;
     uint32_t fitting, left, hits;
     uint32_t seen[STANDARD_IDS];
+    uint32_t in_block[BENCH_NODES]; /* consecutive frames to a node in their present block */
 } Fault;
 
 typedef struct {

@@ -7,11 +7,36 @@
 
 enum { WORD = 64, DIGITS_BASE = 0 /* decimal, or hexadecimal with 0x */ };
 
-static const char *const KINDS[FAULT_KINDS] = {"loss",          "burst",         "corruption",   "duplication",
-                                               "swap",          "delay",         "flow-control", "malformed-line",
-                                               "stuck-counter", "bad-check",     "late-answer",  "repeated-answer",
-                                               "short-map",     "reboot",        "death",        "hang",
-                                               "broken",        "second-master", "unplugged",    "bus-off"};
+typedef struct {
+    const char *name;
+    uint32_t count, frames; /* defaults; 0 in `count`: one */
+    bool needs_node;
+} KindOf;
+
+static const KindOf KINDS[FAULT_KINDS] = {[FAULT_LOSS] = {.name = "loss"},
+                                          [FAULT_BURST] = {.name = "burst", .count = 16},
+                                          [FAULT_CORRUPTION] = {.name = "corruption"},
+                                          [FAULT_DUPLICATION] = {.name = "duplication"},
+                                          [FAULT_SWAP] = {.name = "swap", .frames = 1},
+                                          [FAULT_DELAY] = {.name = "delay", .frames = 10},
+                                          [FAULT_FLOW_CONTROL] = {.name = "flow-control"},
+                                          [FAULT_MALFORMED_LINE] = {.name = "malformed-line"},
+                                          [FAULT_TRANSMIT_ORDER] = {.name = "transmit-order", .frames = 1},
+                                          [FAULT_SHORT_QUEUE] = {"short-queue", UINT32_MAX, 3, false},
+                                          [FAULT_STUCK_COUNTER] = {.name = "stuck-counter", .count = 10},
+                                          [FAULT_BAD_CHECK] = {.name = "bad-check", .count = 10},
+                                          [FAULT_LATE_ANSWER] = {.name = "late-answer"},
+                                          [FAULT_REPEATED_ANSWER] = {.name = "repeated-answer"},
+                                          [FAULT_SHORT_MAP] = {.name = "short-map"},
+                                          [FAULT_REBOOT] = {.name = "reboot", .needs_node = true},
+                                          [FAULT_DEATH] = {.name = "death", .needs_node = true},
+                                          [FAULT_HANG] = {.name = "hang", .needs_node = true},
+                                          [FAULT_SLOW_ERASE] = {"slow-erase", 1, 2, true},
+                                          [FAULT_UNREADABLE] = {"unreadable", 2, 0, true},
+                                          [FAULT_BROKEN] = {.name = "broken"},
+                                          [FAULT_SECOND_MASTER] = {.name = "second-master", .count = 10},
+                                          [FAULT_UNPLUGGED] = {.name = "unplugged"},
+                                          [FAULT_BUS_OFF] = {.name = "bus-off", .frames = 10}};
 static const char *const WAY_NAMES[] = {"to-nodes", "from-nodes", NULL};
 static const char *const NODE_NAMES[] = {"head", "stage", "cure", "profiler", NULL};
 static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge",  "pass", "cure",
@@ -88,31 +113,25 @@ static int read_pair(Fault *fault, const char *name, const char *value) {
     return -1;
 }
 
-static void set_defaults(Fault *fault, FaultKind kind) {
-    const bool often =
-        kind == FAULT_BURST || kind == FAULT_STUCK_COUNTER || kind == FAULT_BAD_CHECK || kind == FAULT_SECOND_MASTER;
-    *fault = (Fault){.kind = kind,
-                     .count = often ? (kind == FAULT_BURST ? 16 : 10) : 1,
-                     .frames = kind == FAULT_DELAY  ? 10
-                               : kind == FAULT_SWAP ? 1
-                                                    : 0,
-                     .way = ANY,
-                     .id = ANY,
-                     .node = ANY,
-                     .service = ANY,
-                     .byte = ANY,
-                     .part = ANY,
-                     .layer = ANY,
-                     .pass = ANY,
-                     .step = ANY};
-}
-
 static bool read_kind(Fault *fault, const char *word) {
-    for (int kind = 0; kind < FAULT_KINDS; kind++)
-        if (strcmp(KINDS[kind], word) == 0) {
-            set_defaults(fault, (FaultKind)kind);
-            return true;
-        }
+    for (int kind = 0; kind < FAULT_KINDS; kind++) {
+        const KindOf *found = &KINDS[kind];
+        if (strcmp(found->name, word) != 0)
+            continue;
+        *fault = (Fault){.kind = (FaultKind)kind,
+                         .count = found->count ? found->count : 1,
+                         .frames = found->frames,
+                         .way = ANY,
+                         .id = ANY,
+                         .node = ANY,
+                         .service = ANY,
+                         .byte = ANY,
+                         .part = ANY,
+                         .layer = ANY,
+                         .pass = ANY,
+                         .step = ANY};
+        return true;
+    }
     return false;
 }
 
@@ -138,7 +157,7 @@ bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
         const int read = whole ? read_pair(fault, name, value) : -1;
         if (read == 1)
             continue;
-        snprintf(why, room, "%s=%s of %s: %s", name, whole ? value : "", KINDS[fault->kind],
+        snprintf(why, room, "%s=%s of %s: %s", name, whole ? value : "", KINDS[fault->kind].name,
                  read < 0 ? "there is no such key" : "the key does not take this value");
         return false;
     }
@@ -146,8 +165,7 @@ bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
         snprintf(why, room, "give probability or nth, not both");
         return false;
     }
-    const bool alone = fault->kind >= FAULT_REBOOT && fault->kind <= FAULT_HANG;
-    if (alone && fault->node == ANY) {
+    if (KINDS[fault->kind].needs_node && fault->node == ANY) {
         snprintf(why, room, "it needs node=head, stage, cure or profiler");
         return false;
     }

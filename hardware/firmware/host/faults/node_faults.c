@@ -20,7 +20,7 @@ void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub
 void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now) {
     faulty->node[node] = (FaultyNode){.dead = false};
     bench_power_up(faulty->bench, node, now);
-    node_frames_init(&faulty->frames[node], bench_node(faulty->bench, node), (uint8_t)node);
+    node_frames_init(&faulty->frames[node], &faulty->bench->node[node], (uint8_t)node);
 }
 
 static void die(NodeFaults *faulty, int node, uint32_t frames) {
@@ -40,8 +40,14 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
     case FAULT_HANG: /* its outputs stay as they are until the watchdog expires */
         faulty->node[fault->node].dead = true;
         break;
+    case FAULT_SLOW_ERASE:
+        faulty->node[fault->node].erases_for = fault->frames;
+        break;
+    case FAULT_UNREADABLE:
+        bench_decay(faulty->bench, fault->node, fault->count);
+        break;
     case FAULT_BROKEN:
-        bench_world(faulty->bench)->broken |= fault->part == END_SWITCHES ? GATE_BOTH : 1u << fault->part;
+        faulty->bench->world.broken |= fault->part == END_SWITCHES ? GATE_BOTH : 1u << fault->part;
         break;
     case FAULT_SECOND_MASTER:
         faulty->intrusions = fault->count;
@@ -49,15 +55,28 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
     case FAULT_UNPLUGGED:
         hub_unplug(faulty->hub, faulty->master_adapter, fault->count - 1);
         break;
-    default:
-        hub_bus_off(faulty->hub, faulty->master_adapter, fault->count);
+    case FAULT_BUS_OFF:
+        if (fault->node == ANY)
+            hub_bus_off(faulty->hub, faulty->master_adapter, fault->count);
+        else
+            faulty->node[fault->node].off_bus_for = fault->frames;
+        break;
+    default: /* faults of frames and answers */
+        break;
     }
 }
 
-static void revive(NodeFaults *faulty, uint32_t now) {
+static bool is_last(uint32_t *frames) {
+    return *frames > 0 && --*frames == 0;
+}
+
+/* Counts a MasterAlive for nodes that do not hear it. */
+static void count_down(NodeFaults *faulty, uint32_t now) {
     for (int node = 0; node < bench_node_count(faulty->bench); node++) {
         FaultyNode *one = &faulty->node[node];
-        if (one->dead && one->revives_after > 0 && --one->revives_after == 0)
+        is_last(&one->busy_for);
+        is_last(&one->off_bus_for);
+        if (one->dead && is_last(&one->revives_after))
             node_faults_power_up(faulty, node, now);
     }
 }
@@ -65,7 +84,7 @@ static void revive(NodeFaults *faulty, uint32_t now) {
 void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now) {
     if (frame && frame->id == INKLOOP_MASTER_ALIVE_FRAME_ID) {
         faulty->master_adapter = faulty->hub->sender;
-        revive(faulty, now);
+        count_down(faulty, now);
     }
     for (uint32_t k = 0; k < faulty->faults->count; k++)
         if (fault_happens(&faulty->faults->fault[k], frame))
@@ -116,22 +135,48 @@ static Fault *fault_of_answer(NodeFaults *faulty, int node) {
     return found;
 }
 
-void node_faults_tick(NodeFaults *faulty, int node, uint32_t now) {
+void node_faults_take(NodeFaults *faulty, int node, const CanFrame *frame) {
     FaultyNode *one = &faulty->node[node];
-    NodeFrames *frames = &faulty->frames[node];
-    if (one->kept_length > 0 && !one->is_late && isotp_send(&frames->link, one->kept, one->kept_length))
+    if (one->dead || one->off_bus_for > 0 || !node_frames_want(&faulty->frames[node], frame))
+        return;
+    if (one->waits == NODE_FRAMES_QUEUE)
+        one->overruns++;
+    else
+        one->waiting[one->waits++] = *frame;
+}
+
+/* A turn of the node's loop. */
+static void turn(NodeFaults *faulty, int node, uint32_t now) {
+    FaultyNode *one = &faulty->node[node];
+    const Board *board = &faulty->bench->board[node];
+    const uint32_t written = board->writes;
+    for (uint32_t k = 0; k < one->waits; k++)
+        node_frames_take(&faulty->frames[node], &one->waiting[k], now);
+    one->waits = 0;
+    node_frames_tick(&faulty->frames[node], now);
+    if (board->writes == written)
+        return;
+    one->busy_for = one->erases_for;
+    one->erases_for = 0;
+}
+
+bool node_faults_tick(NodeFaults *faulty, int node, uint32_t now) {
+    FaultyNode *one = &faulty->node[node];
+    Isotp *link = &faulty->frames[node].link;
+    if (one->dead || one->busy_for > 0)
+        return false;
+    if (one->kept_length > 0 && !one->is_late && isotp_send(link, one->kept, one->kept_length))
         one->kept_length = 0;
-    const bool was_sending = isotp_is_sending(&frames->link);
-    node_frames_tick(frames, now);
-    if (was_sending || !isotp_is_sending(&frames->link))
-        return;
-    if (one->is_late) {
-        let_late_one_go(one, &frames->link);
-        return;
+    const bool was_sending = isotp_is_sending(link);
+    turn(faulty, node, now);
+    if (!was_sending && isotp_is_sending(link)) {
+        Fault *fault = one->is_late ? NULL : fault_of_answer(faulty, node);
+        if (one->is_late)
+            let_late_one_go(one, link);
+        else if (fault)
+            spoil(faulty, node, fault);
     }
-    Fault *fault = fault_of_answer(faulty, node);
-    if (fault)
-        spoil(faulty, node, fault);
+    return one->off_bus_for == 0 && one->busy_for == 0;
 }
 
 bool node_faults_intrude(NodeFaults *faulty, const CanFrame *frame, CanFrame *other) {

@@ -12,11 +12,15 @@ void wire_faults_init(WireFaults *wire, Faults *faults, const WireEnds *ends) {
 }
 
 /* False when there is no room left: the frame is passed on at once. */
-static bool hold(WireFaults *wire, Way way, const CanFrame *frame, uint32_t behind, uint32_t next) {
+static bool hold(WireFaults *wire, Way way, const CanFrame *frame, const Fault *fault, uint32_t next) {
     for (int k = 0; k < HELD_FRAMES; k++) {
         if (wire->held[k].behind > 0)
             continue;
-        wire->held[k] = (HeldFrame){.frame = *frame, .way = way, .behind = behind + 1, .next = next};
+        wire->held[k] = (HeldFrame){.frame = *frame,
+                                    .way = way,
+                                    .behind = fault->frames + 1,
+                                    .same_id = fault->kind == FAULT_TRANSMIT_ORDER,
+                                    .next = next};
         return true;
     }
     return false;
@@ -42,7 +46,8 @@ static void pass_on(WireFaults *wire, Way way, CanFrame frame, uint32_t next) {
             break;
         case FAULT_SWAP:
         case FAULT_DELAY:
-            if (hold(wire, way, &frame, fault->frames, k + 1))
+        case FAULT_TRANSMIT_ORDER:
+            if (hold(wire, way, &frame, fault, k + 1))
                 return;
             break;
         case FAULT_STUCK_COUNTER:
@@ -67,7 +72,18 @@ void wire_faults_pass(WireFaults *wire, Way way, const CanFrame *frame) {
     pass_on(wire, way, *frame, 0);
     for (int k = 0; k < HELD_FRAMES; k++) {
         HeldFrame *held = &wire->held[k];
-        if (held->way == way && held->behind > 0 && --held->behind == 0)
+        const bool follows = held->way == way && (!held->same_id || held->frame.id == frame->id);
+        if (follows && held->behind > 0 && --held->behind == 0)
             pass_on(wire, way, held->frame, held->next);
+    }
+}
+
+void wire_faults_settle(WireFaults *wire) {
+    for (int k = 0; k < HELD_FRAMES; k++) {
+        HeldFrame *held = &wire->held[k];
+        if (!held->same_id || held->behind == 0)
+            continue;
+        held->behind = 0;
+        pass_on(wire, held->way, held->frame, held->next);
     }
 }

@@ -17,6 +17,7 @@ typedef struct {
     CanFrame frame;
     Way way;
     uint32_t behind; /* frames of its direction that still overtake it; 0: the place is free */
+    bool same_id;    /* only frames of its id overtake it, in this turn of its node */
     uint32_t next;   /* index of its next fault */
 } HeldFrame;
 
@@ -31,5 +32,8 @@ void wire_faults_init(WireFaults *wire, Faults *faults, const WireEnds *ends);
 
 /* Takes a frame; it is delivered at once, later, twice, altered, or never. */
 void wire_faults_pass(WireFaults *wire, Way way, const CanFrame *frame);
+
+/* Ends the turn of a node: what still waits in its mailboxes leaves. */
+void wire_faults_settle(WireFaults *wire);
 
 #endif

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -160,18 +159,6 @@ def test_work_budget_is_kept() -> None:
     assert greedy.progress.evaluations == 30
 
 
-def test_same_seed_gives_the_same_bits() -> None:
-    height, target = rough(5)
-    wanted = problem(height, target, 0.8)
-    for repeat in (
-        lambda: search(wanted, everything(), sweeps_max=50, annealing_sweeps=20, seed=3),
-        lambda: bindings.paper_search(wanted, everything(), 20, 1000, 3),
-    ):
-        first, second = repeat(), repeat()
-        np.testing.assert_array_equal(first.plan, second.plan)
-        assert first.objective == second.objective
-
-
 @pytest.mark.parametrize("threads", [2, 3])
 @pytest.mark.parametrize(
     ("shape", "layers", "passes", "alpha"), [((150, 70), 2, 1, 1.0), ((65, 200), 1, 4, 0.6), ((20, 180), 2, 1, 0.8)]
@@ -252,29 +239,6 @@ def test_two_layers_of_a_few_cells_are_as_good_as_they_can_be(alpha: float) -> N
         assert found.objective.value == pytest.approx(least, rel=1e-9, abs=0.0)
 
 
-def test_drop_sizes_come_closer_than_one_size() -> None:
-    height, target = rough(10)
-    sizes = tuple(Ink(k * INK.h1, k * INK.h2, k * INK.h3) for k in (0.5, 1.0, 1.5))
-    one, many = (
-        search(problem(height, target, kinds=kinds), np.zeros((1, 20, 20), np.int32), sweeps_max=200)
-        for kinds in (sizes[1:2], sizes)
-    )
-    assert {1, 2} <= set(np.unique(many.plan))
-    assert many.objective.value < 0.7 * one.objective.value
-
-
-def test_droplets_keep_to_the_choices_of_their_cell_and_layer() -> None:
-    """Also where a nozzle is dead in one layer only."""
-    height, target = rough(6)
-    wanted = problem(height, target, layers=2, kinds=(INK, Ink(3.9e-6, 0.55e-6, 0.15e-6)))
-    choices = np.random.default_rng(6).integers(0, 4, (2, 20, 20)).astype(np.uint16)
-    found = search(replace(wanted, choices=choices), np.zeros((2, 20, 20), np.int32), sweeps_max=100)
-    assert set(np.unique(found.plan)) == {0, 1, 2}
-    assert not found.plan[choices == 0].any()
-    assert not (found.plan[choices == 1] == 2).any()
-    assert not (found.plan[choices == 2] == 1).any()
-
-
 def test_what_falls_next_to_the_part_costs_nothing() -> None:
     height, target = rough(7)
     part = np.zeros((20, 20), np.bool_)
@@ -293,15 +257,6 @@ def test_what_falls_next_to_the_part_costs_nothing() -> None:
     assert left.objective == right.objective
 
 
-def test_clock_ends_a_search_with_a_valid_plan() -> None:
-    height, target = rough(11, 60)
-    wanted = problem(height, target, 0.8, layers=3)
-    found = search(wanted, everything(60, 3), sweeps_max=10**6, annealing_sweeps=10**6, seconds_max=0.02)
-    assert found.status is SearchStatus.TIME
-    assert found.objective == bindings.objective(wanted, found.plan)
-    assert found.objective.value <= value(wanted, everything(60, 3))
-
-
 def test_search_without_any_time_or_work_returns_its_start() -> None:
     height, target = rough(11)
     budget: dict[str, Any]
@@ -309,20 +264,6 @@ def test_search_without_any_time_or_work_returns_its_start() -> None:
         found = search(problem(height, target), everything(), **({"sweeps_max": 9} | budget))
         assert found.status is status
         np.testing.assert_array_equal(found.plan, everything())
-
-
-def test_search_stops_when_the_callback_asks_for_it() -> None:
-    height, target = rough(12)
-    seen: list[SearchProgress] = []
-
-    def after_sweep(progress: SearchProgress) -> bool:
-        seen.append(progress)
-        return progress.sweeps == 3
-
-    found = search(problem(height, target), everything(), sweeps_max=100, after_sweep=after_sweep)
-    assert found.status is SearchStatus.STOPPED
-    assert [progress.sweeps for progress in seen] == [1, 2, 3]
-    assert found.objective.value == pytest.approx(seen[-1].value, rel=1e-12, abs=0.0)
 
 
 def test_annealing_that_is_stopped_returns_the_best_plan_so_far() -> None:
@@ -338,25 +279,6 @@ def test_annealing_that_is_stopped_returns_the_best_plan_so_far() -> None:
     found = search(wanted, start.plan, sweeps_max=100, annealing_sweeps=50, after_sweep=after_sweep)
     assert min(values) > start.objective.value, "hot"
     np.testing.assert_array_equal(found.plan, start.plan)
-
-
-def test_interrupt_stops_the_search_and_keeps_its_plan() -> None:
-    height, target = rough(13)
-
-    def interrupt(_: SearchProgress) -> bool:
-        raise KeyboardInterrupt
-
-    found = search(problem(height, target), everything(), sweeps_max=100, after_sweep=interrupt)
-    assert (found.status, found.interrupted, found.sweeps) == (SearchStatus.STOPPED, True, 1)
-    assert found.objective.value < value(problem(height, target), everything())
-
-
-def test_error_of_a_caller_is_not_lost_in_the_search() -> None:
-    def fail(_: SearchProgress) -> bool:
-        raise RuntimeError("display is gone")
-
-    with pytest.raises(RuntimeError, match="display is gone"):
-        search(problem(*rough(14)), everything(), sweeps_max=100, after_sweep=fail)
 
 
 def test_only_the_moves_asked_for_are_made() -> None:

@@ -113,23 +113,6 @@ def test_gradients_end_near_the_optimum_of_a_convex_problem(seed: int) -> None:
         assert best.bound <= value <= best.value + 0.01e-6
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_gradients_level_a_rough_surface_over_two_layers(seed: int) -> None:
-    problem = rough((12, 12), 2, seed=seed)
-    assert smoothed_cost(problem)(relax(problem).droplets, 0.0)[0] < 0.002e-6
-
-
-def test_relaxation_is_not_worse_than_its_start_and_keeps_to_the_choices() -> None:
-    for problem in (uneven(3, 4, 1), rough((5, 5), 2, kinds=GREY, choices=np.full((2, 5, 5), 0b101, np.uint16))):
-        first = relax(problem)
-        again = relax(problem, first.droplets, iterations_max=3)
-        limits = drop_limits(problem)
-        assert again.value <= first.value
-        assert (first.droplets >= 0.0).all()
-        assert (first.droplets <= limits).all()
-        assert limits.max() == (3.0 if problem.kinds == GREY else 1.0)
-
-
 def test_start_beyond_the_choices_is_brought_within_them_before_the_first_step() -> None:
     problem = uneven(2, 1, 1)
     limits = drop_limits(problem)
@@ -146,68 +129,6 @@ def test_relaxation_stops_with_its_budget() -> None:
     assert relax(problem, iterations_max=7, seconds_max=0.0).iterations == 0
     with pytest.raises(ValueError, match="start has shape"):
         relax(problem, np.zeros((6, 6)))
-
-
-@pytest.mark.parametrize("layers", [1, 2, 5])
-def test_diffusion_keeps_the_number_of_droplets(layers: int) -> None:
-    for share in (0.03, 0.37, 0.6, 0.99):
-        problem = rough((20, 30), layers)
-        plan = diffuse(problem, np.full(problem.choices.shape, share))
-        assert abs(int(plan.sum()) - layers * share * 600) <= 0.5 + 1e-9
-        halves = plan.sum(axis=0)[:, :15], plan.sum(axis=0)[:, 15:]
-        assert abs(int(halves[0].sum()) - int(halves[1].sum())) <= 20  # at most one for each row of the border
-
-
-def test_diffusion_of_whole_droplets_changes_only_their_layer() -> None:
-    problem = rough((9, 9), 3)
-    droplets = np.random.default_rng(1).integers(0, 2, problem.choices.shape)
-    plan = diffuse(problem, droplets.astype(float))
-    assert (plan.sum(axis=0) == droplets.sum(axis=0)).all()
-
-
-def test_diffusion_fills_the_last_layers_first() -> None:
-    problem = rough((9, 9), 3)
-    plan = diffuse(problem, np.full(problem.choices.shape, 0.5))
-    assert (np.diff(plan, axis=0) >= 0).all()
-    assert plan[2].all()
-    assert not plan[0].any()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_diffusion_keeps_to_the_choices(seed: int) -> None:
-    problem = uneven(3, 1, seed)
-    droplets = np.random.default_rng(seed).random(problem.choices.shape)
-    plan = diffuse(problem, droplets)
-    jetted = plan > 0
-    assert (problem.choices[jetted] >> (plan[jetted] - 1) & 1).all()
-    assert (plan == diffuse(problem, droplets)).all()
-
-
-def test_diffusion_counts_grey_levels() -> None:
-    choices = np.full((1, 20, 20), 0b111, np.uint16)
-    problem = rough((20, 20), 1, kinds=GREY, choices=choices)
-    plan = diffuse(problem, np.full((1, 20, 20), 2.3))
-    assert set(np.unique(plan)) == {2, 3}
-    assert plan.mean() == pytest.approx(2.3, abs=0.03)
-    assert set(
-        np.unique(diffuse(replace(problem, choices=(choices & 0b101).astype(np.uint16)), np.full((1, 20, 20), 2.3)))
-    ) == {1, 3}
-
-
-@pytest.mark.parametrize("layers", [2, 3])
-@pytest.mark.parametrize("seed", range(8))
-def test_diffused_plan_is_better_than_nothing_and_everything(layers: int, seed: int) -> None:
-    printed = np.zeros((16, 16))
-    for number in range(10):
-        factor = 1.0 - 0.2 * np.random.default_rng([seed, number]).random((16, 16))
-        printed = bindings.layer(printed, np.ones((16, 16), np.int32), (Ink(),), (), factor)
-    wanted = printed.mean() + (0.15 + 0.1 * seed) * 7.6e-6 * layers
-    problem = replace(rough((16, 16), layers), height=printed, target=np.full((16, 16), wanted))
-    plan = diffuse(problem, relax(problem).droplets)
-    found, nothing, everything = (
-        bindings.objective(problem, tried).value for tried in (plan, np.zeros_like(plan), np.ones_like(plan))
-    )
-    assert found < min(nothing, everything)
 
 
 @pytest.mark.parametrize("passes", [1, 4])

@@ -12,7 +12,7 @@ from inkloop.component import Ink, Job, Status
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import block
 
 REPAIRED, DONE = 1, 7
@@ -57,24 +57,6 @@ def test_step_is_due_for_a_new_scan_of_the_layer_commanded_and_for_no_other(scan
     step = LayerStep(JOB)
     state, _ = printed(step, 2)  # layers 1 and 2 are commanded, scan 1 is answered
     assert step.is_due(numbers(scanned, layers_printed), state) == (scanned == layers_printed == 2)
-
-
-def test_scan_is_answered_once() -> None:
-    step = LayerStep(JOB)
-    state, height = printed(step, 2)
-    state = taken(step, state, 2, height, full(), DONE)
-    for scanned in (2, 3):
-        assert not step.is_due(numbers(scanned, scanned), state)
-
-
-def test_commands_count_from_the_layers_there_are_and_a_plan_that_is_done_commands_none() -> None:
-    step = LayerStep(JOB)
-    start = step.new_state(1, 41)
-    assert step.outputs(start)["layer_command"] == 41
-    after = taken(step, start, 41, FLAT, full())
-    assert (step.outputs(after)["layer_command"], step.outputs(after)["status"]) == (42, Status.IDLE)
-    done = step.outputs(taken(step, start, 41, FLAT, np.zeros_like(full()), DONE))
-    assert (done["layer_command"], done["status"]) == (41, Status.DONE)
 
 
 def test_state_before_is_left_as_it_was() -> None:

@@ -11,7 +11,7 @@ import pytest
 from inkloop.component import Job, Status
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long
@@ -138,11 +138,6 @@ def test_dead_cell_is_found_after_three_or_four_layers_and_taken_back_after_one_
     assert not any(np.delete(each.dead.ravel(), 10 * 20 + 10).any() for each in found)
 
 
-def test_cell_without_a_command_is_never_dead() -> None:
-    found, _ = deaths({}, 8)
-    assert not any(each.dead[5, 5] for each in found)
-
-
 @pytest.mark.parametrize("options", [{}, {"register_scans": False}])
 def test_nozzle_that_jetted_well_for_long_is_found_as_soon_as_one_that_never_did(options: dict[str, Any]) -> None:
     late, early = (10, 10), (14, 5)
@@ -150,31 +145,6 @@ def test_nozzle_that_jetted_well_for_long_is_found_as_soon_as_one_that_never_did
     found = {cell: [bool(each.dead[cell]) for each in estimates].index(True) for cell in (late, early)}
     assert found[early] <= FOUND_WITHIN
     assert found[late] - 10 <= FOUND_WITHIN
-
-
-@pytest.mark.parametrize("options", [{"register_scans": False}, {}], ids=["in register", "registered"])
-def test_row_of_nozzles_that_dies_is_found_on_noisy_scans(options: dict[str, Any]) -> None:
-    """Full layers with droplets that vary by 20 %, 0.3 um of noise; the row dies after layer 10."""
-    job, rng = cylinder(), np.random.default_rng(1)
-    plant, estimator, noise = LayerModel.of(job), HeightEstimator(job, **options), 0.3e-6
-    pattern, seen, height = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
-    estimate = estimator.first(height + noise * rng.standard_normal(height.shape), seen)
-    for layer in range(1, 17):
-        factor = 1.0 - 0.2 * rng.random(height.shape)
-        factor[:, LINE] = factor[:, LINE] if layer <= 10 else NOTHING
-        height = plant.layer(height, pattern, layer, factor)
-        estimate = estimator.next(estimate, pattern, layer, height + noise * rng.standard_normal(height.shape), seen)
-    row = np.where(np.arange(job.ny) == LINE, job.mask, False)
-    assert estimate.dead[row].mean() > 0.9
-    assert not estimate.dead[~row].any()
-
-
-def test_dead_cell_follows_the_scan() -> None:
-    """But for layers in which noise makes it look alive."""
-    cell = (10, 10)
-    estimates, surfaces = deaths({cell: range(1, 99)}, 10, noise=0.3e-6)
-    errors = [abs(estimate.height - surface)[cell] for estimate, surface in zip(estimates, surfaces, strict=True)]
-    assert np.median(errors[FOUND_WITHIN:]) < 0.6e-6
 
 
 @pytest.mark.parametrize("width", [16, 6])

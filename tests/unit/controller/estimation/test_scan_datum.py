@@ -10,7 +10,7 @@ import pytest
 
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import block, cylinder
 
 JOB = cylinder()
@@ -45,10 +45,6 @@ def test_datum_of_flat_ground_is_taken_off_from_the_first_scan_on(datum: Any) ->
     np.testing.assert_allclose(after(datum, datum, flat=True).height, 0.0, rtol=0.0, atol=TOLERANCE)
 
 
-def test_offset_and_rise_of_flat_ground_are_reported() -> None:
-    assert first(PLANE).figures.ground == pytest.approx((3e-6, 4e-6, -8e-6), rel=1e-3, abs=1e-9)
-
-
 @pytest.mark.parametrize(("layers", "is_wrong"), [(1.0, False), (-2.5, False), (3.5, True), (-3.5, True), (20.0, True)])
 def test_ground_further_off_than_three_layers_is_not_the_flat_one(layers: float, is_wrong: bool) -> None:
     scan = np.full(PART.shape, layers * 7.6e-6)
@@ -78,22 +74,11 @@ def test_datum_since_a_rough_known_surface_is_taken_off(datum: Any) -> None:
     np.testing.assert_allclose(after(ROUGH + datum, ROUGH).height, ROUGH, rtol=0.0, atol=TOLERANCE)
 
 
-def test_uneven_substrate_is_no_datum() -> None:
-    np.testing.assert_allclose(after(ROUGH, ROUGH).height, ROUGH, rtol=0.0, atol=TOLERANCE)
-
-
 def test_some_soiled_cells_do_not_move_the_datum() -> None:
     soiled = ROUGH + PLANE
     soiled[:4, :4] += 30e-6
     found = after(soiled, ROUGH)
     np.testing.assert_allclose(found.height[PART], ROUGH[PART], rtol=0.0, atol=5e-8)
-
-
-def test_cells_that_were_not_seen_do_not_count() -> None:
-    valid = SEEN.copy()
-    valid[:4] = False
-    found = after(np.where(valid, ROUGH + PLANE, 1.0), ROUGH, valid=valid)
-    np.testing.assert_allclose(found.height, ROUGH, rtol=0.0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize("margin", [0, 1])
@@ -103,23 +88,6 @@ def test_part_without_unprinted_cells_has_no_datum_taken_off(margin: int) -> Non
     start = np.random.default_rng(2).uniform(0.0, 5e-6, part.shape)
     found = after(start, start, part=part, valid=part | True)
     np.testing.assert_allclose(found.height, start, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("offset", [5e-6, -5e-6])
-@pytest.mark.parametrize("margin", [2, 3, 5])
-def test_steady_offset_is_taken_off_whatever_margin_the_part_has(margin: int, offset: float) -> None:
-    nx = 14 + 2 * margin
-    job = block(nx, nx, height=60e-6)
-    job.mask[:] = np.pad(np.ones((14, 14), np.bool_), margin)
-    estimator, plant, rng = HeightEstimator(job), LayerModel.of(job), np.random.default_rng(0)
-    height, pattern, seen = np.zeros(job.mask.shape), job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
-    estimate = estimator.first(height + offset + 0.3e-6 * rng.standard_normal(height.shape), seen)
-    for layer in range(1, 6):
-        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
-        scan = height + offset + 0.3e-6 * rng.standard_normal(height.shape)
-        estimate = estimator.next(estimate, pattern, layer, scan, seen)
-    assert abs((estimate.height - height)[job.mask].mean()) < 0.3e-6
-    assert not estimate.figures.reasons
 
 
 @pytest.mark.parametrize("noise_um", [0.2, 1.0])
@@ -152,8 +120,3 @@ def test_noise_of_a_reading_is_what_is_left_about_the_datum_though_the_first_sca
         known = estimator.next(before, np.zeros(PART.shape, np.int32), 1, second + PLANE, SEEN)
         found.append(known.figures.noise_std**2)
     assert np.sqrt(np.mean(found)) == pytest.approx(1e-6, rel=0.1, abs=0.0)
-
-
-def test_noise_of_a_reading_is_known_from_the_first_scan_of_flat_ground() -> None:
-    scan = BOW + np.random.default_rng(1).normal(0.0, 1e-6, PART.shape)
-    assert HeightEstimator(JOB).first(scan, SEEN).figures.noise_std == pytest.approx(1e-6, rel=0.1, abs=0.0)

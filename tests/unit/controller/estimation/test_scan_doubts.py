@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import Ink, Job, Status
+from inkloop.component import Ink, Job
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS, UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
 
@@ -157,77 +157,6 @@ def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
         again = estimator.next(again, pattern, layer, height, SEEN)
         assert not again.figures.stop
         np.testing.assert_allclose(again.height[job.mask], height[job.mask], rtol=0.0, atol=0.2e-6)
-
-
-def test_state_that_is_restored_goes_on_with_the_same_bits() -> None:
-    job, estimator = hook(), HeightEstimator(hook())
-    estimate = shown(job, lambda scans: scans[-1][::-1], 2)[-1]
-    back = estimator.estimate(np.array(estimate.block))
-    assert back.figures == estimate.figures
-    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
-    one, other = (estimator.next(each, pattern, 3, each.height, seen) for each in (estimate, back))
-    for name, value in one.state.items():
-        assert value.tobytes() == other.state[name].tobytes(), name
-
-
-def controlled(on_doubt: Any, layers: int) -> list[dict[str, Any]]:
-    """Outputs on scans that show nothing."""
-    controller = LayerMpcController(JOB, horizon=1, annealing_sweeps=0, on_doubt=on_doubt)
-    controller.initialize(0, inputs_of(JOB, np.zeros(SHAPE), 0))
-    return [
-        dict(controller.do_step(layer * SECOND, SECOND, inputs_of(JOB, np.zeros(SHAPE), layer)))
-        for layer in range(layers)
-    ]
-
-
-def test_controller_that_stops_jets_nothing_and_says_why() -> None:
-    found = controlled("stop", 6)
-    stopped = next(k for k, each in enumerate(found) if each["stop_reason"])
-    assert 2 <= stopped <= 1 + WITHIN
-    assert all(each["pattern"].any() for each in found[:stopped])
-    for each in found[stopped:]:
-        assert not each["pattern"].any()
-        assert each["status"] == Status.UNTRUSTED
-        assert each["layer_command"] == found[stopped - 1]["layer_command"]
-        assert int(each["untrusted_reasons"]) & int(each["stop_reason"])
-        assert each["stop_layer"] == stopped
-
-
-def test_controller_that_is_to_continue_prints_on_untrusted() -> None:
-    found = controlled("continue", 6)
-    assert not any(each["stop_reason"] for each in found)
-    assert found[-1]["pattern"].any()
-    assert found[-1]["status"] == Status.UNTRUSTED
-
-
-@pytest.mark.parametrize(("blind", "reason"), [(5, NONE), (7, UntrustedReason.BLIND)])
-def test_many_scans_in_a_row_that_miss_most_of_the_part_are_a_reason(blind: int, reason: UntrustedReason) -> None:
-    estimator, plant, height = HeightEstimator(JOB, untrusted_layers=99), LayerModel.of(JOB), np.zeros(SHAPE)
-    valid, pattern = SEEN.copy(), JOB.mask.astype(np.int32)
-    cells = np.argwhere(JOB.mask)
-    valid[tuple(cells[: round(0.6 * len(cells))].T)] = False
-    estimate = estimator.first(height, SEEN)
-    for layer in range(1, blind + 1):
-        height = plant.layer(height, pattern, layer)
-        estimate = estimator.next(estimate, pattern, layer, height, valid)
-    assert estimate.figures.blind_share == pytest.approx(0.6, abs=0.01)
-    assert estimate.figures.reasons & ~UntrustedReason.INK == reason
-    height = plant.layer(height, pattern, blind + 1)
-    again = estimator.next(estimate, pattern, blind + 1, height, SEEN)
-    assert not again.figures.reasons & UntrustedReason.BLIND
-
-
-def test_scans_without_any_reading_leave_the_prediction() -> None:
-    estimator, plant, height = HeightEstimator(JOB), LayerModel.of(JOB), np.zeros(SHAPE)
-    pattern = JOB.mask.astype(np.int32)
-    estimate = estimator.first(height, SEEN)
-    for layer in range(1, 7):
-        height = plant.layer(height, pattern, layer)
-        missing = layer % 3 == 0
-        scan = np.full(SHAPE, np.nan) if missing else height
-        estimate = estimator.next(estimate, pattern, layer, scan, SEEN & ~np.bool_(missing))
-        assert not estimate.figures.reasons
-        np.testing.assert_allclose(estimate.height, height, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from inkloop.component import Job, Status
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.height_estimator import HeightEstimator
-from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long
 
@@ -211,25 +211,6 @@ def test_sensor_in_register_is_not_corrected(sensor: Sensor) -> None:
         assert not any(estimate.figures.is_displaced for estimate in estimates)
 
 
-def test_sensor_in_register_is_not_corrected_on_a_large_part() -> None:
-    estimates, _ = estimated(block(200, 180, height=100e-6), Sensor(noise=0.3e-6), 3)
-    assert not any(estimate.figures.is_displaced for estimate in estimates)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.3e-6])
-def test_looking_for_a_displacement_costs_a_sensor_in_register_nothing(noise: float) -> None:
-    looked, heights = estimated(small_cylinder(), Sensor(noise=noise), 12)
-    plain, _ = estimated(small_cylinder(), Sensor(noise=noise), 12, register_scans=False)
-    one, other = (np.sqrt(np.mean((each[-1].height - heights[-1]) ** 2)) for each in (looked, plain))
-    assert one < 1.2 * other + 1e-8
-
-
-def test_nothing_is_found_where_nothing_is_looked_for() -> None:
-    estimates, _ = estimated(small_cylinder(), Sensor((0.4, 0.0), noise=0.3e-6), 6, register_scans=False)
-    assert not any(estimate.figures.is_displaced for estimate in estimates)
-    assert all(estimate.figures.shift_x == 0.0 for estimate in estimates)
-
-
 def test_scans_of_a_flat_surface_show_no_displacement() -> None:
     job = block(14, 13, height=30e-6)
     seen, nothing = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape, np.int32)
@@ -239,13 +220,3 @@ def test_scans_of_a_flat_surface_show_no_displacement() -> None:
         estimate = estimator.next(estimate, nothing, layer, np.zeros(seen.shape), seen)
         assert not estimate.figures.is_displaced
         assert (estimate.figures.shift_x, estimate.figures.shift_y, estimate.figures.spot_radius) == (0.0, 0.0, 0.0)
-
-
-def test_layer_that_was_abandoned_shows_no_displacement() -> None:
-    job, rng, sensor = block(20, 20), np.random.default_rng(1), Sensor((0.3, 0.0))
-    estimator, seen = HeightEstimator(job), np.ones(job.mask.shape, np.bool_)
-    height = LayerModel.of(job).layer(np.zeros(job.mask.shape), job.mask.astype(np.int32), 1)
-    first = estimator.first(np.zeros(job.mask.shape), seen)
-    after = estimator.next(first, job.mask.astype(np.int32), 1, sensor.scan(height, rng)[0], seen, is_unknown=True)
-    assert not after.figures.is_displaced
-    assert after.figures.shift_x == 0.0

@@ -12,10 +12,15 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
+from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.planning.horizon_planner import FoundPlan
-from inkloop_controller.planning.layer_plan import PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
+from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
+from inkloop_controller.problem.criterion import Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, even_droplets, full_layers, no_droplets
+from support.core_search import relax, search
+from support.layer_problems import INKS, ORDERS, nearly_flat, rough
+from support.numpy.plan_starts_numpy import shifted
+from support.numpy.relaxation_numpy import dithered
 from support.problem_plans import best_plan
 
 INK = Ink()
@@ -94,3 +99,148 @@ def test_where_a_droplet_can_do_harm_the_plan_is_searched(near: dict[str, Any]) 
     )
     assert planned(far).sweeps == 0
     assert planned(replace(far, **near)).sweeps > 0
+
+
+THREE_SHARES = (190, 131)  # three shares of rows, of different lengths
+
+
+def planned_by(threads: int, passes: int) -> FoundPlan:
+    height = np.random.default_rng(1).uniform(0.0, 8e-6, THREE_SHARES)
+    everywhere, target = np.ones(THREE_SHARES, np.bool_), np.full(THREE_SHARES, height.mean() + 7e-6)
+    colours = ((0, 3, 1, 2), (2, 1, 3, 0)) if passes == 4 else ()
+    choices = np.ones((2, *THREE_SHARES), np.uint16)
+    problem = HorizonProblem(
+        height, target, everywhere, choices, (Ink(),), 0.8, ceiling=target + 1e-6, droplet_std=0.1, colours=colours
+    )
+    last = np.random.default_rng(2).integers(0, 2, choices.shape, dtype=np.int32)
+    work = Work(sweeps=1, annealing_sweeps=0, iterations=2, threads=threads)
+    return best_plan(problem, work, last=last, layer_worth=0.001, seed=1, seconds_max=inf)
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+def test_any_number_of_threads_makes_the_same_plan(passes: int) -> None:
+    one, *more = (planned_by(threads, passes) for threads in (1, 2, 3))
+    assert one.plan.any()
+    for other in more:
+        assert (other.objective, other.start, other.sweeps) == (one.objective, one.start, one.sweeps)
+        np.testing.assert_array_equal(other.plan, one.plan)
+
+
+SHAPE, SWEEPS = (17, 15), 12
+SEED = ((2**32 - 1) << 32) + 7  # of the job, and of the layer
+ORDER = ((0, 3, 1, 2), (2, 1, 3, 0))
+
+
+def of_two_layers(passes: int, alpha: float) -> HorizonProblem:
+    height = np.random.default_rng(5).uniform(0.0, 8e-6, SHAPE)
+    everywhere, target = np.ones(SHAPE, np.bool_), np.full(SHAPE, height.mean() + 13.5e-6)
+    return HorizonProblem(
+        height,
+        target,
+        everywhere,
+        np.ones((2, *SHAPE), np.uint16),
+        (Ink(),),
+        alpha,
+        ceiling=target + 8e-6,
+        ceiling_cost=10.0,
+        droplet_std=0.1,
+        colours=ORDER if passes == 4 else (),
+    )
+
+
+@pytest.mark.parametrize("annealing", [0, 2])
+@pytest.mark.parametrize(("passes", "alpha"), [(1, 0.8), (4, 0.8), (1, 1.0)])
+def test_repaired_plan_is_the_best_that_searches_on_new_surfaces_find(
+    passes: int, alpha: float, annealing: int
+) -> None:
+    """The last plan is evaluated last, and worse than others: the first repair finds its surface. Where plans are
+    annealed every start is repaired, each on the surface that the repair before left, and the best one once more."""
+    of, last = of_two_layers(passes, alpha), (np.random.default_rng(6).random((1, *SHAPE)) < 0.1).astype(np.int32)
+    starts = [no_droplets(of), full_layers(of), shifted(last, of)]
+    starts.sort(key=lambda plan: bindings.objective(of, plan).value)
+    tasks = [(plan, 0) for plan in starts] + [(starts[0], annealing)] if annealing else [(starts[0], 0)]
+    searches = [search(of, plan, sweeps_max=SWEEPS, annealing_sweeps=sweeps, seed=SEED) for plan, sweeps in tasks]
+    best = min(searches, key=lambda search: search.objective.value)
+    assert not np.array_equal(starts[0], shifted(last, of))
+
+    work = Work(sweeps=SWEEPS, annealing_sweeps=annealing)
+    found = best_plan(of, work, relaxed=None, last=last, layer_worth=0.0, seed=SEED, seconds_max=inf)
+    np.testing.assert_array_equal(found.plan, best.plan)
+    assert found.objective == best.objective == bindings.objective(of, found.plan)
+    assert found.sweeps == sum(search.sweeps for search in searches)
+
+
+DITHERED_SHAPE = (42, 39)
+DITHERED_WORK = Work(sweeps=30, annealing_sweeps=0)
+
+
+def planned_plan(problem: HorizonProblem, last: IntPlan | None = None, **options: Any) -> IntPlan:
+    nothing = np.zeros((0, *problem.part.shape), np.int32)
+    given = {"seconds_max": inf, "layer_worth": 0.0, "seed": 1, "last": nothing if last is None else last, **options}
+    return best_plan(problem, DITHERED_WORK, **given).plan
+
+
+def repaired(problem: HorizonProblem, start: IntPlan) -> IntPlan:
+    return search(problem, start, sweeps_max=DITHERED_WORK.sweeps).plan
+
+
+def two_inks(shape: tuple[int, int]) -> HorizonProblem:
+    choices = np.where(np.arange(shape[1]) < 20, 1, 2) * np.ones((1, *shape), np.int64)
+    choices[0, 3, :] = 0
+    return nearly_flat(shape, kinds=INKS, choices=choices.astype(np.uint16))
+
+
+@pytest.mark.parametrize("alpha", [1.0, 0.8])
+def test_dithered_droplets_are_repaired_where_they_are_better(alpha: float) -> None:
+    for problem in (nearly_flat(DITHERED_SHAPE, alpha=alpha), replace(two_inks(DITHERED_SHAPE), alpha=alpha)):
+        even = even_droplets(problem)
+        diffusion, dither = repaired(problem, diffuse(problem, even)), repaired(problem, dithered(problem, even))
+        np.testing.assert_array_equal(planned_plan(problem), dither)
+        assert bindings.objective(problem, dither).value < 0.99 * bindings.objective(problem, diffusion).value
+
+
+def test_diffused_droplets_are_repaired_where_they_are_better() -> None:
+    problem = rough(DITHERED_SHAPE, seed=1)
+    np.testing.assert_array_equal(planned_plan(problem), repaired(problem, diffuse(problem, even_droplets(problem))))
+
+
+def test_droplets_that_are_given_are_dithered_too() -> None:
+    problem = nearly_flat(DITHERED_SHAPE)
+    given = np.clip(even_droplets(problem) + 0.05, 0.0, 1.0)
+    np.testing.assert_array_equal(planned_plan(problem, relaxed=given), repaired(problem, dithered(problem, given)))
+
+
+def test_last_plan_leaves_diffused_droplets_and_an_empty_one_does_not() -> None:
+    problem = nearly_flat(DITHERED_SHAPE)
+    empty = np.zeros((1, *DITHERED_SHAPE), np.int32)
+    np.testing.assert_array_equal(planned_plan(problem, empty), planned_plan(problem))
+    last = empty.copy()
+    last[0, 0, 0] = 1
+    np.testing.assert_array_equal(
+        planned_plan(problem, last), repaired(problem, diffuse(problem, even_droplets(problem)))
+    )
+
+
+def test_relaxed_droplets_of_four_passes_are_dithered() -> None:
+    problem = nearly_flat((100, 100), colours=ORDERS[:1])
+    relaxed = relax(problem, even_droplets(problem), iterations_max=DITHERED_WORK.iterations).droplets
+    np.testing.assert_array_equal(planned_plan(problem), repaired(problem, dithered(problem, relaxed)))
+
+
+def test_several_layers_are_never_dithered() -> None:
+    """Even if nothing may fall in the second one."""
+    choices = np.ones((2, 100, 100), np.uint16)
+    choices[1] = 0
+    problem = nearly_flat((100, 100), 2, choices=choices)
+    problem = replace(problem, target=problem.height.mean() + 0.6 * 7.6e-6 * np.ones((100, 100)))
+    relaxed = relax(problem, even_droplets(problem), iterations_max=DITHERED_WORK.iterations).droplets
+    np.testing.assert_array_equal(planned_plan(problem), repaired(problem, diffuse(problem, relaxed)))
+
+
+def test_time_limit_that_is_wide_enough_changes_nothing() -> None:
+    problem = nearly_flat(DITHERED_SHAPE)
+    found = best_plan(
+        problem, DITHERED_WORK, last=np.zeros((0, *DITHERED_SHAPE), np.int32), layer_worth=0.0, seed=1, seconds_max=1e6
+    )
+    np.testing.assert_array_equal(found.plan, planned_plan(problem))
+    assert found.left_out == LeftOut.NOTHING

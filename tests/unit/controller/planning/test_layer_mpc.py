@@ -11,27 +11,23 @@ import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
 from inkloop.geometry import contained
-from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
+from inkloop_controller.baseline_planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import diffuse
 from inkloop_controller.estimation.estimate_figures import EstimateFigures
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.starts import even_droplets, full_layers, no_droplets
+from inkloop_controller.model import DropletChoices, LayerModel
 from inkloop_controller.planning import layer_mpc
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
-from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
-from inkloop_controller.problem.criterion import Criterion
-from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
+from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus
+from inkloop_controller.problem.criterion import Criterion, Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
-from support.ink_choices import ink_choices
-from support.numpy.plan_starts_numpy import postponed, shifted, squeezed
+from support.numpy.plan_starts_numpy import squeezed
 from support.problem_plans import best_plan
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -73,19 +69,6 @@ def test_relaxed_optimum_is_below_every_pattern(relaxation: Any, alpha: float) -
     for _ in range(100):
         pattern = (rng.integers(0, 2, (1, *height.shape)) * job.mask).astype(np.int32)
         assert plan.bound < bindings.objective(problem, pattern).value
-
-
-def test_longer_horizons_have_no_bound() -> None:
-    job, height = rough_job()
-    plan = planned(job, height, horizon=2, relaxation="ipopt")
-    assert np.isnan(plan.bound)
-    assert np.isnan(plan.gap)
-
-
-def test_both_relaxations_agree_where_both_apply() -> None:
-    job, height = rough_job(1)
-    ipopt, highs = (planned(job, height, alpha=1.0, horizon=1, relaxation=name).bound for name in ("ipopt", "highs"))
-    assert ipopt == pytest.approx(highs, abs=5e-12)
 
 
 @pytest.mark.parametrize(("horizon", "passes"), [(1, 1), (2, 1), (3, 1), (2, 4)])
@@ -140,19 +123,6 @@ def test_relaxation_is_solved_again_for_every_layer() -> None:
     fresh = LayerMpc(job, **options).plan(known(height[::-1] + 1e-6, 0.8), 1, first.plan)
     assert second.bound == pytest.approx(fresh.bound, rel=1e-9, abs=0.0)
     assert second.bound != pytest.approx(first.bound, rel=1e-3, abs=0.0)
-
-
-@pytest.mark.parametrize("horizon", [1, 2, 3])
-@pytest.mark.parametrize("alpha", [0.1, 0.5, 1.0])
-def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(horizon: int, alpha: float) -> None:
-    for seed in range(10):
-        job, height = rough_job(seed)
-        rng = np.random.default_rng(seed + 100)
-        last = (rng.integers(0, 2, (horizon, *height.shape)) * job.mask).astype(np.int32)
-        mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=horizon)
-        plan, problem = mpc.plan(known(height), 0, last), mpc.problem(known(height), 0)
-        for other in (no_droplets(problem), full_layers(problem), shifted(last, problem), postponed(last, problem)):
-            assert plan.objective.value <= bindings.objective(problem, other).value
 
 
 def test_surface_is_predicted_only_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,50 +180,6 @@ def test_no_layer_is_left_that_its_own_droplets_can_do_without() -> None:
     assert max(layers) > 1
 
 
-def test_every_droplet_is_of_an_ink_that_belongs_where_it_falls() -> None:
-    """Two inks, of which the upper one begins within the horizon, in as few layers as pay."""
-    layers = []
-    for seed in range(4):
-        job, height = rough_job(seed, 9, layers=2.0)
-        job = replace(job, inks=INKS, region=Above(float(np.median(height)) + 7.6e-6))
-        mpc, last = LayerMpc(job, criterion=Criterion(layer_worth=0.05), horizon=4), none(job)
-        for layer in range(3):
-            estimate = Estimate.exact(height, job.inks)
-            plan, choices = mpc.plan(estimate, layer, last), mpc.problem(estimate, layer).choices
-            falls = plan.plan > 0
-            assert (choices[falls] >> (plan.plan[falls] - 1) & 1).all()
-            height, last = plan.predicted_height, plan.plan
-            layers.append(int(np.count_nonzero(falls.any((1, 2)))))
-    assert max(layers) > 1
-    assert min(layers) < 4
-
-
-def test_objective_is_that_of_the_predicted_surface() -> None:
-    job, height = rough_job(3)
-    plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))
-    np.testing.assert_array_equal(plan.predicted_height, LayerModel(job.inks).scaled(0.9).layer(height, plan.pattern))
-    expected = surface_objective(plan.predicted_height, job.target_height, job.mask, 0.6)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
-    assert plan.objective.error == pytest.approx(expected.error, rel=1e-9, abs=0.0)
-    assert plan.objective.deviation == pytest.approx(expected.deviation, rel=1e-9, abs=0.0)
-
-
-def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
-    job, height = rough_job(4)
-    job = block(9, 8, float(height.mean()) + 11e-6, passes=4, pass_rotation=1)
-    plan, model, surface = planned(job, height, alpha=0.5), LayerModel.of(job), height
-    for number, layer in enumerate(plan.plan, start=1):
-        surface = model.layer(surface, layer, number)
-    expected = surface_objective(surface, job.target_height, job.mask, 0.5)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
-
-
-def test_scheduled_alpha_is_that_of_the_next_layer() -> None:
-    job, height = rough_job()
-    mpc = LayerMpc(job, criterion=Criterion(alpha=[(1, 0.9), (3, 0.3)]))
-    assert [mpc.problem(known(height), printed).alpha for printed in range(4)] == [0.9, 0.9, 0.3, 0.3]
-
-
 @pytest.mark.parametrize("alpha", [0.1, 0.8, 1.0])
 def test_finished_part_is_done(alpha: float) -> None:
     job = block()
@@ -262,27 +188,6 @@ def test_finished_part_is_done(alpha: float) -> None:
         plan = planner.plan(surface, 4, none(job))
         assert plan.status is PlanStatus.DONE
         assert not plan.pattern.any()
-
-
-def test_first_layer_is_never_empty_unless_the_print_is_done() -> None:
-    for seed in range(10):
-        job, height = rough_job(seed)
-        plan = planned(job, height, horizon=3)
-        assert plan.pattern.any() == (plan.status is not PlanStatus.DONE)
-
-
-def test_layer_that_gains_too_little_is_left_out() -> None:
-    left_out = 0
-    for seed in range(8):
-        job, height = rough_job(seed)
-        every = LayerMpc(job, criterion=Criterion(layer_worth=0.0)).plan(known(height), 0, none(job))
-        worthwhile = LayerMpc(job, criterion=Criterion(layer_worth=0.01)).plan(known(height), 0, none(job))
-        fewer = int(np.count_nonzero(every.plan.any((1, 2)))) - int(np.count_nonzero(worthwhile.plan.any((1, 2))))
-        price = 0.01 * job.inks[0].layer_height
-        assert fewer >= 0
-        assert worthwhile.objective.value <= every.objective.value + fewer * price
-        left_out += fewer
-    assert left_out > 0
 
 
 def test_print_is_done_when_no_layer_is_worth_it() -> None:
@@ -401,12 +306,6 @@ def test_plans_for_a_foreign_plant_look_less_far_ahead_unless_the_horizon_is_giv
     assert not plan[near:].any()
 
 
-def test_surface_of_another_grid_is_refused() -> None:
-    job, height = rough_job()
-    with pytest.raises(ValueError, match=r"height has shape \(8, 9\); needs \(9, 8\)"):
-        LayerMpc(job).problem(known(height.T), 0)
-
-
 def test_certified_plan_comes_with_a_proven_bound() -> None:
     job, height = rough_job(5)
     plan = planned(job, height, alpha=1.0, horizon=1, certified=True)
@@ -472,14 +371,6 @@ def test_ceiling_of_the_part_does_not_forbid_what_spills_next_to_it() -> None:
     np.testing.assert_array_equal(limited.plan(known(flat), 0, none(job)).pattern, job.mask)
 
 
-def test_budget_and_clock_end_a_repair_and_the_plan_reports_it() -> None:
-    job, height = rough_job(6, 30)
-    assert planned(job, height, work=Work(sweeps=1)).status is PlanStatus.BUDGET
-    hurried = planned(job, height, work=Work(time_limit=1e-9))
-    assert hurried.status in (PlanStatus.FALLBACK, PlanStatus.TIME_LIMIT)
-    assert hurried.pattern.any()
-
-
 def test_estimate_that_took_all_the_time_leaves_the_first_sound_plan() -> None:
     job, height = rough_job(6, 30)
     planner = LayerMpc(job, work=Work(time_limit=1e9))
@@ -490,18 +381,10 @@ def test_estimate_that_took_all_the_time_leaves_the_first_sound_plan() -> None:
     assert planner.plan(known(height), 0, none(job), elapsed=2.0).left_out == LeftOut.NOTHING
 
 
-def test_interruption_gives_the_best_plan_so_far() -> None:
+def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
     def interrupt(progress: Any) -> bool:
         raise KeyboardInterrupt
 
-    job, height = rough_job(7, 30)
-    plan = planned(job, height, after_sweep=interrupt)
-    assert plan.status is PlanStatus.INTERRUPTED
-    assert plan.objective.value <= planned(job, height, work=Work(sweeps=1)).objective.value * 2
-    assert plan.pattern.any()
-
-
-def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
     job, height = rough_job(7)
     sweeps = []
     enough = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)) or True)
@@ -510,10 +393,9 @@ def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
     watched = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)))
     assert len(sweeps) == 1 + watched.sweeps
     assert watched.objective.value <= enough.objective.value
-
-
-def test_exception_of_after_sweep_is_raised_again() -> None:
-    job, height = rough_job(7)
+    interrupted = planned(job, height, after_sweep=interrupt)
+    assert interrupted.status is PlanStatus.INTERRUPTED
+    assert interrupted.pattern.any()
     with pytest.raises(ZeroDivisionError):
         planned(job, height, after_sweep=lambda progress: bool(1 / 0))
 
@@ -533,16 +415,6 @@ def test_last_plan_of_another_grid_is_not_used() -> None:
         assert plan.start == without.start
 
 
-def test_phases_are_timed() -> None:
-    job, height = rough_job(9)
-    assert set(planned(job, height).seconds) == {"relaxation", "rounding", "repair"}
-
-
-def test_search_of_the_paper_refuses_four_passes() -> None:
-    with pytest.raises(ValueError, match="passes is 4; this controller plans layers of 1 pass"):
-        StochasticGreedy(block(passes=4))
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -559,20 +431,13 @@ def test_search_of_the_paper_refuses_four_passes() -> None:
         (lambda job: Work(time_limit=0.0), "time_limit is 0"),
         (lambda job: StochasticGreedy(job, alpha=2.0), "alpha is 2.0"),
         (lambda job: StochasticGreedy(job, batch=0), "batch is 0"),
+        (lambda job: StochasticGreedy(block(passes=4)), "passes is 4; this controller plans layers of 1 pass"),
         (lambda job: OpenLoop(job, layers=-1), "layers is -1"),
     ],
 )
 def test_impossible_option_is_refused(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make(block())
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_surface_that_is_not_finite_is_refused(wrong: float) -> None:
-    job, height = rough_job()
-    height[4, 4] = wrong
-    with pytest.raises(ValueError, match=r"height is .* at cell \(4, 4\)"):
-        planned(job, height)
 
 
 def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
@@ -583,15 +448,6 @@ def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
     assert [plan.status for plan in plans] == [PlanStatus.FIXED] * 4 + [PlanStatus.DONE]
     for plan in plans[:4]:
         np.testing.assert_array_equal(plan.pattern, job.mask)
-
-
-def test_material_is_asked_for_half_a_layer_above_the_surface() -> None:
-    job = block(inks=INKS, region=Above(10e-6))
-    half_layer = (7.6e-6 + 6.7e-6) / 4
-    for test, surface in (("middle", 10e-6 - half_layer), ("surface", 10e-6)):
-        shape = (job.nx, job.ny)
-        assert (ink_choices(job, test, np.full(shape, surface - 1e-9), 1) == 2).all()  # type: ignore[arg-type]
-        assert (ink_choices(job, test, np.full(shape, surface + 1e-9), 1) == 1).all()  # type: ignore[arg-type]
 
 
 def test_region_is_asked_in_metres_from_the_first_cell() -> None:

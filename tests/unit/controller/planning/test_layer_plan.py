@@ -11,8 +11,8 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
+from inkloop_controller.problem.criterion import Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem, Objective
-from inkloop_controller.problem.work import Work
 from support.problem_plans import best_plan
 
 PATTERN = np.array([[0, 1, 2], [2, 0, 2]], np.int32)

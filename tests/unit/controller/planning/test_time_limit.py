@@ -15,11 +15,10 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.core.library import VARIABLE, library
-from inkloop_controller.model.starts import no_droplets
 from inkloop_controller.planning.horizon_planner import FoundPlan
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem
-from inkloop_controller.problem.work import Work
+from inkloop_controller.problem.criterion import Work
+from inkloop_controller.problem.horizon_problem import HorizonProblem, no_droplets
 from support import compiled
 from support.fmus.controller_values import controller_values
 from support.places import ROOT

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Ink
-from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
 from inkloop_controller.program import linear_step, sequential_program
 from inkloop_controller.program.linear_step import LinearProgram, Point, as_cells
 from inkloop_controller.program.program import HorizonProgram

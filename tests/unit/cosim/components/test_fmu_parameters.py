@@ -194,6 +194,10 @@ def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
     assert not catalog.check("Fmu", toy_job(), options).errors
     for asked in (True, False):
         assert not catalog.check("Fmu", toy_job(), options | {"job_parameters": asked}).errors
+        given = fmu_parameters.parse_file(
+            describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {"job_parameters": asked}
+        )
+        assert ("seed" in given.parameters) == asked
     found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_m": -1.0}).errors
     assert found[0] == "job_parameters is 'no'; expected true or false"
     assert found[1].startswith("noise_std_m is -1")

@@ -1,21 +1,26 @@
 """Descriptions with the traits of the Reference FMUs of the Modelica Association are read, or refused with a message.
 
-Their binaries are in no package registry.
+Their binaries are in no package registry: with INKLOOP_REFERENCE_FMUS=FOLDER the FMUs below a folder are run too,
+against FMPy.
 """
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 
 from inkloop.components import catalog
-from inkloop.errors import FmuError
-from inkloop.fmu import describe
+from inkloop.errors import ComponentError, FmuError
+from inkloop.fmu import FmuComponent, describe
 from inkloop.testing import job
 
+FOLDER = os.environ.get("INKLOOP_REFERENCE_FMUS", "")
+STEP_NS, STEPS = 100_000_000, 20
 _DIMENSIONS = "".join(
     f'<UInt64 name="{name}" valueReference="{number}" causality="structuralParameter" variability="tunable" start="3"/>'
     for number, name in enumerate("mnr", start=1)
@@ -87,3 +92,42 @@ def test_traits_of_the_reference_fmus_are_understood(tmp_path: Path) -> None:
     ports = describe(described(tmp_path, "Feedthrough")).ports("input", {})
     (start,) = (port.start_value() for port in ports if port.name == "b")
     assert int(start) == 2**64 - 1  # exact beyond floating point
+
+
+@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
+def test_reference_fmus_give_what_fmpy_gets_or_are_refused() -> None:
+    files = sorted(Path(FOLDER).rglob("*.fmu"))
+    assert files
+    refused = {}
+    for path in files:
+        try:
+            part = FmuComponent(path)
+        except FmuError as error:
+            refused[path.stem] = str(error)
+            continue
+        inputs = {port.name: port.start_value() for port in part.inputs}
+        values = part.initialize(0, inputs)
+        for step in range(STEPS):
+            values = part.do_step(step * STEP_NS, STEP_NS, inputs)
+        part.terminate()
+        seconds = STEPS * STEP_NS / 1e9
+        expected = fmpy.simulate_fmu(
+            str(path), start_time=0.0, step_size=0.1, output_interval=0.1, stop_time=seconds, fmi_type="CoSimulation"
+        )[-1]
+        for name, value in values.items():
+            np.testing.assert_array_equal(value, np.asarray(expected[name], value.dtype), err_msg=f"{path} {name}")
+    assert {name: error.rpartition(": ")[2] for name, error in refused.items()} == (
+        {"Clocks": "offers scheduled execution only; export it for co-simulation"} if "Clocks" in refused else {}
+    )
+
+
+@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
+def test_stair_ends_the_simulation_after_ten_seconds() -> None:
+    for path in sorted(Path(FOLDER).rglob("Stair.fmu")):
+        part = FmuComponent(path)
+        part.initialize(0, {})
+        for step in range(9):
+            part.do_step(step * 10**9, 10**9, {})
+        with pytest.raises(ComponentError, match="the FMU asks to end the simulation"):
+            part.do_step(9 * 10**9, 10**9, {})
+        part.terminate()

@@ -1,7 +1,8 @@
-"""Columns of height intervals: membership, the half-open rule, set algebra, what they refuse."""
+"""Columns of height intervals: membership, the half-open rule, set algebra, slices, what they refuse; their C code."""
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +12,18 @@ import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals
 from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, Staircase, cell_centers, contained
+from inkloop.geometry.layer_runs import columns_of_layers
+from support.compiled import program
+from support.places import C_SOURCES, ROOT
 
 PITCH = 1e-4
 NX, NY = 9, 7
+FOLDER = ROOT / "cosim" / "columns"
+SOURCES = (C_SOURCES / "column_invariants.c", *sorted(FOLDER.glob("*.c")))
+FLAGS = (
+    *("-std=c11", "-O1", "-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+    *("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror", f"-I{FOLDER}"),
+)
 SHAPES = (
     Cylinder(4e-4, 3e-4, 2.5e-4, 40e-6),
     Cuboid(4e-4, 3e-4, 4e-4, 2e-4, 30e-6),
@@ -70,34 +80,17 @@ def test_intervals_are_the_heights_that_columns_contain() -> None:
             np.testing.assert_array_equal(contained(columns.intervals(x, y), z), columns.inside(z))
 
 
-def test_an_interval_holds_its_bottom_and_not_its_top() -> None:
+def test_a_point_belongs_to_the_nearest_cell_and_an_interval_holds_its_bottom_alone() -> None:
     columns = columns_of([0, 1, 1], [1e-6], [2e-6])
-    x, y = np.zeros(2), np.zeros(2)
-    np.testing.assert_array_equal(columns.contains(x, y, np.array([1e-6, 2e-6])), [True, False])
-
-
-def test_a_point_belongs_to_the_cell_with_the_nearest_centre() -> None:
-    columns = columns_of([0, 1, 1], [0.0], [1.0])
-    y = np.array([-0.51, -0.5, 0.0, 0.49, 0.5, 1.49, 1.5]) * PITCH
-    inside = columns.contains(np.zeros_like(y), y, np.zeros_like(y))
-    np.testing.assert_array_equal(inside, [False, True, True, True, False, False, False])
-    assert columns.top(np.zeros_like(y), y).tolist() == [0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-
-
-def test_points_that_are_no_numbers_are_outside() -> None:
-    columns = columns_of([0, 1], [-1.0], [1.0])
-    nan, zero = np.full(1, np.nan), np.zeros(1)
-    for point in ((nan, zero, zero), (zero, nan, zero), (zero, zero, nan)):
+    zero, nan = np.zeros(2), np.full(2, np.nan)
+    np.testing.assert_array_equal(columns.contains(zero, zero, np.array([1e-6, 2e-6])), [True, False])
+    for point in ((nan, zero, zero + 1e-6), (zero, nan, zero + 1e-6), (zero, zero, nan)):
         assert not columns.contains(*point).any()
-    assert not columns.inside(np.full((1, 1), np.nan)).any()
-
-
-def test_touching_and_overlapping_intervals_become_one() -> None:
-    cell, bottom, top = np.array([1, 1, 1, 0, 1]), np.array([2.0, 0, 5, 3, 1]), np.array([3.0, 1, 5, 2, 2.5])
-    columns = Columns.of_intervals(2, 1, 1.0, cell, bottom, top)
-    assert (columns.offsets.tolist(), columns.bottoms.tolist(), columns.tops.tolist()) == ([0, 0, 1], [0.0], [3.0])
-    assert columns.volume == pytest.approx(3.0, rel=1e-15, abs=0.0)
-    assert columns.mask.tolist() == [[False], [True]]
+    assert not columns.inside(np.full((1, 2), np.nan)).any()
+    y = np.array([-0.51, -0.5, 0.0, 0.49, 0.5, 1.49, 1.5]) * PITCH
+    inside = columns.contains(np.zeros_like(y), y, np.full_like(y, 1e-6))
+    np.testing.assert_array_equal(inside, [False, True, True, True, False, False, False])
+    np.testing.assert_array_equal(columns.top(np.zeros_like(y), y), np.where(inside, 2e-6, 0.0))
 
 
 def test_union_of_many_intervals_in_any_order_is_that_of_their_points() -> None:
@@ -130,21 +123,6 @@ def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
     assert float(tops.sum()) * PITCH**2 == pytest.approx(volume, rel=1e-6, abs=0.0)
 
 
-def test_columns_of_a_shape_give_back_its_intervals() -> None:
-    """To the last bit: the controller in C is given these, the one in Python asks `contains`."""
-    x, y = cell_centers(NX, NY, PITCH)
-    (low, high), (expected_low, expected_high) = ((sorted_ends(part, x, y)) for part in (of(SHAPES[3]), SHAPES[3]))
-    np.testing.assert_array_equal(low, expected_low)
-    np.testing.assert_array_equal(high, expected_high)
-
-
-def sorted_ends(part, x: FloatMap, y: FloatMap) -> tuple[np.ndarray, np.ndarray]:
-    """Bottoms and tops of the intervals that are not empty, in the order of the cells."""
-    ends = np.array([np.broadcast_arrays(*interval) for interval in part.intervals(x, y)])
-    bottom, top = ends[:, 0].reshape(len(ends), -1).T, ends[:, 1].reshape(len(ends), -1).T
-    return bottom[bottom <= top], top[bottom <= top]
-
-
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
@@ -157,22 +135,13 @@ def sorted_ends(part, x: FloatMap, y: FloatMap) -> tuple[np.ndarray, np.ndarray]
     ],
 )
 def test_columns_that_do_not_ascend_are_refused(changed, reason) -> None:
-    good: dict[str, Any] = {
-        "nx": 1,
-        "ny": 2,
-        "pitch": 1.0,
-        "offsets": [0, 0, 2],
-        "bottoms": [0.0, 1.0],
-        "tops": [0.5, 2.0],
-    }
+    good: dict[str, Any] = {"nx": 1, "ny": 2, "pitch": 1.0, "offsets": [0, 0, 2]}
+    good |= {"bottoms": [0.0, 1.0], "tops": [0.5, 2.0]}
     Columns(**good)
     with pytest.raises(ValueError, match=reason):
         Columns(**good | changed)
-
-
-def test_columns_on_another_grid_are_refused() -> None:
     with pytest.raises(ValueError, match="needs one grid"):
-        _ = of(SHAPES[0]) | Columns.of_shape(SHAPES[0], NX, NY, 2 * PITCH)
+        _ = of(SHAPES[0]) | Columns(**good)
 
 
 def test_algebra_of_random_trees_of_balls_is_that_of_their_points() -> None:
@@ -201,3 +170,37 @@ def test_algebra_of_random_trees_of_balls_is_that_of_their_points() -> None:
             np.testing.assert_array_equal(columns.inside(z), expected)
             marked += int(expected.sum())
     assert marked > 1000
+
+
+def test_every_height_has_the_label_of_its_slice() -> None:
+    layers = np.random.default_rng(3).integers(0, 3, (9, NX, NY)).astype(np.int8)
+    whole, *by_label = columns_of_layers(layers, NX, NY, PITCH, 7.6e-6, labels=2)
+    x, y = cell_centers(NX, NY, PITCH)
+    for number, layer in enumerate(layers):
+        for share in (1e-9, 0.5, 1.0 - 1e-9):
+            z = np.full((NX, NY), (number + share) * 7.6e-6)
+            np.testing.assert_array_equal(whole.contains(x, y, z), layer > 0)
+            for label, columns in enumerate(by_label, start=1):
+                np.testing.assert_array_equal(columns.contains(x, y, z), layer == label)
+
+
+def test_slices_that_follow_each_other_are_one_interval_and_share_no_point_with_the_next() -> None:
+    layers = np.array([[[1]], [[1]], [[2]], [[0]], [[1]]], np.int8)
+    whole, first, second = columns_of_layers(layers, 1, 1, PITCH, 7.6e-6, labels=2)
+    np.testing.assert_array_equal(whole.bottoms, np.array([0, 4]) * 7.6e-6)
+    np.testing.assert_array_equal(whole.tops, np.array([3, 5]) * 7.6e-6)
+    assert first.tops[0] == second.bottoms[0]
+    (whole,) = columns_of_layers([], NX, NY, PITCH, 7.6e-6, labels=0)
+    assert not whole.mask.any()
+
+
+@pytest.mark.compiled
+def test_random_triangles_and_intervals_keep_the_invariants_of_columns() -> None:
+    """Of the C code under sanitizers: no access outside of its arrays, no leak, not even of triangles that are none."""
+    checked = subprocess.run(
+        [program("column_invariants", SOURCES, FLAGS)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, cell_centers, overhangs, resting, support_below
+from inkloop.geometry import Columns, Cuboid, PipeJunction, cell_centers, overhangs, resting, support_below
 
 UM = 1e-6
 PITCH = 100 * UM
@@ -62,14 +62,13 @@ def gyroid() -> Columns:
     return columns(intervals)
 
 
-@pytest.mark.parametrize(
-    "shape", [Cylinder(6e-4, 4e-4, 3e-4, 50 * UM), Cuboid(6e-4, 4e-4, 3e-4, 3e-4, 50 * UM)], ids=["cylinder", "cuboid"]
-)
-def test_part_that_stands_on_the_substrate_has_no_overhang(shape: Any) -> None:
-    part = Columns.of_shape(shape, NX, NY, PITCH)
+@pytest.mark.parametrize("height_um", [50.0, 0.01])
+def test_part_that_stands_on_the_substrate_has_no_overhang(height_um: float) -> None:
+    part = Columns.of_shape(Cuboid(6e-4, 4e-4, 3e-4, 3e-4, height_um * UM), NX, NY, PITCH)
     assert overhangs(part) is None
     assert support_below(part).volume == 0.0
     np.testing.assert_array_equal(resting(part).mask, part.mask)
+    assert part.mask.sum() == 9
 
 
 def test_deck_of_a_bridge_hangs_between_its_piers() -> None:
@@ -141,7 +140,3 @@ def test_rounding_of_a_mesh_is_no_overhang() -> None:
     uneven = columns(lambda x, y: [(rng.uniform(-4e-9, 4e-9, x.shape), x * 0 + 5 * UM)])
     assert overhangs(uneven) is None
     assert resting(uneven).mask.all()
-
-
-def test_part_thinner_than_any_gap_is_one() -> None:
-    assert resting(Columns.of_shape(Cuboid(6e-4, 4e-4, 3e-4, 3e-4, 0.01 * UM), NX, NY, PITCH)).mask.sum() == 9

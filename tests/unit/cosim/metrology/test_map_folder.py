@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
@@ -19,8 +20,9 @@ from inkloop.course.wiring import contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.metrology import map_folder
-from inkloop.metrology.folder_watch import FolderWatch
+from inkloop.metrology.folder_watch import FolderWatch, name_errors, numbered_files
 from inkloop.metrology.map_folder import MapFolder
+from inkloop.testing import job
 from support.closed_loop import block
 from support.toys import FunctionComponent
 
@@ -65,7 +67,7 @@ def scan(part: MapFolder, layer: int) -> dict[str, Any]:
     return dict(part.do_step(layer * SECOND, SECOND, printed(layer)))
 
 
-def test_scan_is_busy_until_the_file_of_the_printed_layer_is_there(tmp_path: Path) -> None:
+def test_scan_is_busy_until_the_file_of_the_printed_layer_is_there_and_is_not_done_again(tmp_path: Path) -> None:
     part = profiler(tmp_path)
     outputs = scan(part, 0)
     assert (outputs["layers_scanned"], outputs["status"]) == (-1, Status.BUSY)
@@ -74,23 +76,12 @@ def test_scan_is_busy_until_the_file_of_the_printed_layer_is_there(tmp_path: Pat
     assert (outputs["layers_scanned"], outputs["status"]) == (0, Status.IDLE)
     np.testing.assert_allclose(outputs["measured_height"] * 1e6, surface(0), atol=1e-9)
     assert outputs["valid"].all()
-
-
-def test_done_layer_is_not_scanned_again(tmp_path: Path) -> None:
-    part = profiler(tmp_path)
-    write(tmp_path, 0)
-    before = scan(part, 0)
     write(tmp_path, 0, surface(0) + 5.0)
-    np.testing.assert_array_equal(scan(part, 0)["measured_height"], before["measured_height"])
-
-
-def test_scan_takes_the_newest_layer_though_the_number_jumps(tmp_path: Path) -> None:
-    part = profiler(tmp_path)
-    assert scan(part, 0)["status"] == Status.BUSY
+    np.testing.assert_array_equal(scan(part, 0)["measured_height"], outputs["measured_height"])
     write(tmp_path, 3)
-    outputs = scan(part, 3)
-    assert outputs["layers_scanned"] == 3
-    np.testing.assert_allclose(outputs["measured_height"] * 1e6, surface(3), atol=1e-9)
+    later = scan(part, 3)  # the number jumps
+    assert later["layers_scanned"] == 3
+    np.testing.assert_allclose(later["measured_height"] * 1e6, surface(3), atol=1e-9)
 
 
 def test_cell_that_was_not_measured_keeps_its_last_valid_height(tmp_path: Path) -> None:
@@ -133,6 +124,11 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
         {"registration": "fit"},
         r"the part explains \d+% of its relief",
     ),
+    "off the grid": (
+        lambda f: write(f, 1),
+        {"offset_x_um": 5000.0},
+        r"field lies at x 5\.00 to 7\.63.*the grid at 0 to 2\.63 and 0 to 2\.37 mm",
+    ),
 }
 
 
@@ -140,22 +136,15 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
 def test_impossible_map_is_refused_with_a_message(
     write_second: Callable[[Path], object], options: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
-    part = profiler(tmp_path, **({} if "unit" in options else options))
+    is_bad_already = {"unit", "offset_x_um"} & options.keys()
+    part = profiler(tmp_path, **({} if is_bad_already else options))
     write(tmp_path, 0)
     scan(part, 0)
-    if "unit" in options:
+    if is_bad_already:
         part = profiler(tmp_path, **options)
     write_second(tmp_path)
     with pytest.raises(ComponentError, match=rf"layer 1: .*1\.npz: .*{message}"):
         scan(part, 1)
-
-
-def test_map_off_the_grid_is_refused_with_both_places(tmp_path: Path) -> None:
-    write(tmp_path, 0)
-    with pytest.raises(
-        ComponentError, match=r"field lies at x 5\.00 to 7\.63.*the grid at 0 to 2\.63 and 0 to 2\.37 mm"
-    ):
-        scan(profiler(tmp_path, offset_x_um=5000.0), 0)
 
 
 def test_files_of_an_earlier_print_are_refused_before_the_first_layer(tmp_path: Path) -> None:
@@ -178,11 +167,11 @@ def test_awaited_file_has_its_time_limit(tmp_path: Path) -> None:
     write(tmp_path, 0)
     with pytest.raises(ComponentError, match=r"0\.npz was not complete within .*its \.done mark is missing"):
         scan(part, 0)
-
-
-def test_folder_has_to_be_there(tmp_path: Path) -> None:
     with pytest.raises(ComponentError, match="is no folder; make it"):
         profiler(tmp_path / "nowhere")
+
+
+GIVEN = {"fiducials_map_um": [[0, 0], [1000, 0]], "fiducials_grid_um": [[0, 0], [1100, 0]]}
 
 
 @pytest.mark.parametrize(
@@ -193,14 +182,7 @@ def test_folder_has_to_be_there(tmp_path: Path) -> None:
         ({"file_name": "{layer:0999999999d}.csv"}, r"file_name is .* \(\{layer:0999999999d\} has a format other than"),
         ({"registration": "fiducials"}, "fiducials_map_um and fiducials_grid_um: give both"),
         ({"fiducials_map_um": [[0, 0], [1, 1]]}, "fiducials_map_um and fiducials_grid_um: give both"),
-        (
-            {
-                "registration": "fiducials",
-                "fiducials_map_um": [[0, 0], [1000, 0]],
-                "fiducials_grid_um": [[0, 0], [1100, 0]],
-            },
-            r"the best fit leaves 50 µm rms, 26\.3 µm are allowed",
-        ),
+        ({"registration": "fiducials", **GIVEN}, r"the best fit leaves 50 µm rms, 26\.3 µm are allowed"),
         ({"unit": "inch"}, "unit is 'inch'"),
         ({"valid_share_min": 0.0}, "valid_share_min is 0.0"),
     ],
@@ -215,20 +197,14 @@ def test_invalid_options_are_reported_before_anything_runs(
 def test_fiducials_place_the_map_as_the_numbers_they_stand_for(tmp_path: Path) -> None:
     write(tmp_path, 0)
     corners = [[0.0, 0.0], [1000.0, 0.0], [0.0, 2000.0]]
-    on_grid = [[x + CORNER_UM, y + CORNER_UM] for x, y in corners]
-    found = profiler(
-        tmp_path,
-        registration="fiducials",
-        fiducials_map_um=corners,
-        fiducials_grid_um=on_grid,
-        offset_x_um=0.0,
-        offset_y_um=0.0,
-    )
+    points = {"fiducials_map_um": corners, "fiducials_grid_um": [[x + CORNER_UM, y + CORNER_UM] for x, y in corners]}
+    found = profiler(tmp_path, registration="fiducials", **points, offset_x_um=0.0, offset_y_um=0.0)
     given = scan(profiler(tmp_path), 0)
     np.testing.assert_allclose(scan(found, 0)["measured_height"], given["measured_height"], atol=1e-12)
 
 
-def test_restored_folder_waits_for_the_layer_after_its_last_scan(tmp_path: Path) -> None:
+def test_restored_folder_goes_on_after_its_last_scan(tmp_path: Path) -> None:
+    """It looks for leftovers anew, and takes neither the same map again nor another field."""
     part = profiler(tmp_path)
     write(tmp_path, 0)
     before = scan(part, 0)
@@ -239,8 +215,19 @@ def test_restored_folder_waits_for_the_layer_after_its_last_scan(tmp_path: Path)
     write(tmp_path, 1, surface(0))
     with pytest.raises(ComponentError, match="of layer 0 again"):
         scan(other, 1)
+    write(tmp_path, 2)
+    other.restore(part.save())
+    with pytest.raises(ComponentError, match=r"2\.npz is there before layer 2 is printed"):
+        scan(other, 1)
+    (tmp_path / "2.npz").unlink()
+    write(tmp_path, 1, fine=5)
+    other.restore(part.save())
+    with pytest.raises(ComponentError, match="the scans before it 40 x 36; scan the same field"):
+        scan(other, 1)
     with pytest.raises(ComponentError, match="is no state of a map folder"):
         other.restore(b"rubbish")
+    with pytest.raises(ComponentError, match=r"has \(10, 9\) cells; this grid has"):
+        MapFolder(job(), folder=str(tmp_path)).restore(part.save())
 
 
 class Clock:
@@ -258,35 +245,71 @@ class Clock:
             self._events.pop(0)[1]()
 
 
-def test_growing_file_is_taken_when_it_stays_as_it_is(tmp_path: Path) -> None:
+def watch(folder: Path, complete: Any, *events: tuple[float, Callable[[], object]]) -> tuple[FolderWatch, Clock]:
+    clock = Clock(list(events))
+    return FolderWatch(folder, "{layer}.csv", complete, 0.5, clock=clock, sleep=clock.sleep), clock
+
+
+def test_growing_file_is_taken_when_it_stays_as_it_is_and_an_empty_one_never(tmp_path: Path) -> None:
     path = tmp_path / "7.csv"
 
     def grow() -> None:
         with path.open("a") as file:
             file.write("1,2,3\n")
 
-    clock = Clock([(0.1, grow), (0.5, grow), (0.9, grow)])
-    watch = FolderWatch(tmp_path, "{layer}.csv", "stable", 0.5, clock=clock, sleep=clock.sleep)
-    assert watch.look(7, 0.05) is None
-    assert watch.look(7, 0.5) == path
+    watched, clock = watch(tmp_path, "stable", (0.1, grow), (0.5, grow), (0.9, grow))
+    assert watched.look(7, 0.05) is None
+    assert watched.look(7, 0.5) == path
     assert clock.now >= 0.9 + 0.5
     assert path.read_text().count("\n") == 3
-
-
-def test_empty_file_is_never_complete(tmp_path: Path) -> None:
-    (tmp_path / "7.csv").touch()
-    clock = Clock([])
-    watch = FolderWatch(tmp_path, "{layer}.csv", "stable", 0.5, clock=clock, sleep=clock.sleep)
-    assert watch.look(7, 3.0) is None
+    path.write_text("")
+    watched, clock = watch(tmp_path, "stable")
+    assert watched.look(7, 3.0) is None
     assert clock.now >= 3.0
 
 
 def test_done_mark_completes_a_file(tmp_path: Path) -> None:
     (tmp_path / "7.csv").write_text("1,2\n")
-    clock = Clock([(0.4, (tmp_path / "7.csv.done").touch)])
-    watch = FolderWatch(tmp_path, "{layer}.csv", "done", 0.5, clock=clock, sleep=clock.sleep)
-    assert watch.look(7, 0.2) is None
-    assert watch.look(7, 0.5) == tmp_path / "7.csv"
+    watched, _ = watch(tmp_path, "done", (0.4, (tmp_path / "7.csv.done").touch))
+    assert watched.look(7, 0.2) is None
+    assert watched.look(7, 0.5) == tmp_path / "7.csv"
+
+
+def test_wait_is_told_after_two_seconds_and_then_every_half_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    now = [0.0]
+
+    class Watch(FolderWatch):
+        def __init__(self, *given: Any) -> None:
+            super().__init__(*given, clock=lambda: now[0], sleep=lambda seconds: None)
+
+    monkeypatch.setattr(map_folder, "FolderWatch", Watch)
+    caplog.set_level(logging.INFO)
+    part = profiler(tmp_path, timeout_s=70.0)
+    messages = []
+    for now[0] in (0.0, 1.9, 2.0, 10.0, 31.9, 32.0, 33.0, 62.0, 70.0):
+        before = len(caplog.records)
+        scan(part, 3)
+        messages += [(now[0], record.getMessage()) for record in caplog.records[before:]]
+    assert [time for time, _ in messages] == [2.0, 32.0, 62.0]
+    path = tmp_path / "3.npz"
+    assert messages[1][1] == f"layer 3 is printed: waiting for {path} since 32 s (up to 70 s)"
+    now[0] = 70.1
+    with pytest.raises(ComponentError, match=r"3\.npz did not come within 70 s"):
+        scan(part, 3)
+
+
+def test_files_have_the_number_of_their_layer(tmp_path: Path) -> None:
+    wrong = ("scan_12_b2.csv", "scan_0007_b3.csv", "x_0001_b2.csv", "a.txt")
+    for name in ("scan_0007_b2.csv", "scan_0012_b2.csv", *wrong):
+        (tmp_path / name).touch()
+    found = numbered_files(tmp_path, "scan_{layer:04d}_b2.csv", "layer")
+    assert {number: path.name for number, path in found.items()} == {7: "scan_0007_b2.csv", 12: "scan_0012_b2.csv"}
+    assert name_errors("file_name", "a{layer}.csv", "layer", "b") == []
+    for template in ("a.csv", "../{layer}.csv", "{layer:.0f}/x.csv"):
+        (error,) = name_errors("file_name", template, "layer", "b")
+        assert "expected a name of its own for each layer, such as 'b'" in error
 
 
 def test_first_ctrl_c_ends_the_wait_for_a_file(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
+from inkloop.component import Ink, Job
 from inkloop.errors import HeightMapError
-from inkloop.metrology.cell_means import cell_means
-from inkloop.metrology.datum import level, reference_cells
+from inkloop.metrology.datum import level, plane, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import _points, fit_to_surface
-from inkloop.metrology.registration import Registration, from_fiducials
+from inkloop.metrology.placement import Placement
+from inkloop.metrology.registration import Registration, cell_means, from_fiducials
 from inkloop.units import M_PER_UM
 from support.examples import examples
 from support.fine_maps import covering, fine_map
@@ -69,16 +72,6 @@ def test_mean_height_is_kept_wherever_the_map_lies(rotation: float, u: float, v:
     assert cells.share.min() > 0.98
 
 
-@pytest.mark.parametrize("rotation", [0.0, 0.3, 1.4])
-def test_volume_under_a_map_is_kept(rotation: float) -> None:
-    """A map that lies inside the grid: what its pixels hold is what the cells hold."""
-    z = np.random.default_rng(5).random((120, 90)) * M_PER_UM
-    grid = cell_means(HeightMap(z, 11e-6, 13e-6), Registration(1.6e-3, 0.5e-3, rotation), 14, 14, PITCH)
-    volume = np.nansum(grid.mean * grid.share) * PITCH**2
-    tolerance = 1e-9 if rotation == 0.0 else 2e-3  # turned pixels overlap by a little, and a share is at most 1
-    assert volume == pytest.approx(z.sum() * 11e-6 * 13e-6, rel=tolerance, abs=0.0)
-
-
 @settings(max_examples=examples(25))
 @given(seed=st.integers(0, 1000), rotation=st.floats(-0.1, 0.1), holes=st.floats(0.05, 0.9))
 def test_invalid_pixels_never_leak_into_cells(seed: int, rotation: float, holes: float) -> None:
@@ -97,14 +90,11 @@ def test_invalid_pixels_never_leak_into_cells(seed: int, rotation: float, holes:
     assert cells.share[4:, 4:].mean() == pytest.approx(1.0 - holes, abs=6 * spread)
 
 
-def test_cells_outside_the_map_are_not_measured() -> None:
+def test_cells_outside_the_map_are_not_measured_and_pixels_larger_than_cells_are_refused() -> None:
     cells = cell_means(HeightMap(np.ones((39, 39)), 30e-6, 30e-6), Registration(), 30, 30, PITCH)
     assert np.isnan(cells.mean[5:, 5:]).all()
     assert not cells.share[5:, 5:].any()
     assert cells.share[0, 0] == pytest.approx((PITCH / 2 + 15e-6) ** 2 / PITCH**2, rel=1e-9, abs=0.0)
-
-
-def test_pixels_larger_than_cells_are_refused() -> None:
     with pytest.raises(HeightMapError, match=r"a pixel is 300 µm on the grid, a cell 263\.3 µm"):
         cell_means(HeightMap(np.ones((9, 9)), 300e-6, 300e-6), Registration(), 5, 5, PITCH)
 
@@ -127,8 +117,6 @@ def test_fiducials_find_the_registration_again(
     assert fit.residual < 1e-12
     assert fit.registration.scale == pytest.approx(scale, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(fit.registration.to_grid(on_map[:, 0], on_map[:, 1]), on_grid.T, atol=1e-12)
-    back = fit.registration.to_map(*fit.registration.to_grid(on_map[:, 0], on_map[:, 1]))
-    np.testing.assert_allclose(back, on_map.T, atol=1e-12)
 
 
 def test_residual_of_fiducials_is_their_distance() -> None:
@@ -139,12 +127,6 @@ def test_residual_of_fiducials_is_their_distance() -> None:
     assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * M_PER_UM, rel=1e-3, abs=0.0)
     with pytest.raises(HeightMapError, match=r"leaves 1.41 µm rms, 1 µm are allowed; check that they are given"):
         from_fiducials(on_map, on_grid, residual_max=1e-6)
-
-
-def test_mirrored_fiducials_are_recognised() -> None:
-    on_map = np.array([[0.0, 0.0], [3e-3, 0.0], [0.0, 2e-3], [3e-3, 2e-3]])
-    with pytest.raises(HeightMapError, match=r"with mirror = 'y' it is .*: the map is mirrored"):
-        from_fiducials(on_map, on_map * [1, -1] + 1e-3, residual_max=20e-6)
 
 
 @pytest.mark.parametrize(
@@ -180,15 +162,19 @@ def measured(truth: Registration, rng: np.random.Generator, noise: float = 0.3 *
     return HeightMap(z, 9e-6, 9e-6, source="scan.tif")
 
 
+def missed(found: Registration, truth: Registration) -> float:
+    """Distance of two registrations in the middle of the block [m]."""
+    middle = np.array(2.9e-3), np.array(2.7e-3)
+    return float(np.abs(np.subtract(found.to_grid(*middle), truth.to_grid(*middle))).max())
+
+
 @pytest.mark.parametrize(("u", "v", "turn_deg"), [(0.0, 0.0, 0.0), (1.7, -2.4, 1.2), (-0.3, 0.45, -1.6)])
 def test_fit_finds_a_known_shift_and_turn(u: float, v: float, turn_deg: float) -> None:
     start = Registration(-0.2e-3, -0.3e-3, 0.05)
     truth = Registration(start.offset_x + u * PITCH, start.offset_y + v * PITCH, 0.05 + math.radians(turn_deg))
     scan, turn = measured(truth, np.random.default_rng(2)), math.radians(2)
     fit = fit_to_surface(scan, block(), PITCH, start, reach=3 * PITCH, rotation_reach=turn)
-    middle = np.array(2.9e-3), np.array(2.7e-3)
-    missed = np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))
-    assert np.abs(missed).max() < 0.01 * PITCH
+    assert missed(fit.registration, truth) < 0.01 * PITCH
     assert 0.0 < fit.offset_std < 0.02 * PITCH
     assert 0.0 < fit.rotation_std < math.radians(0.1)
     assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.05))
@@ -216,8 +202,7 @@ def test_fit_is_not_led_astray_by_soft_flanks_that_are_seen_in_part(softness: fl
     steep = np.hypot(*np.gradient(fine.z, 9e-6)) > 0.02
     seen = HeightMap(np.where(steep & (np.random.default_rng(6).random(fine.shape) < 0.6), np.nan, fine.z), 9e-6, 9e-6)
     fit = fit_to_surface(seen, block(), PITCH, Registration(), reach=2 * PITCH, rotation_reach=math.radians(2))
-    middle = np.array(2.9e-3), np.array(2.7e-3)
-    assert np.abs(np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))).max() < 0.01 * PITCH
+    assert missed(fit.registration, truth) < 0.01 * PITCH
     assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.1))
 
 
@@ -232,8 +217,7 @@ def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:
     start = Registration(rotation=0.02)
     fit = fit_to_surface(measured(truth, np.random.default_rng(4)), block(), PITCH, start, reach=2 * PITCH)
     assert (fit.registration.rotation, fit.rotation_std) == (0.02, 0.0)
-    assert fit.registration.offset_x == pytest.approx(truth.offset_x, abs=0.01 * PITCH)
-    assert fit.registration.offset_y == pytest.approx(truth.offset_y, abs=0.01 * PITCH)
+    assert missed(fit.registration, truth) < 0.01 * PITCH
 
 
 def test_place_is_as_uncertain_as_it_is_where_fewest_edges_tell_it() -> None:
@@ -249,47 +233,13 @@ def test_place_is_as_uncertain_as_it_is_where_fewest_edges_tell_it() -> None:
     assert deviations[0] == pytest.approx(deviations[1], rel=0.15, abs=0.0)
 
 
-def test_fit_to_a_map_without_the_part_is_refused() -> None:
-    noise = HeightMap(M_PER_UM * np.random.default_rng(1).standard_normal((300, 300)), 18e-6, 18e-6, source="scan.tif")
-    with pytest.raises(HeightMapError, match=r"scan.tif: the part explains \d+% of its relief"):
-        fit_to_surface(noise, block(), PITCH, Registration(), reach=2 * PITCH)
-
-
 @pytest.mark.parametrize(("u", "v"), [(4.6, 0.0), (0.0, -4.6)])
-def test_fit_beyond_its_reach_is_refused(u: float, v: float) -> None:
-    truth = Registration(u * PITCH, v * PITCH)
+def test_fit_beyond_its_reach_and_to_a_flat_surface_is_refused(u: float, v: float) -> None:
+    scan = measured(Registration(u * PITCH, v * PITCH), np.random.default_rng(3))
     with pytest.raises(HeightMapError, match="correct offset and rotation, or search wider"):
-        fit_to_surface(measured(truth, np.random.default_rng(3)), block(), PITCH, Registration(), reach=2 * PITCH)
-
-
-def test_fit_to_a_flat_surface_is_refused() -> None:
+        fit_to_surface(scan, block(), PITCH, Registration(), reach=2 * PITCH)
     with pytest.raises(HeightMapError, match="flat, so the position of the map is undetermined"):
-        fit_to_surface(HeightMap(np.zeros((9, 9)), 1e-5, 1e-5), np.ones((4, 4)), PITCH, Registration(), reach=PITCH)
-
-
-def test_plane_of_the_reference_cells_is_taken_off_whatever_lies_on_them() -> None:
-    surface, mask = block(), block() > 0
-    i, j = np.indices(surface.shape)
-    tilted = surface + 3 * M_PER_UM * i - 2 * M_PER_UM * j + 70 * M_PER_UM
-    tilted[0, 5], tilted[17, 2] = 500 * M_PER_UM, np.nan
-    reference = reference_cells(mask, 2)
-    assert not reference[2:14, 1:17].any()
-    assert reference[:2].all()
-    levelled = level(tilted, reference, "plane")
-    untouched = np.isfinite(tilted) & (tilted < 400 * M_PER_UM)
-    np.testing.assert_allclose(levelled[untouched], surface[untouched], rtol=0, atol=1e-3 * M_PER_UM)
-    assert np.isnan(levelled[17, 2])
-    np.testing.assert_allclose(level(surface + M_PER_UM, reference, "offset"), surface, atol=1e-12)
-    assert level(tilted, reference, "none") is tilted
-
-
-def test_datum_without_cells_to_stand_on_is_refused() -> None:
-    height = np.full((9, 9), np.nan)
-    height[0, :] = 1.0
-    with pytest.raises(HeightMapError, match="lie on one line"):
-        level(height, np.ones((9, 9), np.bool_), "plane")
-    with pytest.raises(HeightMapError, match="0 cells outside the part were measured, the offset needs 1"):
-        level(np.full((9, 9), np.nan), np.ones((9, 9), np.bool_), "offset")
+        fit_to_surface(scan, np.ones((4, 4)), PITCH, Registration(), reach=PITCH)
 
 
 def test_points_of_a_fit_lie_in_the_middle_of_their_tiles_whatever_the_pixels() -> None:
@@ -299,3 +249,93 @@ def test_points_of_a_fit_lie_in_the_middle_of_their_tiles_whatever_the_pixels() 
     assert x.tolist() == pytest.approx([4e-6] * 3 + [14e-6] * 3, rel=1e-12, abs=0.0)
     assert y.tolist() == pytest.approx([2.5e-6, 12.5e-6, 22.5e-6] * 2, rel=1e-12, abs=0.0)
     assert mean.tolist() == z.reshape(2, 5, 3, 2).mean(axis=(1, 3)).ravel().tolist()
+
+
+JOB = Job(10, 8, 250e-6, np.zeros((10, 8)), np.zeros((10, 8), np.bool_), (Ink(),))
+JOB.mask[3:7, 2:6] = True
+JOB.target_height[JOB.mask] = 3 * JOB.inks[0].layer_height
+
+
+def fine(heights: Any) -> HeightMap:
+    """Cells as 5 x 5 pixels each."""
+    return HeightMap(np.kron(heights, np.ones((5, 5))), 50e-6, 50e-6, source="scan.csv")
+
+
+AT_HOME = Registration(-100e-6, -100e-6)
+"""Place of the first pixel of `fine`."""
+
+
+def test_placed_map_says_how_much_of_the_part_it_shows() -> None:
+    heights = np.arange(80.0).reshape(10, 8) * M_PER_UM
+    heights[3, 2:4] = np.nan
+    found = Placement(JOB, AT_HOME).place(fine(heights), 1)
+    np.testing.assert_allclose(found.height, heights, rtol=1e-9)
+    assert np.argwhere(~found.valid).tolist() == [[3, 2], [3, 3]]
+    assert found.words == "88% of the part measured"
+    heights[4:6] = np.nan
+    with pytest.raises(HeightMapError, match=r"scan\.csv: 38% of the part's cells were measured; needs 50%"):
+        Placement(JOB, AT_HOME).place(fine(heights), 1)
+    heights[4, 2:4] = 1.0
+    assert Placement(JOB, AT_HOME).place(fine(heights), 1).words == "50% of the part measured"
+    z = np.zeros((50, 40))
+    z[0, :], z[5:8, :] = np.nan, np.nan  # a fifth of the first row of cells, three fifths of the second
+    for share_min, second in ((0.5, False), (0.39, True)):
+        found = Placement(JOB, AT_HOME, share_min=share_min).place(HeightMap(z, 50e-6, 50e-6), 1)
+        assert found.valid.all(axis=1).tolist() == [True, second] + [True] * 8
+
+
+def test_advice_names_the_places_of_map_and_grid() -> None:
+    away = Registration(10e-3, 20e-3)
+    with pytest.raises(HeightMapError) as raised:
+        Placement(JOB, away).place(replace(fine(np.ones((10, 8))), x0=1e-3, y0=2e-3), 0)
+    message = str(raised.value)
+    assert "0% of the part's cells were measured; needs 50%" in message
+    assert "Its field lies at x 11.00 to 13.50, y 22.00 to 24.00 mm, the grid at 0 to 2.50 and 0 to 2.00 mm" in message
+    assert "100% of its pixels hold a height" in message
+
+
+def test_map_is_fitted_to_the_layers_that_are_printed() -> None:
+    layer = JOB.inks[0].layer_height
+    shifted = replace(AT_HOME, offset_x=AT_HOME.offset_x + 100e-6, offset_y=AT_HOME.offset_y - 50e-6)
+    placement = Placement(JOB, shifted, fit_reach=(300e-6, 0.0))
+    printed = np.where(JOB.mask, 2 * layer, 0.0)
+    found = placement.place(fine(printed), 2)
+    np.testing.assert_allclose(found.height[JOB.mask], 2 * layer, atol=0.02 * layer)
+    assert found.words.startswith("100% of the part measured, fitted to ")
+    assert found.words.endswith("100% of its relief is the part's")
+    flat = placement.place(fine(np.ones((10, 8)) * M_PER_UM), 0)  # of the start surface nothing can be fitted
+    assert "fitted" not in flat.words
+
+
+def test_datum_is_the_median_or_the_plane_of_what_lies_around_the_part() -> None:
+    i, j = np.indices((10, 8))
+    ground = 3.0 + 0.25 * i - 0.5 * j
+    reference = reference_cells(JOB.mask, 1)
+    assert not reference[2:8, 1:7].any()
+    assert reference.sum() == 80 - 36
+    assert reference_cells(JOB.mask, 0).sum() == 80 - 16
+    height = (ground + 20.0 * JOB.mask) * M_PER_UM
+    height[0, 0] += 50e-6  # dirt
+    np.testing.assert_allclose(level(height, reference, "plane")[JOB.mask], 20e-6, rtol=1e-9)
+    assert not plane(height, reference)[1][0, 0]
+    np.testing.assert_array_equal(level(height, reference, "none"), height)
+    offset = level(height, reference, "offset")
+    np.testing.assert_allclose(height - offset, np.median(height[reference]), rtol=1e-9)
+    few = np.zeros(reference.shape, np.bool_)
+    few[0, :7] = True
+    with pytest.raises(HeightMapError, match="7 cells outside the part were measured, the plane needs 8"):
+        level(height, few, "plane")
+    few[0, 7] = True
+    with pytest.raises(HeightMapError, match="lie on one line and define no plane"):
+        level(height, few, "plane")
+    with pytest.raises(HeightMapError, match="0 cells outside the part were measured, the offset needs 1"):
+        level(height, few & False, "offset")
+
+
+@pytest.mark.parametrize(("swap", "other"), [("none", "y"), ("y", "none"), ("x", "none")])
+def test_fiducials_of_a_mirrored_map_are_recognised(swap: Any, other: str) -> None:
+    on_map = np.array([[0.0, 0.0], [3e-3, 0.0], [0.0, 1e-3]])
+    truth = Registration(1e-3, 2e-3, 0.4, mirror=other)  # type: ignore[arg-type]
+    on_grid = np.stack(truth.to_grid(on_map[:, 0], on_map[:, 1]), axis=1)
+    with pytest.raises(HeightMapError, match=f"with mirror = '{other}' it is .* µm: the map is mirrored"):
+        from_fiducials(on_map, on_grid, mirror=swap, residual_max=1e-6)

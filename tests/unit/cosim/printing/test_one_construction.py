@@ -20,7 +20,7 @@ from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
 from inkloop.tables import part_mesh
 from inkloop_controller import LayerMpc
-from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
+from inkloop_controller.baseline_planners import OpenLoop, StochasticGreedy
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.link.rig import Rig

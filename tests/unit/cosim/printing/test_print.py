@@ -1,10 +1,8 @@
-"""One print in the loop of the toys: limits and notes, what events have modified, and a failure before any layer.
-
-tests/system/test_resume.py kills prints and resumes them.
-"""
+"""One print and its folder: limits, notes, what is kept, and why one cannot be resumed; in the loop of the toys."""
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.component import Values
 from inkloop.course.events import Event
 from inkloop.course.wiring import contract_connections
-from inkloop.errors import ComponentError
+from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.printing.print import Print
+from inkloop.results import checkpoint
+from inkloop.results.checkpoint import layer_files
 from inkloop.results.result import Result
 from support.toys import toy_job, toy_loop
 
@@ -23,18 +24,48 @@ SECOND = 1_000_000_000
 JOB = toy_job(layers=4)
 
 
+class Kept:
+    """A toy component that can be saved; it fails in the step that begins at `fails_ns`, with an `error`."""
+
+    error: type[Exception] = RuntimeError
+
+    def __init__(self, own: Any, saves: bool, fails_ns: int | None = None) -> None:
+        self._own, self._fails_ns, self.terminated = own, fails_ns, 0
+        self.inputs, self.outputs, self.initialize = own.inputs, own.outputs, own.initialize
+        self.steps: list[tuple[int, int]] = []
+        if saves:
+            self.save = lambda: pickle.dumps({name: value for name, value in vars(own).items() if name != "_job"})
+            self.restore = lambda state: vars(own).update(pickle.loads(state))
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        self.steps.append((time_ns, step_ns))
+        if self._fails_ns is not None and time_ns >= self._fails_ns:
+            raise self.error("needs a person, then `inkloop bench clear SCENARIO`")
+        found: Values = self._own.do_step(time_ns, step_ns, inputs)
+        return found
+
+    def terminate(self) -> None:
+        self.terminated += 1
+
+
 class Loop:
     """The interface of a scenario for a print; `parts` are the components of the newest print."""
 
-    def __init__(self, *, events: tuple[Event, ...] = (), **limits: Any) -> None:
+    def __init__(
+        self, *, saves: bool = True, fails_ns: int | None = None, events: tuple[Event, ...] = (), **limits: Any
+    ) -> None:
         plain = {"layers_max": 100, "time_max_s": None, "step_s": 0.5, "algorithm": "gauss-seidel"}
         run = SimpleNamespace(**{**plain, "real_time_factor": None, **limits})
         self.tables = SimpleNamespace(run=run, title="Block", label="closed loop", seed=7, metrology=None)
-        self.events, self.text = events, "title = 'Block'"
+        self.events, self.text, self._saves, self._fails_ns = events, "title = 'Block'", saves, fails_ns
         self.parts = self.build(None)
 
     def build(self, folder: Path | None) -> dict[str, Any]:
-        self.parts = toy_loop(JOB, SECOND)
+        loop = toy_loop(JOB, SECOND)
+        self.parts = {
+            name: Kept(part, self._saves or name != "printer", self._fails_ns if name == "profiler" else None)
+            for name, part in loop.items()
+        }
         return self.parts
 
     @property
@@ -49,17 +80,28 @@ def printed(loop: Any, folder: Path | None = None, **options: Any) -> Result:
     return Print(loop, folder, **options).run()
 
 
+def heights(result: Result) -> list[float]:
+    return [float(value) for value in result.dataset.height.values[:, 1, 1] * 1e5]
+
+
 @pytest.mark.parametrize(("algorithm", "ends_s"), [("gauss-seidel", [1.5, 2.5]), ("jacobi", [2.0, 4.0])])
 def test_loop_runs_with_step_algorithm_and_limits_of_the_scenario(algorithm: str, ends_s: list[float]) -> None:
+    loop = Loop(layers_max=2, algorithm=algorithm)
     rows: list[Any] = []
-    result = printed(Loop(layers_max=2, algorithm=algorithm), on_layer=rows.append, notes={"origin": "here"})
+    result = printed(loop, on_layer=rows.append, notes={"origin": "here"})
     assert result.stop_reason == "layers_max"
     np.testing.assert_allclose(result.dataset.time[1:], ends_s, rtol=1e-12)
     assert [row.layer for row in rows] == [0, 1, 2]
+    assert loop.parts["printer"].steps[:2] == [(0, SECOND // 2), (SECOND // 2, SECOND // 2)]
     assert result.run["origin"] == "here"
     assert not {"events", "real_time", "not_resumable", "resumed_after_layer"} & set(result.run)
     assert (result.run["title"], result.run["label"], result.run["seed"]) == ("Block", "closed loop", 7)
     assert printed(Loop(time_max_s=1.5)).stop_reason == "time_max"
+
+
+def test_print_in_real_time_has_an_account_of_its_deadlines() -> None:
+    found = printed(Loop(layers_max=2, real_time_factor=1e5)).run["real_time"]
+    assert (found["real_time_factor"], found["steps"]) == (1e5, 5)
 
 
 def test_layer_is_modified_by_what_was_in_effect_in_the_step_that_completed_it() -> None:
@@ -70,6 +112,62 @@ def test_layer_is_modified_by_what_was_in_effect_in_the_step_that_completed_it()
     assert result.dataset.modified.values.tolist() == [False, False, True, False]
     assert result.run["events"] == [str(event) for event in events]
     assert result.dataset.attrs["events"] == f"{events[0]}\n{events[1]}"
+
+
+class NewPart(InkloopError):
+    has_own_remedy = True
+
+
+def test_error_that_says_what_to_do_is_followed_by_no_other_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error that asks for a new part must not end with an advice to resume this one."""
+    monkeypatch.setattr(Kept, "error", NewPart)
+    with pytest.raises(ComponentError) as raised:
+        printed(Loop(fails_ns=5 * SECOND // 2), tmp_path)
+    assert str(raised.value).split("\n")[1] == f"layers 0 to 2 are in {tmp_path}"
+
+
+def test_print_that_has_ended_leaves_no_checkpoints_and_an_interrupted_one_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
+    whole = printed(Loop())
+    failing = Loop(fails_ns=5 * SECOND // 2)
+    with pytest.raises(ComponentError) as raised:
+        printed(failing, tmp_path)
+    message, advice = str(raised.value).split("\n")
+    assert message.startswith("profiler failed at t = 2.5 s, after layer 2")
+    assert "needs a person, then `inkloop bench clear SCENARIO`" in message
+    assert advice == (f"layers 0 to 2 are in {tmp_path}; fix the cause, then continue with `inkloop resume {tmp_path}`")
+    assert Result.load(tmp_path).stop_reason == "failed"
+    assert layer_files(tmp_path)
+    result = printed(Loop(), tmp_path)
+    assert result.run["resumed_after_layer"] == 2
+    assert result.stop_reason == "done"
+    assert heights(result) == pytest.approx(heights(whole), rel=1e-9, abs=0.0)
+    np.testing.assert_array_equal(result.dataset.time, whole.dataset.time)
+    assert not layer_files(tmp_path)
+
+
+def test_print_that_cannot_be_resumed_keeps_its_layers_and_says_why(tmp_path: Path) -> None:
+    with pytest.raises(ComponentError) as raised:
+        printed(Loop(saves=False, fails_ns=3 * SECOND // 2), tmp_path)
+    assert str(raised.value).endswith(
+        f"layers 0 to 1 are in {tmp_path}; the run cannot be resumed: printer has no save and no restore"
+    )
+    assert Result.load(tmp_path).run["not_resumable"] == "printer has no save and no restore"
+    again = Loop(saves=False)
+    with pytest.raises(ResultError) as refused:
+        printed(again, tmp_path)
+    assert str(refused.value) == (
+        f"{tmp_path}: cannot be resumed: printer has no save and no restore; its layers 0 to 1 are in result.nc; "
+        "run the scenario again for the others"
+    )
+    assert [part.terminated for part in again.parts.values()] == [1, 1, 1]
+    assert not any(part.steps for part in again.parts.values())
+    found = Result.load(tmp_path)
+    assert (found.stop_reason, found.dataset.sizes["layer"]) == ("interrupted", 2)
 
 
 def test_failure_before_the_first_layer_leaves_nothing(tmp_path: Path) -> None:

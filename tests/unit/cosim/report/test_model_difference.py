@@ -11,7 +11,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.report import run_report
-from inkloop.report.model_difference import model_difference
+from inkloop.report.model_difference import LayerDifference, ModelDifference, model_difference
 from inkloop.results.result import Result
 from support.benches.bench_run import BLOCK, printed_with_fmus, write
 
@@ -97,3 +97,26 @@ def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
 def test_print_of_models_has_no_such_table(tmp_path: Path) -> None:
     made = printed_with_fmus(write(tmp_path), {"part.height_um": 6.0})
     assert model_difference(made) is None
+
+
+def test_difference_has_a_row_for_each_layer_in_micrometres() -> None:
+    rows = (
+        LayerDifference(0, -0.001e-6, 2e-6, float("nan"), -3.5e-6, (5, 4)),
+        LayerDifference(3, 1.5e-6, 4e-6, 0.25e-6, 6.25e-6, (1, 0)),
+        LayerDifference(4, 1.0e-6, 3e-6, 0.5e-6, 9.0e-6, (0, 2)),
+    )
+    found = ModelDifference("the shadow", np.zeros((5, 6, 6)), rows)
+    assert found.farthest.layer == 3
+    assert found.sentence() == (
+        "hardware minus the shadow (hardware higher +, lower -): farthest in layer 3, mean +1.50, rms 4.00 µm, worst "
+        "cell (1, 0) +6.25 µm"
+    )
+    table = found.table()
+    assert list(zip(*([str(cell) for cell in column.cells] for column in table.columns), strict=True)) == [
+        ("0", "+0.00", "2.00", "-", "-3.50", "5, 4"),
+        ("3", "+1.50", "4.00", "0.25", "+6.25", "1, 0"),
+        ("4", "+1.00", "3.00", "0.50", "+9.00", "0, 2"),
+    ]
+    assert [str(column.header).strip() for column in table.columns] == [
+        "layer", "mean", "rms", "growth", "worst", "at cell",
+    ]  # fmt: skip

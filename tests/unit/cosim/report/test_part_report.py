@@ -1,19 +1,25 @@
-"""`inkloop geometry` says of a part what another computation finds, and draws it."""
+"""Report and picture of a part before its print: what another computation finds, and what was worked out by hand."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
 from PIL import Image
 from tools import parts
 
 from inkloop.cli import main
+from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.report.mesh_holes import holes
+from inkloop.report import part_picture, plot
+from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright
 from inkloop.report.part_report import MeshReport, PartReport
+from inkloop.report.solid_picture import SOLID_UPRIGHT, view
 from inkloop.scenario.file import Scenario
 from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
@@ -21,32 +27,27 @@ from support.places import SCENARIOS
 BRACKET = SCENARIOS / "parts" / "bracket.stl"
 
 
-def test_watertight_bodies_have_no_hole_and_a_missing_face_is_one() -> None:
-    bracket = parts.bracket()
+@pytest.fixture
+def coarse_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solids are seen in fewer pixels than in print."""
+    for name in ("PIXELS", "STEPS"):
+        monkeypatch.setattr(f"inkloop.report.solid_picture.{name}", 40)
+
+
+def test_missing_faces_are_holes_and_faces_turned_over_are_seams() -> None:
+    bracket, box = parts.bracket(), parts.box((0.0, 3.0), (0.0, 4.0), 0.0, 1.0)
     assert holes([Body(bracket)]) == []
-    box = parts.box((0.0, 3.0), (0.0, 4.0), 0.0, 1.0)
     without_top = box[2:]  # the first two triangles are the upper face
     (hole,) = holes([Body(bracket + 100.0), Body(without_top)])
-    assert hole.edges == 4
-    assert hole.center == (1.5, 2.0, 1.0)
-    assert hole.size == pytest.approx(5.0, rel=1e-12, abs=0.0)
-
-
-def test_faces_turned_over_are_seams_and_no_holes() -> None:
-    box = parts.box((0.0, 3.0), (0.0, 4.0), 0.0, 1.0)
-    turned = np.concatenate([box[:2, ::-1], box[2:]])  # the upper face points down
+    assert (hole.edges, hole.center, hole.size) == (4, (1.5, 2.0, 1.0), pytest.approx(5.0, rel=1e-12, abs=0.0))
+    turned = np.concatenate([box[:2, ::-1], without_top])  # the upper face points down
     (seam,) = holes([Body(turned)])
     assert (seam.edges, seam.is_seam) == (4, True)
-    both = MeshReport.of([Body(turned), Body(box[2:] + 100.0)])
+    both = MeshReport.of([Body(turned), Body(without_top + 100.0)])
     assert sorted(hole.is_seam for hole in both.holes) == [False, True]
-    assert "surface        not watertight: 1 hole and 1 seam, the largest" in both.lines()
-
-
-def test_holes_come_with_the_largest_first() -> None:
-    box = parts.box((0.0, 3.0), (0.0, 4.0), 0.0, 1.0)
     sizes = [hole.size for hole in holes([Body(box[1:]), Body(box[1:] * 3.0 + 50.0), Body(box[1:] * 2.0 - 50.0)])]
-    assert sizes == sorted(sizes, reverse=True)
     assert len(sizes) == 3
+    assert sizes == sorted(sizes, reverse=True)
 
 
 @pytest.mark.system
@@ -127,12 +128,6 @@ def test_bad_arguments_are_refused_by_name(
     assert expected in capsys.readouterr().err
 
 
-def test_ink_of_two_inks_is_that_of_the_columns(tmp_path: Path) -> None:
-    volumes = PartReport.of(with_part(TWO_INKS, tmp_path), None).volumes
-    assert volumes["A"] * 1e18 == pytest.approx(4 * 4 * 100**2 * 30, rel=1e-6, abs=0.0)
-    assert volumes["B"] * 1e18 == pytest.approx(4 * 6 * 100**2 * 20, rel=1e-6, abs=0.0)
-
-
 @pytest.mark.parametrize(
     ("file", "size_um"), [("bracket.stl", (4000.0, 3000.0, 228.0)), ("two-inks.3mf", (4800.0, 2700.0, 76.0))]
 )
@@ -166,3 +161,209 @@ def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(heig
     assert tables.support is not None
     assert tables.support.kind == "below-overhangs"
     assert tables.run.layers_max == 2 * int(np.ceil(1000 * height / 7.6))
+
+
+WALL = """shape = "combine"
+op = "union"
+parts = [
+    { shape = "cuboid", size_x_um = 600.0, size_y_um = 600.0, height_um = 30.0, center_x_um = 450.0 },
+    { shape = "cuboid", size_x_um = 100.0, size_y_um = 600.0, height_um = 30.0, center_x_um = 1000.0 },
+]"""
+
+
+def test_figures_of_a_part_in_two_inks(tmp_path: Path) -> None:
+    report = PartReport.of(with_part(TWO_INKS, tmp_path), None)
+    lines = list(report.lines())
+    grid = report.scenario.tables.grid
+    assert lines[0] == f"grid           {grid.nx} x {grid.ny} cells of 100 µm, 40 printed"
+    volume_mm3 = (16 * 30 + 24 * 20) * 100**2 * 1e-9
+    assert f"volume         {volume_mm3:.5g} mm3 on these cells" in lines
+    droplets = [round(cells * um / 7.6) for cells, um in ((16, 30), (24, 20))]
+    inks = [line for line in lines if line.startswith("ink ")]
+    assert inks == [
+        f"ink A          4.8 nl, about {droplets[0]} droplets", f"ink B          4.8 nl, about {droplets[1]} droplets",
+    ]  # fmt: skip
+    assert "narrow         nothing: no wall, no gap below 200 µm" in lines
+    assert report.size_line == "size           0.8 x 0.6 x 0.03 mm"
+    data = report.data()
+    assert data["ink_nl"] == pytest.approx({"A": 4.8, "B": 4.8}, rel=1e-6, abs=0.0)
+    assert (data["cells_printed"], data["droplets"]) == (40, {"A": droplets[0], "B": droplets[1]})
+    assert data["height_mm"] == pytest.approx(0.03, rel=1e-6, abs=0.0)
+    assert data["volume_mm3"] == pytest.approx(volume_mm3, rel=1e-6, abs=0.0)
+    assert data["computing_s"] == pytest.approx(40 * report.scenario.footprint.seconds_of_a_cell, rel=1e-9, abs=0.0)
+
+
+def test_wall_of_one_cell_is_narrow_where_it_stands(tmp_path: Path) -> None:
+    scenario = with_part(WALL, tmp_path)
+    report = PartReport.of(scenario, None)
+    assert set(report.narrow) == {"walls"}
+    walls = report.narrow["walls"]
+    assert walls.cells.sum() == 6
+    assert len(set(np.argwhere(walls.cells)[:, 0])) == 1  # one row along y
+    assert "narrow         walls below 200 µm (2 cells): 6 cells," in report.lines()
+    assert report.data()["narrow"]["walls"]["cells"] == 6
+    assert report.data()["narrow_below_cells"] == 2
+    wide = PartReport.of(scenario, 301e-6)
+    assert wide.cells_min == 4
+    assert set(wide.narrow) == {"walls", "gaps"}  # the gap of two cells between them
+    assert wide.narrow["gaps"].cells.sum() == 12
+    assert PartReport.of(scenario, 300e-6).cells_min == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [("scan_duration_s = 2.5", 2.5), ("", 6.0), ("scan_duration_s = 2.5\nnoise_std_um = 1", 2.5)],
+)
+def test_time_is_that_of_layers_and_scans(options: str, seconds: float, tmp_path: Path) -> None:
+    text = with_part('shape = "cuboid"\nsize_x_um = 600.0\nsize_y_um = 600.0\nheight_um = 30.4', tmp_path).text
+    profiler = text.replace('kind = "ProfileSensor"\n', f'kind = "ProfileSensor"\n{options}\n')
+    profiler = profiler.replace('kind = "LayerDeposition"\n', 'kind = "LayerDeposition"\nlayer_duration_s = 1.5\n')
+    report = PartReport.of(type(with_part(TWO_INKS, tmp_path)).of_text(profiler, str(tmp_path / "part.toml")), None)
+    assert report.scan_time == pytest.approx(report.scenario.footprint.layers * (seconds + 1.5), rel=1e-9, abs=0.0)
+
+
+def test_mesh_is_described_with_its_holes() -> None:
+    holes = [Hole(4, (1e-3, 2e-3, 3e-3), 5e-3), Hole(7, (0.0, 0.0, 1e-3), 2e-3, is_seam=True)]
+    mesh = MeshReport(1, 1234, (3e-3, 4e-3, 1e-3), holes, ("bar",), "mm")
+    assert list(mesh.lines()) == [
+        "mesh           1 body, 1,234 triangles",
+        "size           3 x 4 x 1 mm, if the unit of the file is mm: --unit",
+        "surface        not watertight: 1 hole and 1 seam, the largest",
+        "               5 mm across at (1, 2, 3) mm",
+        "               2 mm across at (0, 0, 1) mm, a seam",
+        "               (seam: no face is missing, but one side of it is turned over)",
+    ]
+    one = MeshReport(2, 12, (3e-3, 4e-3, 1e-3), holes[:1], ("bar", "foot"))
+    assert list(one.lines())[2:4] == ["objects        bar, foot", "surface        not watertight: 1 hole"]
+    assert not any("seam" in line for line in one.lines())
+    assert list(MeshReport(1, 1, (0.0, 0.0, 0.0), [], ()).lines())[-1] == "surface        watertight"
+    many = MeshReport(1, 1, (0.0, 0.0, 0.0), [holes[0]] * 12, ())
+    assert sum("across" in line for line in many.lines()) == 10
+    data = many.data()
+    assert (data["hole_count"], len(data["holes"]), data["watertight"]) == (12, 10, False)
+    assert data["holes"][0] == {
+        "size_mm": pytest.approx(5.0, rel=1e-9, abs=0.0),
+        "center_mm": pytest.approx([1.0, 2.0, 3.0], rel=1e-9, abs=0.0),
+        "edges": 4, "seam": False,
+    }  # fmt: skip
+    corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 2, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 3]]])
+    found = MeshReport.of([Body(corners, name="a"), Body(corners + 1.0, material="b"), Body(corners, name="a")])
+    assert (found.bodies, found.triangles, found.size, found.names) == (3, 6, (2.0, 3.0, 4.0), ("a", "b"))
+
+
+@pytest.mark.usefixtures("coarse_view")
+def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(plot, "save", lambda figure, path, formats: figures.append(figure) or [path])
+    report = PartReport.of(with_part(WALL, tmp_path), None)
+    assert part_picture.draw(report, "bracket", tmp_path / "x", ("png",)) == [tmp_path / "x"]
+    figure = figures[0]
+    assert figure.get_suptitle() == "bracket"
+    above, solid, cut, _ = figure.axes
+    assert [axes.get_title().partition(",")[0] for axes in (above, solid, cut)] == [
+        "from above", "solid", "cut along the dashed line",
+    ]  # fmt: skip
+    tops: Any = np.ma.filled(np.ma.asarray(above.get_images()[0].get_array()), np.nan)
+    mask = report.scenario.job().mask
+    np.testing.assert_array_equal(np.isfinite(tops), mask.T)
+    assert np.nanmax(tops) == np.nanmin(tops) == pytest.approx(30.0, rel=1e-6, abs=0.0)
+    narrow: Any = np.ma.filled(np.ma.asarray(above.get_images()[1].get_array()), np.nan)
+    np.testing.assert_array_equal(np.isfinite(narrow), report.narrow["walls"].cells.T)
+    grid = report.scenario.tables.grid
+    extent = (-0.05, grid.nx * 0.1 - 0.05, -0.05, grid.ny * 0.1 - 0.05)
+    assert [image.get_extent() for image in above.get_images()] == [pytest.approx(extent, rel=1e-9, abs=0.0)] * 2
+    legend: Any = above.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["narrow"]
+    (row,) = {float(y) * 10.0 for y in np.asarray(above.lines[0].get_ydata(), float)}
+    assert mask[:, round(row)].any()
+    assert row == pytest.approx(float(np.flatnonzero(mask.any(axis=0)).mean()), abs=0.51)
+    assert (above.get_xlabel(), above.get_ylabel()) == ("x [mm]", "y [mm]")
+    (image,) = cut.get_images()
+    shown = np.asarray(image.get_array())
+    np.testing.assert_array_equal(shown, np.broadcast_to(1.0 * mask[:, round(row)], shown.shape))
+    assert image.get_extent() == pytest.approx((*extent[:2], 0.0, 30.0), rel=1e-6, abs=0.0)
+    assert (cut.get_xlabel(), cut.get_ylabel()) == ("x [mm]", "z [µm]")
+    assert figure.axes[3].get_ylabel() == "top [µm]"
+
+    two = PartReport.of(with_part(TWO_INKS, tmp_path), None)
+    part_picture.draw(two, "two", tmp_path / "y", ("png",))
+    above, _, cut, _ = figures[1].axes
+    assert above.get_legend() is None
+    (image,) = cut.get_images()
+    colours = image.to_rgba(np.ma.asarray(image.get_array()))
+    columns = np.flatnonzero(two.scenario.job().mask.any(axis=1))
+    assert same_color(colours[10, columns[0]], plot.MATERIAL_COLOURS(1))
+    assert same_color(colours[10, columns[-1]], plot.MATERIAL_COLOURS(2))
+    assert colours[-1, columns[-1], 3] == 0.0  # B is lower
+
+
+@pytest.mark.usefixtures("coarse_view")
+@pytest.mark.parametrize(
+    ("height_um", "upright", "title"),
+    [(30.0, SOLID_UPRIGHT, "solid, height x 4.5"), (240.0, 0.8, "solid"), (600.0, 1.0, "solid, height x 0.5")],
+)
+def test_solid_fills_its_picture_and_is_as_high_as_wide_at_most(
+    height_um: float, upright: float, title: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[tuple[int, ...], float]] = []
+
+    def kept(filled: Any, upright: float) -> Any:
+        shown.append((filled.shape, upright))
+        return view(filled, upright)
+
+    monkeypatch.setattr(part_picture, "view", kept)
+    block = f'shape = "cuboid"\nsize_x_um = 300.0\ncenter_x_um = 600.0\nsize_y_um = 200.0\nheight_um = {height_um}'
+    axes = Figure().subplots()
+    part_picture._solid(axes, PartReport.of(with_part(block, tmp_path), None).part)
+    ((shape, found),) = shown
+    assert shape[:2] == (3, 2)
+    assert found == pytest.approx(upright, rel=1e-6, abs=0.0)
+    assert axes.get_title() == title
+
+
+NX, NY, PITCH = 12, 10, 1e-4
+
+
+def boxes_of(*boxes: tuple[slice, slice, float, float]) -> Columns:
+    """Cells of slices along x and y, from a bottom to a top [um]."""
+    whole = Columns(NX, NY, PITCH, np.zeros(NX * NY + 1, np.int64), np.zeros(0), np.zeros(0))
+    cells = np.arange(NX * NY).reshape(NX, NY)
+    for x, y, bottom, top in boxes:
+        cell = cells[x, y].ravel()
+        ends = (np.full(cell.size, z * 1e-6) for z in (bottom, top))
+        whole |= Columns.of_intervals(NX, NY, PITCH, cell, *ends)
+    return whole
+
+
+def marked(found: Narrow | None) -> set[tuple[int, int]]:
+    return set() if found is None else {(int(i), int(j)) for i, j in np.argwhere(found.cells)}
+
+
+def test_single_row_and_single_gap_are_found() -> None:
+    wide, fin = (slice(1, 5), slice(1, 6), 0.0, 30.0), (slice(6, 7), slice(1, 6), 0.0, 60.0)
+    walls, gaps = narrow_across(boxes_of(wide, fin), 2, [15e-6, 45e-6])
+    assert marked(walls) == {(6, j) for j in range(1, 6)}
+    assert marked(gaps) == {(5, j) for j in range(1, 6)}
+    assert walls
+    assert walls.first == (6 * PITCH, 1 * PITCH, 15e-6)
+
+
+def test_gap_to_the_edge_of_the_grid_is_none_and_a_limit_of_cells_counts() -> None:
+    block = (slice(1, 11), slice(1, 4), 0.0, 30.0)
+    assert [marked(each) for each in narrow_across(boxes_of(block), 2, [15e-6])] == [set(), set()]
+    assert narrow_across(boxes_of(block), 3, [15e-6]) == (None, None), "three cells are not fewer than three"
+    walls, gaps = narrow_across(boxes_of(block), 4, [15e-6])
+    assert marked(walls) == {(i, j) for i in range(1, 11) for j in range(1, 4)}
+    assert gaps is None
+
+
+def test_what_is_lower_than_a_layer_is_found() -> None:
+    low, over = (slice(1, 4), slice(1, 4), 0.0, 30.0), (slice(2, 3), slice(2, 3), 34.0, 50.0)
+    sheets, slots = narrow_upright(boxes_of(low, over, (slice(5, 6), slice(5, 6), 0.0, 5.0)), 7.6e-6)
+    assert marked(sheets) == {(5, 5)}
+    assert marked(slots) == {(2, 2)}
+    assert slots
+    assert np.isclose(slots.first[2], 30e-6, rtol=1e-9, atol=0.0)
+    assert narrow_upright(boxes_of(low), 7.6e-6) == (None, None)

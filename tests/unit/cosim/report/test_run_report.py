@@ -1,10 +1,11 @@
-"""Tables of several runs, and the summary of one run."""
+"""Tables, sentences and plain values of runs against the figures of their surfaces."""
 
 from __future__ import annotations
 
 import json
-import re
+import platform
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,17 @@ import pytest
 import xarray as xr
 
 from inkloop.cli import main
-from inkloop.printing.run import print_part
-from inkloop.report.remarks import remarks
-from inkloop.report.trust import stop_remarks, untrusted_remarks
+from inkloop.errors import ResultError
+from inkloop.printing.run import new_run_folder, print_part
+from inkloop.report import run_report
+from inkloop.report.remarks import remarks, stop_remarks, untrusted_remarks
+from inkloop.report.run_report import Summary
+from inkloop.results.lock import LOCK_FILE
+from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
+from inkloop.results.surface import surface
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS
-from support.places import SCENARIOS
 from support.prints import quick_cuboid
 
 CUBOID = quick_cuboid()
@@ -28,80 +33,21 @@ UNSEEN = pytest.mark.xfail(
 )
 
 
-def run_folder(folder: Path, **overrides: Any) -> str:
-    """Two layers of the cuboid."""
-    print_part(Scenario.load(CUBOID, {"run.layers_max": 2, **overrides})).save(folder)
-    return str(folder)
-
-
 @pytest.mark.system
 def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runs = [run_folder(tmp_path / str(seed), seed=seed, label=f"seed {seed}") for seed in (1, 2)]
+    runs = [str(tmp_path / str(seed)) for seed in (1, 2)]
+    for seed, folder in enumerate(runs, 1):
+        print_part(Scenario.load(CUBOID, {"run.layers_max": 2, "seed": seed})).save(Path(folder))
     picture = tmp_path / "both.png"
     assert main(["compare", *runs, "--out", str(picture)]) == 0
-    shown = capsys.readouterr().out
-    assert "seed 1" in shown
-    assert "seed 2" in shown
-    assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.system
-def test_runs_of_one_label_are_distinguished_by_their_folders(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    runs = [run_folder(tmp_path / str(seed), seed=seed) for seed in (1, 2)]
-    assert main(["compare", *runs, "--no-pictures"]) == 0
     shown = capsys.readouterr().out.replace("\n", "")
-    assert all(run in shown for run in runs)
+    assert all(folder in shown for folder in runs)  # the labels are the same
+    assert picture.read_bytes().startswith(b"\x89PNG")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("inkloop.report.pictures.draw_comparison", lambda *_: [Path("both.png")])
         assert main(["compare", *runs, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (sorted(found["runs"]), found["pictures"]) == (runs, ["both.png"])
-
-
-@pytest.mark.parametrize(("change", "message"), [({"nx": 14}, "14 x 12 cells"), ({"pitch_um": 250.0}, "of 250 µm")])
-def test_runs_of_different_grids_are_refused(
-    change: dict[str, float], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    runs = [run_folder(tmp_path / "first"), run_folder(tmp_path / "second", grid=change)]
-    assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 1
-    error = capsys.readouterr().err
-    assert message in error
-    assert "12 x 12 cells of 263.256 µm" in error
-    assert not (tmp_path / "both.png").exists()
-
-
-def test_info_reports_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run_folder(tmp_path / "run", seed=7)
-    assert main(["info", folder]) == 0
-    shown = capsys.readouterr().out
-    for message in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
-        assert message in shown
-
-
-@pytest.mark.system
-@pytest.mark.usefixtures("without_pictures")
-def test_scans_that_were_corrected_are_reported_with_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenario = SCENARIOS / "misaligned-scan.toml"
-    for name, expected in (("true", True), ("false", False)):
-        settings = [
-            f"components.controller.register_scans={name}",
-            "components.profiler.shift_std_um=0",
-            "components.profiler.spot_radius_um=131.6",
-            "run.layers_max=6",
-        ]
-        arguments = [word for setting in settings for word in ("--set", setting)]
-        assert main(["run", str(scenario), "--out", str(tmp_path / name), "--no-compare", *arguments]) == 0
-        shown = " ".join(capsys.readouterr().out.split())
-        assert ("register the profiler with the printer" in shown) is expected
-        found = re.search(r"shifted by ([\d.]+) µm along x .* the spot is (\d+) µm wide", shown)
-        assert bool(found) is expected
-        if found:
-            assert float(found[1]) == pytest.approx(87.8, abs=4.0)
-            assert float(found[2]) == pytest.approx(131.6, abs=15.0)
 
 
 @pytest.mark.system
@@ -135,14 +81,10 @@ def test_reasons_for_no_trust_are_reported_with_figure_place_and_remedy(
     folder, wrong = str(tmp_path / "wrong"), ["--set", "components.profiler.bias_um=30"]
     wrong += ["--set", "components.controller.on_doubt=continue"]
     assert main(["run", str(CUBOID), "--out", folder, "--no-compare", *wrong]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    for message in (
-        "ground that the scenario calls flat at 30.0 µm in the middle",
-        "check the datum and the level of the profiler",
-    ):
-        assert message in shown
+    message = "ground that the scenario calls flat at 30.0 µm in the middle"
+    assert message in " ".join(capsys.readouterr().out.split())
     assert main(["info", folder]) == 0
-    assert "calls flat at 30.0 µm" in capsys.readouterr().out
+    assert message in " ".join(capsys.readouterr().out.split())
 
 
 def test_every_reason_has_a_sentence_of_its_own() -> None:
@@ -216,13 +158,10 @@ def test_every_reason_for_a_stop_says_what_was_seen_where_and_what_to_do(
     assert remark == f"continued all the same: {found}"
 
 
-def test_transform_of_a_sentence_is_that_of_the_controller() -> None:
+def test_transforms_are_those_of_the_controller_and_volumes_those_of_the_scenario() -> None:
     for number, name in enumerate(TRANSFORMS):
         if name:
             assert f"scans are {name} against" in stop_remarks(stopped_run(512, transform=number))[0]
-
-
-def test_volumes_that_are_believed_are_those_of_the_scenario() -> None:
     scenario = "[components.controller]\nkind = 'LayerMpc'\nvolume_most = 2.0\n"
     assert "0.5 to 2 (volume_least, volume_most)" in stop_remarks(stopped_run(1024, scenario=scenario))[0]
 
@@ -252,3 +191,243 @@ def test_every_aborted_layer_is_named(layers: list[int], start: str) -> None:
     found = remarks(Result(dataset, {}))
     assert len(found) == bool(start)
     assert all(remark.startswith(start) for remark in found)
+
+
+MASK = np.zeros((4, 3), np.bool_)
+MASK[1:3, :2] = True
+ERRORS_UM = np.array([1.0, 2.0, 3.0, -4.0])
+"""Of the four cells of the part: mean 0.5, mean absolute 2.5, mean square 7.5."""
+STD_UM = float(np.sqrt(7.5 - 0.25))
+PITCH_UM = 250.0
+TEXT = """title = "Plate"
+[literature.Lu]
+mean_error_um = 1.5
+std_um = 0.25
+note = "their rig"
+[literature.Wu]
+std_um = 3.0
+"""
+
+
+def run(label: str = "closed loop", scale: float = 1.0, stop_reason: str = "done", **more: Any) -> Result:
+    """Two layers of a plate 30 um high; its errors are `scale` times those above."""
+    target = np.where(MASK, 30e-6, 0.0)
+    height = np.zeros((3, 4, 3))
+    height[1][MASK], height[2][MASK] = 10e-6, 30e-6 - scale * 1e-6 * ERRORS_UM
+    pattern = np.zeros((3, 4, 3), np.int32)
+    pattern[1, 1:3, :2], pattern[2, 1, 0] = 1, 2
+    maps = {name: (("layer", "x", "y"), values) for name, values in {"height": height, "pattern": pattern}.items()}
+    dataset = xr.Dataset(
+        {**maps, "target_height": (("x", "y"), target), "mask": (("x", "y"), MASK), **more},
+        {"layer": np.arange(3), "x": np.arange(4) * PITCH_UM * 1e-6, "y": np.arange(3) * PITCH_UM * 1e-6},
+        {"pitch": PITCH_UM * 1e-6},
+    )
+    found = Result.of(
+        dataset, title="Plate", label=label, scenario_text=TEXT, seed=11, stop_reason=stop_reason,
+        wall_s={"total": 2.345, "controller": 1.5}, components={}, notes={"events": ["layer 1: nozzle 5 is dead"]},
+    )  # fmt: skip
+    return found
+
+
+def test_table_has_a_row_for_each_run_and_for_what_was_published() -> None:
+    summary = Summary.of({"closed loop": run(), "open loop": run("open loop", -2.0)})
+    assert [heading.replace("\n", " ") for heading in summary.headings] == [
+        "run", "mean error", "mae", "std", "layers", "droplets", "wall [s]",
+    ]  # fmt: skip
+    assert summary.rows == [
+        ["closed loop", "0.50", "2.50", f"{STD_UM:.2f}", "2", "5", "2.35"],
+        ["open loop", "-1.00", "5.00", f"{2 * STD_UM:.2f}", "2", "5", "2.35"],
+        ["Lu (their rig)", "1.5", "-", "0.25", "-", "-", "-"],
+        ["Wu (another plant)", "-", "-", "3", "-", "-", "-"],
+    ]
+    assert (summary.title, summary.difference, summary.surface) == ("Plate", None, None)
+    text = str(summary)
+    assert "errors over the part in µm: target minus height (too low +, too high -)" in text
+    assert text.startswith("Plate\n")
+
+
+def test_mismatch_and_wall_time_are_shown_where_a_run_has_them() -> None:
+    unended = run()
+    unended.run["wall_s"]["total"] = float("nan")
+    summary = Summary.of({"two": run(mismatch=0.125), "one": unended})
+    assert summary.headings[4].replace("-\n", "") == "mismatch"
+    assert [row[4] for row in summary.rows] == ["12.5%", "-", "-", "-"]
+    assert [row[-1] for row in summary.rows[:2]] == ["2.35", "-"]
+    assert {len(row) for row in summary.rows} == {len(summary.headings)}
+
+
+def test_plain_values_are_those_of_the_run_in_units_of_people() -> None:
+    found = run_report.figures({"a": run(mismatch=0.125)})["a"]
+    expected = {
+        "mean_error_um": 0.5, "mae_um": 2.5, "rms_um": 7.5**0.5, "std_um": STD_UM, "min_um": -4.0, "max_um": 3.0,
+        "mismatch": 0.125, "layers": 2, "droplets": 5, "wall_s": 2.345,
+    }  # fmt: skip
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=0.0)
+    assert (found["stop_reason"], found["remarks"]) == ("done", [])
+    assert set(found) == {*expected, "stop_reason", "remarks"}
+
+
+def test_info_says_where_a_run_came_from_and_how_it_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(stop_reason="layers_max").save(tmp_path / "plate")
+    assert main(["info", str(tmp_path / "plate")]) == 0
+    lines = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "Plate (closed loop)",
+        "grid: 4 x 3 cells of 250 µm",
+        "seed: 11",
+        "ended: layers_max, after 2 layers and 5 droplets",
+        "errors over the part (too low +, too high -): mean error 0.50 µm, mean absolute error 2.50 µm, "
+        f"standard deviation {STD_UM:.2f} µm",
+        "event: layer 1: nozzle 5 is dead",
+        "wall time: total 2.35 s, controller 1.50 s",
+        f"versions: python {platform.python_version()}, inkloop ",
+        f"numpy {np.__version__}",
+        f"platform: {platform.platform()}",
+    ):
+        assert words in lines
+
+
+def test_runs_of_a_folder_are_the_run_itself_and_its_comparison_runs_that_have_ended(tmp_path: Path) -> None:
+    run().save(tmp_path)
+    for name in ("b", "a", "c"):
+        run(f"run {name}").save(tmp_path / "compare" / name)
+    record = tmp_path / "compare" / "a" / "run.json"
+    record.write_text(json.dumps({**json.loads(record.read_text()), "stop_reason": "running"}))
+    assert list(run_report.load_runs(tmp_path)) == ["closed loop", "run b", "run c"]
+    in_memory = {tmp_path / "compare" / "a": run("of a"), tmp_path: run("main")}
+    found = run_report.load_runs(tmp_path, in_memory)
+    assert list(found) == ["main", "of a", "run b", "run c"]
+    assert found["main"] is in_memory[tmp_path]
+
+
+def test_compared_runs_are_named_by_label_or_by_folder(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("first", "second", "third")]
+    for folder, result in zip(folders, (run(), run("open", 2.0), run("open", 3.0)), strict=True):
+        result.save(folder)
+    table, found, written = run_report.compare(folders[:2], tmp_path / "both", ())
+    assert (list(found), written) == (["closed loop", "open"], [])
+    assert [found[name]["mae_um"] for name in found] == pytest.approx([2.5, 5.0], rel=1e-9, abs=0.0)
+    assert [str(cell) for cell in table.columns[0].cells] == ["closed loop", "open"]  # nothing published
+    found = run_report.compare(folders, tmp_path / "all", ())[1]
+    assert [found[str(folder)]["mae_um"] for folder in folders] == pytest.approx([2.5, 5.0, 7.5], rel=1e-9, abs=0.0)
+    for change, message in (({"x": slice(3)}, "3 x 3 cells of 250 µm"), ({}, "4 x 3 cells of 300 µm")):
+        other = run().dataset.isel(change).assign_attrs(pitch=250e-6 if change else 300e-6)
+        Result(other, run().run).save(folders[2])
+        with pytest.raises(ResultError, match=f"third: printed on {message}, but .*first on 4 x 3 cells of 250 µm"):
+            run_report.compare(folders, tmp_path / "all", ("png",))
+
+
+def shadowed(status: list[int], growth_um: list[float]) -> list[str]:
+    rows = {"shadow_status": status, "growth_divergence": np.array(growth_um) * 1e-6}
+    return remarks(Result(xr.Dataset({name: ("layer", each) for name, each in rows.items()}, attrs=ENDED), {}))
+
+
+ENDED = {"stop_reason": "layers_max"}
+
+
+def test_alarms_of_a_shadow_name_the_worst_layer() -> None:
+    assert shadowed([0, 0, 0], [np.nan, 3.0, 4.0]) == []
+    assert shadowed([0, 4, 0], [np.nan, 3.0, 4.0]) == [
+        "layer 1 grew differently from the shadow's model, by 3.00 µm rms"
+    ]
+    assert shadowed([0, 4, 3, 4], [np.nan, 3.0, 5.5, 4.0]) == [
+        "layer 2 grew differently from the shadow's model, by 5.50 µm rms; 3 layers in all, the first is layer 1"
+    ]
+    unseen = "layer 1 could not be compared with the model"
+    assert shadowed([0, 4, 4], [np.nan, np.nan, np.nan]) == [unseen]
+    assert shadowed([0, 4, 4], [np.nan, np.nan, 2.0])[1:] == [unseen]
+
+
+def test_corrected_scans_and_lost_cells_are_those_of_the_last_layer() -> None:
+    rows = {
+        "scan_corrected": [0, 1, 1], "scan_shift_x": [0.0, 1e-6, 12e-6], "scan_shift_y": [0.0, 1e-6, -3.4e-6],
+        "scan_shift_std": [0.0, 1e-6, 0.5e-6], "scan_spot_radius": [0.0, 0.0, 40e-6],
+        "untrusted_cells": [0, 9, 2], "dead_cells": [0, 3, 0],
+    }  # fmt: skip
+
+    def said(**changed: list[float]) -> list[str]:
+        values = {name: ("layer", each) for name, each in {**rows, **changed}.items()}
+        return remarks(Result(xr.Dataset(values, attrs=ENDED), {}))
+
+    untrusted, scans = said()
+    assert untrusted == "untrusted cells: 2, unseen for too long, their heights are predictions"
+    assert scans == (
+        "scans were corrected: the last one was shifted by 12.0 µm along x and -3.4 µm along y (+- 0.5 µm), and the "
+        "spot is 40 µm wide (standard deviation); register the profiler with the printer"
+    )
+    assert "spot" not in said(scan_spot_radius=[1e-6, 1e-6, 0.0])[1]
+    (dead,) = said(untrusted_cells=[1, 1, 0], dead_cells=[0, 0, 4], scan_corrected=[1, 1, 0])
+    assert dead == "dead cells: 4, droplets commanded there bring nothing"
+
+
+@pytest.mark.parametrize(("layers", "reason", "is_said"), [(1, "done", True), (2, "done", False), (1, "fault", False)])
+def test_print_that_printed_nothing_is_explained(layers: int, reason: str, is_said: bool) -> None:
+    dataset = xr.Dataset(coords={"layer": np.arange(layers)}, attrs={"stop_reason": reason})
+    assert any(each.startswith("nothing was printed") for each in remarks(Result(dataset, {}))) is is_said
+
+
+def test_bar_follows_the_height_that_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        LayerRow(layer, 0.0, mean, 0.0, 1.5e-6, {"solve_time": 0.0123} if layer else {})
+        for layer, mean in enumerate((40e-6, 30e-6, 10e-6, -2e-6))
+    ]
+
+    def print_(*_: Any, on_layer: Any, **__: Any) -> Any:
+        """Stands for a print; tells its rows."""
+        return SimpleNamespace(run=lambda: [on_layer(row) for row in rows] and run())
+
+    monkeypatch.setattr("inkloop.printing.run.Print", print_)
+    scenario: Any = SimpleNamespace(tables=SimpleNamespace(label="closed loop"))
+    shown: list[dict[str, Any]] = []
+    told: Any = SimpleNamespace(add_task=lambda *_, **__: 0, update=lambda task, **fields: shown.append(fields))
+    print_part(scenario, told)
+    assert [each["completed"] for each in shown] == pytest.approx([0.0, 0.25, 0.75, 1.0, 1.0], rel=1e-9, abs=0.0)
+    assert shown[1]["figures"] == "layer 1: mean error 30.00, std 1.50 µm"
+    assert [each["solve"] for each in shown[:2]] == ["", "plan 12.3 ms"]
+
+
+def test_new_folder_is_the_first_that_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = [new_run_folder(None, "plate").as_posix() for _ in range(3)]
+    assert found == ["runs/plate", "runs/plate-2", "runs/plate-3"]
+    assert new_run_folder(tmp_path / "own", "plate") == tmp_path / "own"
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / LOCK_FILE).touch()
+    assert new_run_folder(tmp_path / "own", "plate") == tmp_path / "own"
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file", tmp_path / "runs"):
+        with pytest.raises(ResultError, match="is there already and not empty; name another --out"):
+            new_run_folder(place, "plate")
+
+
+def seen() -> xr.Dataset:
+    """A run with scans, in which one cell of layer 1 was not measured."""
+    dataset = run().dataset
+    measured, valid = dataset.height.values + 1e-6, np.ones((3, 4, 3), np.bool_)
+    valid[1, 1, 0] = False
+    maps = {"measured_height": measured, "valid": valid}
+    return dataset.assign({name: (("layer", "x", "y"), values) for name, values in maps.items()})
+
+
+def test_surface_of_a_run_is_that_of_its_name_and_layer() -> None:
+    dataset = seen()
+    last = surface(dataset, "plate")
+    np.testing.assert_array_equal(last.z, dataset.height[2])
+    assert (last.dx, last.dy) == (250e-6, 250e-6)
+    assert last.source == "plate: printed surface after layer 2"
+    scan = surface(dataset, "plate", name="measured", layer=1)
+    assert np.argwhere(np.isnan(scan.z)).tolist() == [[1, 0]]
+    assert scan.z[2, 1] == pytest.approx(11e-6, rel=1e-9, abs=0.0)
+    part = surface(dataset, "plate", layer=0, part=True)
+    np.testing.assert_array_equal(np.isfinite(part.z), MASK)
+    target = surface(dataset, "plate", name="target")
+    assert target.source == "plate: target surface"
+    assert target.z.max() == 30e-6
+    with pytest.raises(ResultError, match=r"holds no layer 3; it has layers 0 \(the start surface\) to 2"):
+        surface(dataset, "plate", layer=3)
+    with pytest.raises(ResultError, match="holds no layer -1"):
+        surface(dataset, "plate", layer=-1)
+    with pytest.raises(ResultError, match="holds no estimated surface; it has printed, measured, target"):
+        surface(dataset, "plate", name="estimated")
+    dataset["height"].attrs["source"] = "measured_height"  # a printer that does not know its surface
+    assert np.isnan(surface(dataset, "plate", layer=1).z[1, 0])

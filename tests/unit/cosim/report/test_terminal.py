@@ -1,4 +1,4 @@
-"""The terminal: text of users stays whole, numbers are never cut, results come as JSON where asked for."""
+"""The terminal: texts and numbers stay whole, sentences break between words, results come as JSON where asked for."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from rich.progress import BarColumn, Progress, TextColumn
 
+from inkloop.cli import main
+from inkloop.report import wrapped
 from inkloop.report.terminal import Terminal, decimals, number_table
 
 HOSTILE = "run [/b] [red]5$[/] :smile:"
@@ -60,7 +62,10 @@ def test_json_has_standard_output_for_itself(capsys: pytest.CaptureFixture[str])
     assert "a sentence" in streams.err
 
 
-def test_quiet_terminal_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_quiet_terminal_writes_nothing_but_failures(capsys: pytest.CaptureFixture[str]) -> None:
+    for quiet, expected in ((True, "the bus is off\n"), (False, "")):
+        Terminal(quiet=quiet).failures(["the bus is off"])
+        assert capsys.readouterr().err == expected
     terminal = Terminal(quiet=True)
     terminal.sentence("a sentence")
     terminal.result(number=1)
@@ -85,7 +90,29 @@ def test_what_rounds_to_zero_has_no_sign() -> None:
     assert decimals(math.nan) == "nan"
 
 
-def test_failed_check_is_printed_even_if_quiet(capsys: pytest.CaptureFixture[str]) -> None:
-    for quiet, expected in ((True, "the bus is off\n"), (False, "")):
-        Terminal(quiet=quiet).failures(["the bus is off"])
-        assert capsys.readouterr().err == expected
+ERROR = "cube.toml: 1 error\n  - part reaches beyond the grid; continue with `inkloop resume runs/my run` after it"
+
+
+@pytest.mark.parametrize("columns", [30, 60, 80])
+def test_words_and_quoted_commands_stay_whole(columns: int) -> None:
+    lines = wrapped(ERROR, columns).split("\n")
+    assert " ".join(" ".join(lines).split()) == " ".join(ERROR.split())
+    assert any("`inkloop resume runs/my run`" in line for line in lines)
+    assert max(len(line) for line in lines) <= columns or columns == 30
+
+
+def test_lines_of_an_item_begin_below_its_text_and_text_that_fits_stays() -> None:
+    assert wrapped(ERROR, 40).split("\n")[1:3] == ["  - part reaches beyond the grid;", "    continue with"]
+    text = 'add to the scenario\n    [bench]\n    interface  =  "slcan"\n'
+    assert wrapped(text, 40) == text
+
+
+def test_error_is_wrapped_in_a_window_and_one_line_in_a_pipe(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "50")
+    for is_window in (True, False):
+        monkeypatch.setattr("sys.stderr.isatty", lambda is_window=is_window: is_window)
+        assert main(["report", "a-folder-that-is-not-there"]) == 1
+        lines = capsys.readouterr().err.splitlines()
+        assert (len(lines), max(map(len, lines)) <= 50) == ((2, True) if is_window else (1, False))

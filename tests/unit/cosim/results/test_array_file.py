@@ -59,9 +59,9 @@ def test_array_with_a_byte_changed_is_not_read(path: Path) -> None:
         array_file.check(path)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
-def test_file_that_is_cut_off_is_not_read(path: Path, share: float) -> None:
+def test_file_that_is_cut_off_is_not_read(path: Path) -> None:
     content = path.read_bytes()
-    path.write_bytes(content[: round(share * len(content))])
-    with pytest.raises(array_file.UNREADABLE):
-        opened(path)
+    for share in (0.99, 0.5, 0.01, 0.0):
+        path.write_bytes(content[: round(share * len(content))])
+        with pytest.raises(array_file.UNREADABLE):
+            opened(path)

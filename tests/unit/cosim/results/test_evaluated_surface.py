@@ -12,8 +12,8 @@ from inkloop.cli import main
 from inkloop.metrology.evaluation.table import parameters
 from inkloop.printing.run import print_part
 from inkloop.report import run_report
-from inkloop.results.evaluated_surface import parameters_of, subject_of
 from inkloop.results.result import Result
+from inkloop.results.surface import parameters_of, subject_of
 from inkloop.scenario.file import Scenario
 from support.prints import quick_cuboid
 

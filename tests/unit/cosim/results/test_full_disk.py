@@ -18,7 +18,6 @@ import pytest
 from inkloop.cli import main
 from inkloop.component import DEVICE_LOGGER
 from inkloop.errors import FmuError, ResultError
-from inkloop.files import reason_of
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.printing.on_devices import live_words
@@ -148,9 +147,3 @@ def test_log_of_devices_without_room_is_reported_once(tmp_path: Path) -> None:
     shown = screen.getvalue()
     assert "message 19 of a device" in shown
     assert shown.count("bench.log cannot be written: the file becomes larger than the disk") == 1
-
-
-def test_other_reasons_are_those_of_the_system(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError) as caught:
-        (tmp_path / "missing").read_bytes()
-    assert reason_of(caught.value) == "No such file or directory"

@@ -13,14 +13,12 @@ import xarray as xr
 from inkloop.component import Ink, Job
 from inkloop.printing import print as print_module
 from inkloop.printing.print import Print
-from inkloop.results import checkpoint, layer_maps, result, solid
+from inkloop.results import layer_maps, netcdf, result, solid
 from inkloop.results.array_file import StoredArray
-from inkloop.results.checkpoint import Checkpoints, last
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from support.half_spaces import Below
-from support.long_proofs import rest_is_long
 from support.places import ROOT
 
 LAYERS, SIDE = 40, 300
@@ -42,6 +40,7 @@ def test_file_takes_the_memory_of_few_maps(tmp_path: Path) -> None:
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 6 * 8 * SIDE * SIDE
+    assert np.isnan(netcdf.read(tmp_path / "first.nc").height[2:]).all()
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as stored:
         for _, layer, expected in random_maps(LAYERS):
             np.testing.assert_array_equal(stored.height[layer], expected)
@@ -114,41 +113,3 @@ def test_mismatch_read_in_parts_is_that_of_the_whole(monkeypatch: pytest.MonkeyP
     whole = solid.mismatch(height, ink, job)
     monkeypatch.setattr(solid, "_BYTES_AT_ONCE", 1)
     assert solid.mismatch(height, ink, job) == whole > 0.0
-
-
-@pytest.mark.system
-@pytest.mark.parametrize("failing", rest_is_long([{2, 3}, {2}], 1))
-def test_state_that_cannot_be_saved_leaves_the_last_good_one(
-    failing: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As for lack of memory in layers 2, or 2 and 3; the run is stopped there, and resumes with the layers before."""
-    monkeypatch.setattr(checkpoint, "STATE_SHARE", 1.0)
-    scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 4, "part.height_um": 40.0})
-    whole = Print(scenario).run()
-    printing = Print(scenario, tmp_path)
-    printer = printing._components["printer"]
-    save = printer.save  # type: ignore[attr-defined]
-
-    def saved() -> bytes:
-        if printing._recorder.layers in failing:
-            raise MemoryError
-        return bytes(save())
-
-    def stopped(self: Checkpoints, *arguments: Any) -> None:
-        stepped(self, *arguments)
-        if self._recorder.layers == max(failing) and self._recorder.scanned == max(failing):
-            raise KeyboardInterrupt
-
-    stepped = Checkpoints.stepped
-    with monkeypatch.context() as patched:
-        patched.setattr(printer, "save", saved)
-        patched.setattr(Checkpoints, "stepped", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            printing.run()
-    point = last(tmp_path)
-    assert point is not None
-    assert (point.layer, point.refusal) == (1, "")
-    resumed = Print(scenario, tmp_path).run()
-    assert resumed.run["resumed_after_layer"] == 1
-    for name in ("height", "pattern", "measured_height", "estimated_height", "std"):
-        np.testing.assert_array_equal(resumed.dataset[name], whole.dataset[name], err_msg=name)

@@ -24,6 +24,7 @@ def test_saved_run_reads_back_the_same(result: Result, tmp_path: Path) -> None:
     xr.testing.assert_identical(loaded.dataset, result.dataset)
     assert loaded.run == result.run
     assert loaded.scenario_text == result.scenario_text
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["result.nc", "run.json", "scenario.toml"]
     assert (tmp_path / "run" / "scenario.toml").read_text(encoding="utf-8") == result.scenario_text
     assert loaded.dataset.mask.dtype == np.bool_
     assert loaded.dataset.pattern.dtype == np.int32
@@ -48,24 +49,12 @@ def test_figures_of_a_perfect_print(result: Result) -> None:
     assert int(np.isfinite(result.error_map).sum()) == toy_job().mask.sum()
 
 
-def test_saving_leaves_no_partial_file(result: Result, tmp_path: Path) -> None:
-    result.save(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.nc", "run.json", "scenario.toml"]
-
-
-def test_folder_without_a_run_is_refused_with_a_message(tmp_path: Path) -> None:
+def test_folder_that_holds_no_such_run_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"holds no run\.json; name a folder that `inkloop run` has made"):
         Result.load(tmp_path)
-
-
-def test_broken_file_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
-    result.save(tmp_path)
-    (tmp_path / "result.nc").write_bytes(b"no netCDF")
-    with pytest.raises(ResultError, match="cannot be read"):
-        Result.load(tmp_path)
-
-
-def test_other_schema_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
     Result(result.dataset.assign_attrs(schema_version=99), result.run).save(tmp_path)
     with pytest.raises(ResultError, match="schema version is 99; this inkloop reads 1"):
+        Result.load(tmp_path)
+    (tmp_path / "result.nc").write_bytes(b"no netCDF")
+    with pytest.raises(ResultError, match="cannot be read"):
         Result.load(tmp_path)

@@ -14,7 +14,7 @@ from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.errors import InkloopError, ScenarioError
-from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.scenario.file import Scenario
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable, read_fault
@@ -203,6 +203,11 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
         ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
         ("death", "needs node as well"),
         ("hang", "needs node as well"),
+        ("slow-erase:frames=3", "needs node as well"),
+        ("unreadable", "needs node as well"),
+        ("unreadable:node=head,count=0", "count is 0"),
+        ("short-queue:frames=0", "frames is 0"),
+        ("transmit-order:node=hed", "expected .head., .stage."),
         ("broken:node=head", "needs part as well"),
     ],
 )

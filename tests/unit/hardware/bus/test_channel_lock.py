@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from inkloop_hardware.bus.channel_lock import NO_LINK, lock_channel
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import NO_LINK, BusSettings, holder, lock_channel
+from inkloop_hardware.doctor.doctor import examine
+from inkloop_hardware.doctor.findings import Grade
+from inkloop_hardware.doctor.status import check_second_reader
 from inkloop_hardware.errors import AnotherMaster, BusError
 from support.other_process import other_process
 
 HOLDING = """
 import sys, tempfile
 tempfile.tempdir = sys.argv[1]
-from inkloop_hardware.bus.channel_lock import lock_channel
+from inkloop_hardware.bus.settings import lock_channel
 from inkloop_hardware.bus.settings import BusSettings
 release = lock_channel(BusSettings(interface="socketcan", channel="can0", bitrate=500000))
 print("held", flush=True)
@@ -35,6 +39,8 @@ def test_channel_that_another_process_has_is_refused_until_that_ends(folder: Pat
         with pytest.raises(AnotherMaster, match=rf"can0: another inkloop prints there \(process {process.pid} since"):
             lock_channel(CAN0)
         lock_channel(BusSettings(interface="socketcan", channel="can1"))()
+        assert (holder(CAN0) or "").startswith(f"process {process.pid} since")
+    assert holder(CAN0) is None
     lock_channel(CAN0)()
 
 
@@ -42,6 +48,32 @@ def test_lock_that_cannot_be_written_is_an_error_of_the_bus(folder: Path, monkey
     monkeypatch.setattr(tempfile, "tempdir", str(folder / "missing"))
     with pytest.raises(BusError, match="the channel cannot be locked: No such file"):
         lock_channel(CAN0)
+
+
+def test_serial_port_of_a_print_is_opened_by_no_second_program(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Its reader would lack the frames that the second one takes; a socket of a bus has each frame for everybody."""
+    port = BusSettings("slcan", str(folder), 500_000)
+    settings = {"slcan": port, "tcp": BusSettings("slcan", "socket://127.0.0.1:1"), "socketcan": CAN0}
+    assert {name: one.has_one_reader for name, one in settings.items()} == dict.fromkeys(settings, False) | {
+        "slcan": True
+    }
+    check_second_reader(port)
+    monkeypatch.setattr("inkloop_hardware.doctor.status.holder", lambda settings: "process 7 since now")
+    with pytest.raises(AnotherMaster, match=r"a print has the adapter \(process 7 since now\).*nothing was opened"):
+        check_second_reader(port)
+    check_second_reader(CAN0)
+    *_, found, skipped = examine(port)
+    assert (found.grade, skipped.grade) == (Grade.ERROR, Grade.SKIPPED)
+    assert "a print has the adapter" in found.found
+
+
+def test_lock_that_is_there_is_not_created_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux refuses that for a file of another user in the folder of everybody (protected_regular)."""
+    lock_channel(CAN0)()
+    opened = Mock(wraps=os.open)
+    monkeypatch.setattr(os, "open", opened)
+    lock_channel(CAN0)()
+    assert not any(call.args[1] & os.O_CREAT for call in opened.call_args_list)
 
 
 @pytest.mark.skipif(not NO_LINK, reason="the system has no O_NOFOLLOW")

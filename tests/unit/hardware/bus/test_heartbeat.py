@@ -134,23 +134,13 @@ def test_loop_that_had_enabled_nothing_may_enable_as_soon_as_it_is_back() -> Non
     assert {enables(alive) for alive in loop.run(0.05, Enables.GATE)} == {Enables.GATE}
 
 
-def test_loop_that_is_back_is_heard_at_once() -> None:
+def test_loop_that_is_back_is_heard_at_once_and_missed_frames_are_not_made_up_for() -> None:
     heartbeat = Loop().heartbeat
-    heartbeat.keep_alive(1.0, Enables.NONE)
+    heartbeat.keep_alive(1.0, Enables.GATE)
+    assert [heartbeat.silence(now) for now in (1.5, 1.75)] == [None, 0.75], "beyond the grace"
     assert [len(heartbeat.frames(now)) for now in (1.0, 1.03, 1.05)] == [1, 1, 0]
     assert len(heartbeat.end()) == 1
     assert heartbeat.frames(1.05) == []
     heartbeat.keep_alive(1.05, Enables.NONE)
     assert len(heartbeat.frames(1.05)) == 1
-
-
-def test_silence_counts_from_beyond_the_grace() -> None:
-    heartbeat = Loop().heartbeat
-    heartbeat.keep_alive(1.0, Enables.GATE)
-    assert heartbeat.silence(1.5) is None
-    assert heartbeat.silence(1.75) == 0.75
-
-
-def test_frames_that_were_missed_are_not_made_up_for() -> None:
-    assert after(1.0, 0.25, 1.0) == 1.25
-    assert after(1.0, 0.25, 9.0) == 9.25
+    assert [after(1.0, 0.25, now) for now in (1.0, 9.0)] == [1.25, 9.25]

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inkloop_hardware.bus.frames import data_frame, message_of
+from inkloop_hardware.bus.adapter import data_frame, message_of
 from inkloop_hardware.bus.messages import (
     FRAMES_AT_ONCE,
     HEAD,
@@ -121,6 +121,12 @@ def message(number: int) -> can.Message:
     return can.Message(1.7e9 + number / 100, 0x100 + number % 16, False, data=bytes([number % 256] * 8))
 
 
+def logged(path: Path) -> list[can.Message]:
+    options = {} if path.suffix.lower() == ".blf" else {"relative_timestamp": False}
+    with can.LogReader(path, **options) as reader:
+        return list(reader)
+
+
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".BLF"])
 @pytest.mark.parametrize("is_closed", [True, False])
 def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_closed: bool) -> None:
@@ -134,9 +140,7 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
         log.close()
     copy = tmp_path / f"copy{suffix}"
     copy.write_bytes((tmp_path / f"traffic{suffix}").read_bytes())
-    options = {} if suffix.lower() == ".blf" else {"relative_timestamp": False}
-    with can.LogReader(copy, **options) as reader:
-        found = list(reader)
+    found = logged(copy)
     if not is_closed:
         log.close()
     assert len(found) >= (250 if is_closed else 100)  # those of the last cycle wait for earlier ones
@@ -144,12 +148,6 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
         expected = message(number)
         assert (one.arbitration_id, bytes(one.data)) == (expected.arbitration_id, bytes(expected.data))
         assert one.timestamp == pytest.approx(expected.timestamp, abs=1e-2)
-
-
-def logged(path: Path) -> list[can.Message]:
-    options = {} if path.suffix == ".blf" else {"relative_timestamp": False}
-    with can.LogReader(path, **options) as reader:
-        return list(reader)
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
@@ -190,7 +188,7 @@ def test_log_of_before_is_kept(tmp_path: Path) -> None:
         for number in range(count):
             log.take(message(number))
         log.close()
-    counts = {path.name: len(list(can.LogReader(path))) for path in tmp_path.iterdir()}
+    counts = {path.name: len(logged(path)) for path in tmp_path.iterdir()}
     assert counts == {"traffic.asc": 1, "traffic-2.asc": 2, "traffic-3.asc": 3}
 
 

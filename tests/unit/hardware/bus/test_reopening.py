@@ -8,12 +8,11 @@ from pathlib import Path
 import can
 import pytest
 
-from inkloop_hardware.bus.adapter import has_carrier
+from inkloop_hardware.bus.adapter import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening, has_carrier
 from inkloop_hardware.bus.process import BusProcess
-from inkloop_hardware.bus.reopening import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError, BusOff
-from inkloop_hardware.link.bus_watch import OVER_AFTER, BusWatch
+from inkloop_hardware.link.node_watch import OVER_AFTER, BusWatch
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest
 from inkloop_hardware.protocol.vocabulary import Source
 
@@ -32,12 +31,14 @@ def test_pauses_grow_to_a_limit_and_end_with_a_message() -> None:
     assert 10.0 <= sum(again) < 10.0 + LONGEST_PAUSE
 
 
-def test_adapter_that_is_bus_off_is_opened_once_in_a_run() -> None:
+def test_adapter_that_is_bus_off_is_opened_once_in_a_run_and_never_with_the_lamp_on() -> None:
     reopening = Reopening(limit_s=10.0)
     assert next(reopening.pauses(OFF, False, 0.0)) == BUS_OFF_PAUSE
     with pytest.raises(BusError, match="once already"):
         next(reopening.pauses(OFF, False, 1.0))
     assert next(reopening.pauses(GONE, False, 1.0)) == 0.1
+    with pytest.raises(BusError, match="lamp was enabled"):
+        next(Reopening(limit_s=10.0).pauses(OFF, True, 0.0))
 
 
 def test_adapter_that_fails_again_soon_has_no_more_tries() -> None:
@@ -52,11 +53,6 @@ def test_adapter_that_fails_again_soon_has_no_more_tries() -> None:
     assert next(reopening.pauses(GONE, False, 1000.0)) == 0.1
 
 
-def test_adapter_that_went_bus_off_with_the_lamp_on_is_left_to_a_person() -> None:
-    with pytest.raises(BusError, match="lamp was enabled"):
-        next(Reopening(limit_s=10.0).pauses(OFF, True, 0.0))
-
-
 def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
     watch = BusWatch(session=4)
     watch.take_master(0.0, OTHER)
@@ -67,15 +63,11 @@ def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
     assert watch.other_master(later) is None
     watch.take_master(later, OTHER)
     assert watch.other_master(later) is None, "again a single one"
-
-
-def test_each_master_is_heard_by_its_own_frames() -> None:
-    watch = BusWatch(session=4)
-    for session in (5, 6):
-        watch.take_master(0.0, replace(OTHER, session=session))
-    assert watch.other_master(0.0) is None, "a single one of each"
-    watch.take_master(0.1, replace(OTHER, session=6))
-    assert "session 6" in (watch.other_master(0.1) or "")
+    watch.take_master(later, replace(OTHER, session=6))
+    watch.take_master(later, replace(OTHER, session=4))
+    assert watch.other_master(later) is None, "a single one of each, and our own"
+    watch.take_master(later, replace(OTHER, session=6))
+    assert "session 6" in (watch.other_master(later) or "")
 
 
 def test_stop_request_that_lasts_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
@@ -83,13 +75,6 @@ def test_stop_request_that_lasts_is_logged_once(caplog: pytest.LogCaptureFixture
     for now, active in enumerate((True, True, False, True)):
         watch.take_stop(now / 10, StopRequest(active, Source.OPERATOR))
     assert caplog.messages == 2 * ["a stop request of the operator"]
-
-
-def test_own_frames_are_no_other_master() -> None:
-    watch = BusWatch(session=OTHER.session)
-    for now in range(3):
-        watch.take_master(now / 10, OTHER)
-    assert watch.other_master(0.2) is None
 
 
 def test_stop_request_lasts_until_it_is_released_or_silent() -> None:

@@ -256,15 +256,6 @@ def test_full_queue_is_waited_for_and_the_same_frame_sent() -> None:
     assert clock.now == pytest.approx(sum(0.001 * 2**tried for tried in range(7)), rel=1e-9, abs=0.0)
 
 
-def test_adapter_that_is_gone_is_not_waited_for() -> None:
-    clock = Clock()
-    adapter = Adapter(BusSettings("socketcan", "can0"), Full(1), monotonic=clock, sleep=clock.sleep)
-    adapter.is_gone = True
-    with pytest.raises(BusError, match="accepts no frame"):
-        adapter.send(Frame(0x20, b"\x05"))
-    assert clock.now == 0.0
-
-
 class Flooded(Full):
     """An adapter that has as many frames."""
 
@@ -283,6 +274,10 @@ def test_queue_that_stays_full_is_reported_after_a_second() -> None:
     with pytest.raises(BusError, match=r"socketcan on can0 accepts no frame for 1 s.*terminated"):
         adapter.send(Frame(0x20, b"\x05"))
     assert clock.now <= 1.0
+    adapter.is_gone, clock.now = True, 5.0
+    with pytest.raises(BusError, match="accepts no frame"):
+        adapter.send(Frame(0x20, b"\x05"))
+    assert clock.now == 5.0, "one that is gone is not waited for"
 
 
 @pytest.mark.parametrize(

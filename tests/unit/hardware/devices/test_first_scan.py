@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop_hardware.devices.first_scan import FirstScanError, check_first_scan
+from inkloop_hardware.devices.profiler import FirstScanError, check_first_scan
 from support.closed_loop import block
 
 JOB = block(20, 30)

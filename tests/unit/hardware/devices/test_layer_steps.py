@@ -20,10 +20,11 @@ from inkloop_hardware.devices.layer_steps import LOGGED_FROM_BYTES, LayerSteps, 
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import NodeRefused, TransferError
-from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles, Step
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes
+from inkloop_hardware.protocol.vocabulary import Node
+from support.benches.node_status import node_state
 
 JOB, CURE_MS = 7, 20
 FOUR = replace(job(), passes=4)
@@ -41,13 +42,7 @@ class Rig:
         self.sent: list[tuple[int, bool]] = []
         self.maps: list[bytes | Exception] = []
         self.refuses_coded = 0
-        plain: dict[str, Any] = {
-            "flags": Flags(0), "job": 0, "layer": 0, "passes": 0, "done": 0, "unknown": 0, "cured": 0,
-            "layer_flags": LayerFlags(0), "step": Step.NONE, "boots": 1, "session": 1, "pattern_crc": 0,
-        }  # fmt: skip
-        self.state = NodeState(
-            State.IDLE, Fault.NONE, Roles.HEAD, **{**plain, **layer}, clock=1.0, gate_pulses=0
-        )  # fmt: skip
+        self.state = node_state(**layer)
 
     @contextmanager
     def enabled(self, **_: bool) -> Iterator[None]:
@@ -169,21 +164,16 @@ def test_layer_that_was_given_up_is_cured_and_nothing_more(
     assert [key.pass_ for key in rig.of(Routine.CURE)] == cured
 
 
-def test_head_without_the_coded_form_is_offered_it_once() -> None:
-    rig = Rig()
-    rig.refuses_coded = 0x31
+def test_head_without_the_coded_form_is_offered_it_once_and_another_refusal_is_an_error() -> None:
+    rig, other = Rig(), Rig()
+    rig.refuses_coded, other.refuses_coded = 0x31, 0x24
     made = steps(rig)
     for layer in (1, 2):
         made.print_layer(layer, FULL)
     assert rig.sent == [(1, True), (1, False), (2, False)]
-
-
-def test_pattern_that_is_refused_for_another_reason_is_not_sent_in_another_form() -> None:
-    rig = Rig()
-    rig.refuses_coded = 0x24
     with pytest.raises(NodeRefused):
-        steps(rig).print_layer(1, FULL)
-    assert rig.sent == [(1, True)]
+        steps(other).print_layer(1, FULL)
+    assert other.sent == [(1, True)]
 
 
 def test_light_as_long_as_the_limit_of_the_lamp_is_too_long() -> None:

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import errno
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock as Mock
 
 import numpy as np
 import pytest
 
-from inkloop.errors import ComponentError
-from inkloop.testing import job
+from inkloop_hardware.devices.commands import clear_all
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
-from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
+from inkloop_hardware.devices.readiness import NotReady
+from inkloop_hardware.protocol.node_state import Flags, NodeState
 from inkloop_hardware.protocol.services import Key, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
-from support.benches.node_bench import NodeBench
-from support.benches.node_rig import NodeRig
+from inkloop_hardware.protocol.vocabulary import Node, State
+from support.benches.node_rig import FOUR, NodeRig, bench, print_layer
+from support.benches.node_status import node_state
 
 JOB = 7
-FOUR = replace(job(), passes=4)
 STEPS = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}
 
 
@@ -40,20 +39,21 @@ def journal(folder: Path) -> MasterJournal:
     return written
 
 
-def test_another_process_reads_what_was_written(tmp_path: Path) -> None:
-    written = journal(tmp_path)
-    found = MasterJournal(tmp_path)
+def test_another_process_reads_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder is synced, so that a new journal is there after a power failure."""
+    synced = Mock()
+    monkeypatch.setattr("inkloop_hardware.devices.master_journal.sync_folder", synced)
+    new = MasterJournal(tmp_path)
+    assert (new.job, new.session, new.layer, new.records) == (None, None, None, ())
+    assert not (tmp_path / JOURNAL_FILE).exists()
+    written, found = journal(tmp_path), MasterJournal(tmp_path)
+    synced.assert_called_once_with(tmp_path)
     assert found.records == written.records
     assert (found.job, found.layer) == (JOB, LayerAsked(2, asked=0b11, done=0b01, pattern_crc=0xABC2))
 
 
-def test_new_journal_knows_no_job_and_no_layer(tmp_path: Path) -> None:
-    for new in (MasterJournal(), MasterJournal(tmp_path)):
-        assert (new.job, new.session, new.layer, new.records) == (None, None, None, ())
-    assert not (tmp_path / JOURNAL_FILE).exists()
-
-
 def test_line_that_was_cut_short_anywhere_was_never_written(tmp_path: Path) -> None:
+    """Nor one of garbage: a disk may have made room for a line and not written it."""
     records = journal(tmp_path).records
     path = tmp_path / JOURNAL_FILE
     whole = path.read_bytes()
@@ -61,21 +61,12 @@ def test_line_that_was_cut_short_anywhere_was_never_written(tmp_path: Path) -> N
     for end in range(last, len(whole)):
         path.write_bytes(whole[:end])
         found = MasterJournal(tmp_path)
-        assert found.records == records[:-1]
-        assert path.read_bytes() == whole[:last]
+        assert (found.records, path.read_bytes()) == (records[:-1], whole[:last])
         found.intend(Asked.CURE, Key(JOB, 2, 0))
         assert MasterJournal(tmp_path).records[-1].asked is Asked.CURE
-
-
-def test_last_line_of_garbage_is_cut_off(tmp_path: Path) -> None:
-    """A disk may have made room for a line and not written it."""
-    records = journal(tmp_path).records
-    path = tmp_path / JOURNAL_FILE
-    whole = path.read_bytes()
     for garbage in (b"\0" * 90, b"\0" * 90 + b"\n"):
         path.write_bytes(whole + garbage)
-        assert MasterJournal(tmp_path).records == records
-        assert path.read_bytes() == whole
+        assert (MasterJournal(tmp_path).records, path.read_bytes()) == (records, whole)
 
 
 def test_journal_that_was_altered_in_the_middle_is_refused_with_a_message(tmp_path: Path) -> None:
@@ -88,59 +79,32 @@ def test_journal_that_was_altered_in_the_middle_is_refused_with_a_message(tmp_pa
             MasterJournal(tmp_path).records  # noqa: B018
 
 
-def test_full_disk_is_reported_and_leaves_the_journal_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("writes", ["all and cannot sync", "half, and reports no error"])
+def test_full_disk_is_reported_and_leaves_the_journal_whole(
+    writes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written = journal(tmp_path)
-    before = (tmp_path / JOURNAL_FILE).read_bytes()
+    before, opened = (tmp_path / JOURNAL_FILE).read_bytes(), Path.open
 
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+    def half(path: Path, *words: Any, **options: Any) -> Any:
+        file = opened(path, *words, **options)
+        taken = Mock(wraps=file, write=lambda line: file.write(line[: len(line) // 2]))
+        taken.__enter__, taken.__exit__ = Mock(return_value=taken), Mock(side_effect=lambda *_: file.close())
+        return taken
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
-        with pytest.raises(JournalError, match=r"No space left on device.*its step was not requested"):
+        if writes.startswith("half"):
+            patch.setattr(Path, "open", half)
+        else:
+            patch.setattr(os, "fsync", Mock(side_effect=OSError(errno.ENOSPC, "no room")))
+        with pytest.raises(JournalError, match=r"no room.*its step was not requested"):
             written.intend(Asked.PASS, Key(JOB, 2, 2))
     assert (tmp_path / JOURNAL_FILE).read_bytes() == before
     written.intend(Asked.PASS, Key(JOB, 2, 2))
     assert MasterJournal(tmp_path).layer == LayerAsked(2, asked=0b111, done=0b01, pattern_crc=0)
 
 
-def test_line_that_does_not_fit_whole_is_removed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a disk that is nearly full: it takes the beginning, and reports no error."""
-    written = journal(tmp_path)
-    before = (tmp_path / JOURNAL_FILE).read_bytes()
-    opened = Path.open
-
-    class Half:
-        def __init__(self, path: Path, *arguments: Any, **options: Any) -> None:
-            self.file: Any = opened(path, *arguments, **options)
-
-        def __enter__(self) -> Half:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.file.close()
-
-        def write(self, line: bytes) -> int:
-            return int(self.file.write(line[: len(line) // 2]))
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.file, name)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", lambda *arguments, **options: Half(*arguments, **options))
-        with pytest.raises(JournalError, match=r"no room for a whole line; its step was not requested"):
-            written.intend(Asked.PASS, Key(JOB, 2, 2))
-    assert (tmp_path / JOURNAL_FILE).read_bytes() == before
-
-
-def test_new_journal_is_in_its_folder_after_a_power_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    synced: list[Path] = []
-    monkeypatch.setattr("inkloop_hardware.devices.master_journal.sync_folder", synced.append)
-    journal(tmp_path / "run")
-    assert synced == [tmp_path / "run"]
-
-
-def test_newest_layer_is_that_of_patterns_and_passes(tmp_path: Path) -> None:
+def test_newest_layer_is_that_of_patterns_and_passes_of_its_job(tmp_path: Path) -> None:
     """A lamp is asked for a layer that the head has given up, too."""
     written = journal(tmp_path)
     known = written.layer
@@ -148,14 +112,8 @@ def test_newest_layer_is_that_of_patterns_and_passes(tmp_path: Path) -> None:
         written.intend(asked, Key(JOB, 3, 1), 0x1234)
         written.done(asked, Key(JOB, 3, 1), 0x1234)
     assert written.layer == known
-
-
-def test_layer_of_another_job_is_another_one_whatever_its_number() -> None:
-    written = MasterJournal()
-    written.intend(Asked.PASS, Key(JOB, 1, 0), 0x1234)
-    written.done(Asked.PASS, Key(JOB, 1, 0), 0x1234)
-    written.intend(Asked.PATTERN, Key(JOB + 1, 1), 0x5678)
-    assert written.layer == LayerAsked(1, pattern_crc=0x5678)
+    written.intend(Asked.PATTERN, Key(JOB + 1, 2), 0x5678)
+    assert written.layer == LayerAsked(2, pattern_crc=0x5678)
 
 
 def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | None:
@@ -190,28 +148,25 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
         return watched
 
     monkeypatch.setattr(os, "fsync", sync_and_look)
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+    with bench() as nodes:
         rig, kept = NodeRig(nodes), MasterJournal(tmp_path)
         for node in Node:
             link: Any = rig.link(node)
             link.routine = watch(link.routine, journalled)
             link.download = watch(link.download, lambda layer, _: (Asked.PATTERN, Key(rig.job, layer)))
         printer, profiler = Printer(FOUR, rig, cure_ms=5, journal=kept), Profiler(FOUR, rig, journal=kept)
-        ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
         zero: dict[str, Any] = {"layer_command": np.int32(0), "layers_printed": np.int32(0)}
         for device in (printer, profiler):
             device.initialize(0, zero)
-        printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(1)})
+        print_layer(printer, 1)
         profiler.do_step(0, 1, {"layers_printed": np.int32(1)})
     assert [step for step, _ in asked] == [Asked.PATTERN, *[Asked.PASS, Asked.CURE] * 4, Asked.SCAN]
     assert MasterJournal(tmp_path).records[-1].event is Event.DONE
 
 
-def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
-    return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
-        *(1, 1, crc, 0.0, 0),
-    )
+def head(layer: int, *, job: int = JOB, crc: int = 0xABC2, flags: int = 0, **passes: int) -> NodeState:
+    whole = {"state": State.SAFE, "layer": layer, "job": job, "passes": 4, "pattern_crc": crc, "flags": Flags(flags)}
+    return node_state(**whole, **passes)
 
 
 @pytest.mark.parametrize(
@@ -225,6 +180,10 @@ def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: in
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01)),
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b11)),  # the answer never arrived
         (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01, unknown=0b10)),
+        (
+            LayerAsked(2, 0b11, 0b01, 0xABC2),
+            head(2, flags=Flags.JOURNAL_UNREADABLE),
+        ),  # refused before anything is asked
     ],
 )
 def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: Any, theirs: NodeState) -> None:
@@ -240,6 +199,7 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
         (LayerAsked(2), head(1, job=8, done=15), "of job 8"),
         (LayerAsked(2), head(0, job=0), "another head is mounted, its journal was erased"),
+        (LayerAsked(1, 0b01, 0b00, 0xABC2), head(65535), "journals differ"),  # given up, as it could not be read
         (LayerAsked(2, 0b1111, 0b1111, 0xABC2), head(3), "something else was printed since"),
         (
             LayerAsked(2, 0b01, 0b01, 0xABC2),
@@ -260,15 +220,10 @@ def printer_of(folder: Path, rig: NodeRig) -> Printer:
     return printer
 
 
-def print_layer(printer: Printer, layer: int) -> Any:
-    ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
-    return printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(layer)})
-
-
 @pytest.mark.compiled
 def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
     """It was stopped in layer 1: what the head has done of it is continued, not printed again on top."""
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+    with bench() as nodes:
         print_layer(printer_of(tmp_path, NodeRig(nodes, job=7)), 1)
         surface = nodes.surface.copy()
         again = NodeRig(nodes, job=8)
@@ -279,7 +234,7 @@ def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
 
 @pytest.mark.compiled
 def test_devices_of_one_rig_open_the_journal_once_and_each_record_has_the_session(tmp_path: Path) -> None:
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+    with bench() as nodes:
         rig, kept = NodeRig(nodes), MasterJournal(tmp_path)
         profiler = Profiler(FOUR, rig, journal=kept)
         for device in (Printer(FOUR, rig, journal=kept), profiler):
@@ -292,12 +247,12 @@ def test_devices_of_one_rig_open_the_journal_once_and_each_record_has_the_sessio
 
 @pytest.mark.compiled
 def test_checkpoint_that_is_older_than_the_journal_is_refused_with_a_message(tmp_path: Path) -> None:
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+    with bench() as nodes:
         first = printer_of(tmp_path, NodeRig(nodes))
         for layer in (1, 2):
             print_layer(first, layer)
         surface = nodes.surface.copy()
-        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*restored from a copy"):
+        with pytest.raises(JournalsDiffer, match=r"has begun layer 2 already.*restored from a copy"):
             print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
         np.testing.assert_array_equal(nodes.surface, surface)
 
@@ -305,17 +260,17 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_with_a_message(tmp
 @pytest.mark.compiled
 def test_run_without_its_checkpoints_is_advised_to_begin_a_new_part(tmp_path: Path) -> None:
     """Its first request would be the scan of layer 0, which the profiler only refuses as out of sequence."""
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+    with bench() as nodes:
         print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
         profiler = Profiler(FOUR, NodeRig(nodes), journal=MasterJournal(tmp_path))
         profiler.initialize(0, {"layers_printed": np.int32(0)})
-        with pytest.raises(ComponentError, match=r"layer 0 is due.*begun layer 1.*folder layers removed.*take it off"):
+        with pytest.raises(JournalsDiffer, match=r"layer 0 is due.*begun layer 1.*folder layers removed.*take it off"):
             profiler.do_step(0, 1, {"layers_printed": np.int32(0)})
 
 
 @pytest.mark.compiled
 def test_checkpoint_of_another_job_is_refused_with_a_message(tmp_path: Path) -> None:
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+    with bench() as nodes:
         saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
         other = printer_of(tmp_path / "other", NodeRig(nodes, job=8))
         with pytest.raises(JournalError, match=r"journal of job 8, expected job 7 of the run"):
@@ -324,10 +279,32 @@ def test_checkpoint_of_another_job_is_refused_with_a_message(tmp_path: Path) -> 
 
 @pytest.mark.compiled
 def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> None:
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+    with bench() as nodes:
         print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
-    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as new:
+    with bench() as new:
         rig = NodeRig(new)
         with pytest.raises(JournalsDiffer, match="its journal was erased"):
             printer_of(tmp_path, rig)
         assert not [asked for node in Node for asked in rig.link(node).asked], "nothing was asked of the nodes"
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("lost", [2, 5, 9])
+def test_head_that_cannot_read_its_journal_jets_nothing_twice(tmp_path: Path, lost: int) -> None:
+    """Read again, the print goes on; given up, a new part is begun."""
+    with bench() as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        surface = nodes.surface.copy()
+        nodes.decay(lost)
+        nodes.power_up()
+        with pytest.raises(NotReady, match="head: its journal could not be read at power-up"):
+            printer_of(tmp_path, NodeRig(nodes))
+        nodes.restore()
+        nodes.power_up()
+        assert print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)["layers_printed"] == 1
+        nodes.decay(lost)
+        nodes.power_up()
+        assert "head: cleared, its open layer is given up" in list(clear_all(NodeRig(nodes), give_up=True))
+        with pytest.raises(JournalsDiffer, match="inkloop run"):
+            printer_of(tmp_path, NodeRig(nodes))
+        np.testing.assert_array_equal(nodes.surface, surface)

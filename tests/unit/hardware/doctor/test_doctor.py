@@ -11,6 +11,7 @@ from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,10 +20,10 @@ from inkloop.component import Job
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
+from inkloop_hardware.doctor.doctor import try_gate_and_lamp
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import ClockReading, Expected, NodeReport, assess, clock_rates
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
-from inkloop_hardware.doctor.self_test import try_gate_and_lamp
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import (
     Flags,
@@ -30,15 +31,14 @@ from inkloop_hardware.protocol.node_state import (
     JournalRecord,
     LayerFlags,
     NodeLimits,
-    NodeState,
     Roles,
     Step,
 )
 from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
-from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
-from support.benches.node_bench import GATE_STAYS_CLOSED, LAMP_STAYS_ON, NodeBench
+from support.benches.node_bench import Broken, NodeBench
 from support.benches.node_rig import NodeRig
+from support.benches.node_status import node_state
 from support.places import ROOT
 
 CODEC = Codec()
@@ -69,25 +69,13 @@ def heard_errors(found: Heard) -> dict[str, str]:
     return errors(list(judge(found, CODEC)))
 
 
-def test_well_bench_has_no_fault() -> None:
-    assert heard_errors(heard()) == {}
-
-
-def test_silent_bus_and_foreign_bus_are_distinguished() -> None:
-    assert set(heard_errors(Heard(lasted=1.0))) == {"bus", "nodes"}
-    foreign = Heard(lasted=1.0)
+def test_bus_without_nodes_is_told_from_another_bus_and_from_single_nodes_that_are_silent() -> None:
+    silent, foreign = Heard(lasted=1.0), Heard(lasted=1.0)
     foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
+    assert heard_errors(heard()) == errors(list(judge_bus(foreign, foreign=True))) == {}
+    assert set(heard_errors(silent)) == {"bus", "nodes"}
+    assert set(errors(list(judge_bus(silent, foreign=True)))) == {"bus"}
     assert "0x7DF" in heard_errors(foreign)["bus"]
-
-
-def test_rig_with_frames_of_its_own_has_no_fault_for_them() -> None:
-    foreign = Heard(lasted=1.0)
-    foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
-    assert errors(list(judge_bus(foreign, foreign=True))) == {}
-    assert set(errors(list(judge_bus(Heard(lasted=1.0), foreign=True)))) == {"bus"}
-
-
-def test_missing_nodes_are_named() -> None:
     assert heard_errors(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure sent nothing")
 
 
@@ -100,37 +88,36 @@ def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     assert "USB" in findings[1].advice
 
 
-def test_lost_frames_are_a_fault_where_they_are_many() -> None:
-    found = heard(without=(Node.HEAD, Node.CURE))
+def test_lost_frames_are_a_fault_where_they_are_many_and_the_other_nodes_are_well() -> None:
+    few, many = heard(without=(Node.HEAD,)), heard(without=(Node.HEAD,))
+    for number in range(1, 30):
+        few.take(0.1 * number, pack(CODEC, status(Node.HEAD), (number + number // 15) % 15), CODEC)
     for number, counter in enumerate((0, 1, 3, 4, 5, 6, 8)):
-        found.take(0.1 * number, pack(CODEC, status(Node.HEAD), counter), CODEC)
-    for number in range(1, 30):
-        found.take(0.1 * number, pack(CODEC, status(Node.CURE), (number + number // 15) % 15), CODEC)
-    findings = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
-    assert [(finding.grade, finding.found) for finding in findings] == [
-        (Grade.ERROR, "head: 2 statuses were lost, 7 received"),
-        (Grade.WARNING, "cure: 1 statuses were lost, 29 received"),
+        many.take(0.1 * number, pack(CODEC, status(Node.HEAD), counter), CODEC)
+    found = [
+        [(one.grade, one.found) for one in judge(each, CODEC) if one.check == "supervision"] for each in (few, many)
     ]
+    assert found[0][0] == (Grade.WARNING, "head: 1 statuses were lost, 29 received")
+    assert [grade for grade, _ in found[0]] == [Grade.WARNING, Grade.OK]
+    assert found[1] == [(Grade.ERROR, "head: 2 statuses were lost, 7 received")]
 
 
-def test_few_lost_frames_do_not_make_the_others_wrong() -> None:
-    found = heard(without=(Node.HEAD,))
-    for number in range(1, 30):
-        found.take(0.1 * number, pack(CODEC, status(Node.HEAD), (number + number // 15) % 15), CODEC)
-    grades = [finding.grade for finding in judge(found, CODEC) if finding.check == "supervision"]
-    assert grades == [Grade.WARNING, Grade.OK]
-
-
-def test_pause_that_would_stop_a_run_is_an_error() -> None:
-    assert "400 ms" in heard_errors(heard(cycle=0.4))["heartbeat"]
-    assert heard_errors(heard(cycle=0.2)) == {}, "only worth a note"
-
-
-@pytest.mark.parametrize("cycle", [0.05, 0.2])
-def test_status_that_comes_too_often_or_too_seldom_is_worth_a_note(cycle: float) -> None:
-    found = [finding for finding in judge(heard(cycle=cycle), CODEC) if finding.check == "heartbeat"]
-    assert [finding.grade for finding in found] == [Grade.WARNING] * len(Node)
-    assert f"a status every {cycle * 1e3:.0f} ms, the cycle is 100 ms" in found[0].found
+@pytest.mark.parametrize(
+    ("seconds", "grade", "message"),
+    [
+        ((0.0, 0.2, 0.3, 0.4, 0.5, 0.6), Grade.OK, "one node, a status every 100 to 100 ms"),
+        ([0.05 * number for number in range(20)], Grade.WARNING, "head: a status every 50 ms, the cycle is 100 ms"),
+        ([0.2 * number for number in range(5)], Grade.WARNING, "head: a status every 200 ms, the cycle is 100 ms"),
+        ((0.0, 0.4, 0.8), Grade.ERROR, "head: 400 ms between two statuses, the cycle is 100 ms"),
+        ((0.5,), Grade.ERROR, "head: a single status in 1.0 s"),
+    ],
+    ids=["one late", "too often", "too seldom", "too long a pause", "one"],
+)
+def test_cycle_of_a_status_is_judged_by_what_a_run_bears(seconds: Any, grade: Grade, message: str) -> None:
+    found = Heard(lasted=1.0)
+    for number, second in enumerate(seconds):
+        found.take(second, pack(CODEC, status(Node.HEAD), number % 15), CODEC)
+    assert [(one.grade, one.found) for one in judge(found, CODEC) if one.check == "heartbeat"] == [(grade, message)]
 
 
 def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,20 +130,6 @@ def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pyt
     settings = BusSettings("slcan", "/dev/ttyACM8", 500_000)
     (found,) = (finding for finding in before_opening(settings) if finding.grade is Grade.ERROR)
     assert found.advice.endswith("the serial ports of this machine: /dev/ttyACM7 (CANable 2.0)")
-
-
-def test_single_late_status_is_worth_no_note() -> None:
-    found = Heard(lasted=1.0)
-    for number, second in enumerate((0.0, 0.2, 0.3, 0.4, 0.5, 0.6)):
-        found.take(second, pack(CODEC, status(Node.HEAD), number), CODEC)
-    (regular,) = (finding for finding in judge(found, CODEC) if finding.check == "heartbeat")
-    assert (regular.grade, regular.found) == (Grade.OK, "one node, a status every 100 to 100 ms")
-
-
-def test_single_status_is_an_error() -> None:
-    found = heard(without=(Node.HEAD,))
-    found.take(0.5, pack(CODEC, status(Node.HEAD), 0), CODEC)
-    assert heard_errors(found) == {"heartbeat": "head: a single status in 1.0 s"}
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
@@ -231,48 +204,61 @@ def test_stop_request_is_reported() -> None:
 def report(node: Node = Node.HEAD) -> NodeReport:
     """A node that is well."""
     roles = Roles[node.upper()]
-    state = NodeState(
-        State.SAFE, Fault.NONE, roles, Flags(0), 0, 0, 0, 0, 0, 0, LayerFlags(0), Step.NONE, 1, 0, 0, 5.0, 0
-    )
+    state = node_state(state=State.SAFE, roles=roles)
     limits = NodeLimits(1000, 0.3, 10.0, 0.5, 120.0, 30.0, 60.0, 4095)
-    record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0)
+    record = JournalRecord(7, Happening.BOOT, Step.NONE, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0, 0, 0)
     shape = (20, 20) if node is Node.PROFILER else None
     clock = (ClockReading(5.0, 100.0, 100.01), ClockReading(6.0, 101.0, 101.01))
     return NodeReport(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)
+
+
+def of_state(**changes: Any) -> NodeReport:
+    return replace(report(), state=replace(report().state, **changes))
+
+
+def of_limits(**changes: Any) -> NodeReport:
+    return replace(report(), limits=replace(report().limits, **changes))
+
+
+def of_clock(seconds: float) -> NodeReport:
+    """A head whose clock shows 5 s and then this, while one second passes."""
+    return replace(report(), clock=(report().clock[0], ClockReading(seconds, 101.0, 101.01)))
 
 
 def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
     return Expected(Job(nx, ny, 1e-4, np.zeros((nx, ny)), np.ones((nx, ny), np.bool_)), cure_ms)
 
 
-def test_node_that_is_well_has_no_fault() -> None:
-    assert errors(list(assess([report(node) for node in Node], expected()))) == {}
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        [report(node) for node in Node],
+        [replace(one, state=replace(one.state, roles=Roles.HEAD | Roles.STAGE)) for one in map(report, list(Node)[:2])],
+        [of_limits(block=16, alive=0.2, pattern_bytes=50)],
+        [replace(report(Node.PROFILER), map_shape=(0, 0))],
+    ],
+    ids=["four nodes", "head and stage in one", "just enough", "nothing scanned yet"],
+)
+def test_node_that_is_well_has_no_fault(nodes: list[NodeReport]) -> None:
+    assert errors(list(assess(nodes, expected()))) == {}
 
 
 @pytest.mark.parametrize(
     ("one", "check", "message"),
     [
-        (replace(report(), clock=(report().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
-        (replace(report(), clock=(report().clock[0], ClockReading(5.9, 101.0, 101.01))), "clock", "10% too slow"),
-        (replace(report(), clock=(report().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
-        (
-            replace(report(), state=replace(report().state, state=State.FAULT, cause=Fault.LAMP_TIME)),
-            "states",
-            "head: FAULT because of LAMP_TIME",
-        ),
-        (replace(report(), limits=replace(report().limits, block=15)), "limits", "it takes blocks of 15 bytes"),
-        (replace(report(), limits=replace(report().limits, alive=0.199)), "limits", "waits 199 ms for MasterAlive"),
-        (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
-        (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
-        (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
-        (
-            replace(report(), limits=replace(report().limits, pattern_bytes=49)),
-            "limits",
-            "50 bytes, it has room for 49",
-        ),
+        (of_clock(6.1), "clock", "10% too fast"),
+        (of_clock(5.9), "clock", "10% too slow"),
+        (of_clock(0.2), "clock", "restarted"),
+        (of_state(state=State.FAULT, cause=Fault.LAMP_TIME), "states", "head: FAULT because of LAMP_TIME"),
+        (of_limits(block=15), "limits", "it takes blocks of 15 bytes"),
+        (of_limits(alive=0.199), "limits", "waits 199 ms for MasterAlive"),
+        (of_state(flags=Flags.JOURNAL_DAMAGED), "states", "journal"),
+        (of_state(flags=Flags.JOURNAL_UNREADABLE), "states", "could not be read"),
+        (of_state(flags=Flags.STOPPED), "states", "stop request"),
+        (of_state(roles=Roles.STAGE), "states", "roles"),
+        (of_limits(pattern_bytes=49), "limits", "50 bytes, it has room for 49"),
         (replace(report(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
         (replace(report(Node.CURE), limits=replace(report().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
-        (replace(report(), limits=replace(report().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -280,22 +266,10 @@ def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check
     assert message in errors(list(assess([one], expected())))[check]
 
 
-def test_device_that_is_head_and_stage_in_one_is_no_error() -> None:
-    both = [report(Node.HEAD), report(Node.STAGE)]
-    both = [replace(one, state=replace(one.state, roles=Roles.HEAD | Roles.STAGE)) for one in both]
-    assert errors(list(assess(both, expected()))) == {}
-
-
-def test_what_is_just_enough_is_no_error() -> None:
-    least = replace(report().limits, block=16, alive=0.2)
-    fresh = replace(report(Node.PROFILER), map_shape=(0, 0))
-    assert errors(list(assess([replace(report(), limits=least), fresh], expected()))) == {}, "nothing scanned yet"
-
-
 @pytest.mark.parametrize(
     ("one", "check", "message"),
     [
-        (replace(report(), state=replace(report().state, flags=Flags.DRY_RUN)), "states", "head: in a dry run"),
+        (of_state(flags=Flags.DRY_RUN), "states", "head: in a dry run"),
         (replace(report(), journal=()), "journals", "head: its journal is empty"),
         (
             replace(report(), journal=(report().journal[0], replace(report().journal[1], number=5))),
@@ -308,17 +282,6 @@ def test_what_is_just_enough_is_no_error() -> None:
 def test_what_a_person_should_know_is_a_warning(one: NodeReport, check: str, message: str) -> None:
     (found,) = (finding for finding in assess([one], expected()) if finding.grade is Grade.WARNING)
     assert (found.check, found.found) == (check, message)
-
-
-def test_pattern_that_just_fits_is_no_error() -> None:
-    assert (
-        errors(list(assess([replace(report(), limits=replace(report().limits, pattern_bytes=50))], expected()))) == {}
-    )
-
-
-def test_record_that_cannot_be_read_is_noted() -> None:
-    gap = replace(report(), journal=(report().journal[0], replace(report().journal[1], number=4)))
-    assert any(f.grade is Grade.WARNING and "between 4 and 7" in f.found for f in assess([gap], expected()))
 
 
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
@@ -354,24 +317,21 @@ def test_missing_adapter_is_reported_before_it_is_opened(
     assert message in errors(list(before_opening(configured(settings), tmp_path)))[check]
 
 
-def test_channel_that_is_no_file_is_not_looked_for() -> None:
-    for channel in ("socket://127.0.0.1:28550", "COM3"):
-        assert errors(list(before_opening(BusSettings("slcan", channel, 500_000)))) == {}
-
-
-def test_adapter_without_a_bit_rate_keeps_its_own() -> None:
-    """The emulator has none."""
-    for channel, words in (
-        ("COM3", ["no bit rate is set, the adapter keeps its own"]),
-        ("socket://127.0.0.1:28550", []),
-    ):
-        found = list(before_opening(BusSettings("slcan", channel)))
-        assert [finding.found for finding in found if finding.grade is Grade.WARNING] == words
-
-
-def test_channel_may_be_a_number() -> None:
-    assert errors(list(before_opening(BusSettings("virtual", 0)))) == {}
-    assert str(BusSettings("kvaser", 0)) == "kvaser on 0"
+@pytest.mark.parametrize(
+    ("settings", "warnings"),
+    [
+        (BusSettings("slcan", "socket://127.0.0.1:28550"), []),
+        (BusSettings("slcan", "COM3", 500_000), []),
+        (BusSettings("slcan", "COM3"), ["no bit rate is set, the adapter keeps its own"]),
+        (BusSettings("virtual", 0), []),
+    ],
+    ids=str,
+)
+def test_channel_that_is_no_file_is_not_looked_for(settings: BusSettings, warnings: list[str]) -> None:
+    """The emulator has no bit rate; a channel may be a number."""
+    found = list(before_opening(settings))
+    assert errors(found) == {}
+    assert [finding.found for finding in found if finding.grade is Grade.WARNING] == warnings
 
 
 @pytest.mark.parametrize("missing", [os.R_OK, os.W_OK])
@@ -393,53 +353,34 @@ def test_emulator_that_does_not_run_is_the_first_guess_at_a_local_port() -> None
 
 
 @pytest.mark.parametrize(
-    "error",
+    ("error", "advice"),
     [
-        OSError("pcanbasic library not found."),
-        NameError("name 'canGetNumberOfChannels' is not defined"),
-        NotImplementedError("Cannot import module can.interfaces.gs_usb"),
-        ImportError("Please install python-ics"),
-    ],
-    ids=lambda error: type(error).__name__,
-)
-def test_missing_driver_is_reported_whatever_a_back_end_raises(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(_: BusSettings) -> None:
-        raise error
-
-    monkeypatch.setattr("inkloop_hardware.bus.adapter._open", fail)
-    adapter, finding = opened(BusSettings("pcan", "PCAN_USBBUS1"))
-    assert adapter is None
-    assert str(error) in finding.found
-    assert "driver" in finding.advice
-
-
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [
+        (OSError("pcanbasic library not found."), "driver"),
+        (NameError("name 'canGetNumberOfChannels' is not defined"), "driver"),
+        (NotImplementedError("Cannot import module can.interfaces.gs_usb"), "driver"),
+        (ImportError("Please install python-ics"), "driver"),
         (PermissionError(13, "Permission denied"), "access to it"),
         (OSError(16, "Device or resource busy"), "another program"),
         (OSError(19, "No such device"), "plugged in"),
     ],
 )
-def test_port_that_cannot_be_opened_is_reported_with_its_cause(
-    error: OSError, message: str, monkeypatch: pytest.MonkeyPatch
+def test_adapter_that_cannot_be_opened_is_reported_with_its_cause(
+    error: Exception, advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_: BusSettings) -> None:
-        raise error
-
-    monkeypatch.setattr("inkloop_hardware.bus.adapter._open", fail)
-    assert message in opened(BusSettings("slcan", "/dev/ttyACM0"))[1].advice
+    """Whatever its back-end raises."""
+    monkeypatch.setattr("inkloop_hardware.bus.adapter._open", Mock(side_effect=error))
+    adapter, finding = opened(BusSettings("pcan", "PCAN_USBBUS1"))
+    assert adapter is None
+    assert str(error) in finding.found
+    assert advice in finding.advice
 
 
 def test_page_names_every_check() -> None:
     page = (ROOT / "docs/how-to/when-the-bench-does-not-answer.md").read_text()
-    names = ("adapter_check", "inquiry", "doctor", "listening", "self_test")
-    sources = [(ROOT / f"hardware/inkloop_hardware/doctor/{name}.py").read_text() for name in names]
+    sources = [path.read_text() for path in (ROOT / "hardware/inkloop_hardware/doctor").glob("*.py")]
     checks = set(re.findall(r"\bFinding\.(?:error|ok|warning|skipped)\(\s*\"([a-z ]+)\"", "".join(sources)))
-    assert {"interface", "clock", "self test"} <= checks
-    assert not sorted(check for check in checks if f"\n    {check} " not in page)
+    assert {"interface", "clock", "self test", "frames"} <= checks
+    assert not sorted(check for check in checks if f"\n    {check} " not in page and f"**{check}**" not in page)
 
 
 @pytest.mark.compiled
@@ -449,11 +390,11 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
         findings = list(try_gate_and_lamp(rig))
         assert [finding.grade for finding in findings] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
-        assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
+        assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [1, 1, 0]
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize(("broken", "tests"), [(GATE_STAYS_CLOSED, 1), (LAMP_STAYS_ON, 1)])
+@pytest.mark.parametrize(("broken", "tests"), [(Broken.GATE_STAYS_CLOSED, 1), (Broken.LAMP_STAYS_ON, 1)])
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
@@ -461,7 +402,7 @@ def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> No
         assert len(findings) == tests
         assert findings[-1].grade is Grade.ERROR
         assert "everything is off" in findings[-1].advice
-        assert bench.counted(1) == 0
+        assert bench.lamp_pulses == 0
 
 
 @pytest.mark.compiled
@@ -471,4 +412,4 @@ def test_nodes_that_need_a_person_are_not_energised() -> None:
         bench.stop(False)
         findings = list(try_gate_and_lamp(NodeRig(bench)))
         assert [finding.grade for finding in findings] == [Grade.SKIPPED]
-        assert [bench.counted(what) for what in range(3)] == [0, 0, 0]
+        assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [0, 0, 0]

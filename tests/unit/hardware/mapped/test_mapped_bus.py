@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections import deque
 from pathlib import Path
@@ -15,8 +16,11 @@ from e2e import p01
 
 from inkloop.errors import ComponentError
 from inkloop.testing import job as small_job
+from inkloop_hardware.bus.adapter import message_of
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.findings import Grade
+from inkloop_hardware.doctor.status import judge_rig
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped import mapped_bus, mapped_steps
 from inkloop_hardware.mapped.mapped import Mapped
@@ -105,12 +109,6 @@ def test_bus_is_opened_with_the_answers_of_the_peers_and_its_log_in_the_folder(t
     assert not settings.fd
     assert opened(tmp_path, clock, fd=True)[1].made[0].fd
     assert opened(tmp_path, clock)[1].made[0].traffic_log is None
-
-
-def test_frame_has_its_signals_in_their_units(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    bus.send("PlcCommand", {"LayerNo": 258, "Go": "GO", "Lamp": 37.5})
-    assert wire.log == [Frame(528, bytes([2, 1, 1, 75]))]
 
 
 def test_heartbeat_is_kept_alive_every_20_ms_if_the_mapping_has_one(tmp_path: Path, clock: Clock) -> None:
@@ -203,53 +201,55 @@ def test_frames_after_the_one_that_is_waited_for_stay_for_the_next_wait(tmp_path
     assert clock.now == 100.0
 
 
-def test_value_that_ends_the_run_is_reported_at_once(tmp_path: Path, clock: Clock) -> None:
+def test_value_that_does_not_come_is_reported_with_the_last_one_or_why_there_is_none(
+    tmp_path: Path, clock: Clock
+) -> None:
     bus, wire = opened(tmp_path, clock)
-    wire.others.append((0.0, state(FAULT)))
-    with pytest.raises(HardwareError, match=r"^PlcState\.State is FAULT, expected READY; check the rig$"):
-        bus.wait("PlcState", "State", "READY", 10.0, "FAULT")
-    assert clock.now == 100.0
 
+    def missed(message: str, signal: str, expected: Any, *frames: Frame, unless: Any = None) -> float:
+        """Seconds until the wait for it ends, with this message."""
+        wire.others.extend((0.0, frame) for frame in frames)
+        began = clock.now
+        with pytest.raises(HardwareError, match=message):
+            bus.wait("PlcState", signal, expected, 2.5, unless)
+        return clock.now - began
 
-def test_value_that_does_not_come_is_reported_with_the_last_one(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    with pytest.raises(LinkTimeout, match=r"was not READY within 2\.5 s; no frame of it was received$"):
-        bus.wait("PlcState", "State", "READY", 2.5)
-    assert clock.now == pytest.approx(102.5, rel=0.0, abs=0.006)
-    wire.others.append((0.0, state(BUSY, 3)))
-    with pytest.raises(LinkTimeout, match=r"^PlcState\.State was not READY within 1 s; it is BUSY$"):
-        bus.wait("PlcState", "State", "READY", 1.0)
-    with pytest.raises(LinkTimeout, match=r"^PlcState\.LayersDone was not 4 within 1 s; it is 3$"):
-        bus.wait("PlcState", "LayersDone", 4, 1.0)
-
-
-def test_value_that_was_dropped_is_reported_with_the_reason(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    wire.others.append((0.0, Frame(544, b"\2\3")))
-    with pytest.raises(LinkTimeout, match=r"; its frames were dropped: .* has 2 bytes, expected 8$"):
-        bus.wait("PlcState", "State", "READY", 1.0)
-    wire.others.append((0.0, state(READY, 3, 0.0, 160.0)))
-    with pytest.raises(LinkTimeout, match=r"; its value was dropped: .*Temperature is 160 degC, expected -50 to 150"):
-        bus.wait("PlcState", "Temperature", 20.0, 1.0)
+    waited = missed(r"was not READY within 2\.5 s; no frame of it was received$", "State", "READY")
+    assert waited == pytest.approx(2.5, rel=0.0, abs=0.006)
+    assert (
+        missed(r"State is FAULT, expected READY; check the rig$", "State", "READY", state(FAULT), unless="FAULT") == 0
+    )
+    missed(r"^PlcState\.State was not READY within 2.5 s; it is BUSY$", "State", "READY", state(BUSY, 3))
+    missed(r"^PlcState\.LayersDone was not 4 within 2.5 s; it is 3$", "LayersDone", 4)
+    hot = state(READY, 3, 0.0, 160.0)
+    missed(r"; its value was dropped: .*Temperature is 160 degC, expected -50 to", "Temperature", 20.0, hot)
     assert bus.readings["PlcState"].values["LayersDone"] == 3
+    bus.readings.clear()
+    missed(r"; its frames were dropped: .* has 2 bytes, expected 8$", "State", "READY", Frame(544, b"\2\3"))
 
 
-def test_peer_hears_its_own_answers(tmp_path: Path, clock: Clock) -> None:
-    bus, wire = opened(tmp_path, clock)
-    assert bus.receive(0x7A8, 0.25) == b"data"
-    wire.receive.assert_called_once_with(0x7A8, 0.25)
-    way = mapped_bus._Wire(bus, 0x7B8)
-    assert way.receive(0.5) == b"data"
-    wire.receive.assert_called_with(0x7B8, 0.5)
-    assert way.now() == 100.0
-    way.begin()
-    way.check()
-    assert wire.check.call_count == 2
-    way.send([state(BUSY)])
-    assert wire.log[-1] == state(BUSY)
-    assert bus.peer("head").name.startswith("head (0x7A0, 0x7A8")
-    bus.close()
-    wire.close.assert_called_once_with()
+def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:
+    """Findings about the frames that the mapping waits for, when these come on its bus."""
+    of_rig = iter([[message_of(frame) for frame in frames]])
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "rig"), receive=lambda wait_s: next(of_rig, []), complaints=dict[str, int]
+    )
+    found: dict[Grade, list[str]] = {}
+    seconds = itertools.count(0.0, 0.25)
+    for finding in judge_rig(adapter, load(written(folder), JOB), lambda: next(seconds)):
+        if finding.check == "frames":
+            found.setdefault(finding.grade, []).append(f"{finding.found}; {finding.advice}")
+    return found
+
+
+def test_doctor_looks_for_every_frame_that_the_mapping_waits_for(tmp_path: Path) -> None:
+    (missing,) = examined(tmp_path, Frame(545, bytes(8)))[Grade.ERROR]
+    assert missing.startswith("PlcState (0x220): none came in 1.")
+    assert "printer step 3 and printer step 4 and outputs.bed_position waits for it: is the rig powered" in missing
+    (short,) = examined(tmp_path, Frame(544, b"\2\3"))[Grade.ERROR]
+    assert "1 in 1.5 s, but its frames were dropped: frame 0x220 [2] 02 03 of PlcState has 2 bytes" in short
+    (there,) = examined(tmp_path, state(BUSY), state(READY, 4, 12.5))[Grade.OK]
+    assert there.endswith("2 in 1.5 s; State: it is READY, LayersDone: it is 4, BedPosition: it is 12.5; ")
 
 
 class Peer:

@@ -26,10 +26,6 @@ STATUS_SIGNALS = [signal.name for signal in CODEC.message("CureStatus").signals[
 EVERY_MESSAGE = pytest.mark.parametrize("message", MESSAGES, ids=[message.name for message in MESSAGES])
 
 
-def supervision_of(message: Message) -> list[tuple[str, int, int]]:
-    return [(signal.name, signal.start, signal.length) for signal in message.signals[:2]]
-
-
 def test_ids_and_cycles_are_those_of_the_bench() -> None:
     ids = {message.name: message.frame_id for message in MESSAGES}
     assert len(set(ids.values())) == len(MESSAGES)
@@ -97,32 +93,6 @@ def test_every_signal_has_a_comment_and_a_known_unit(message: Message) -> None:
         assert signal.comment, signal.name
         assert (signal.unit or "") in SI, signal.name
         assert signal.receivers, signal.name
-
-
-@EVERY_MESSAGE
-def test_limits_fit_the_bits(message: Message) -> None:
-    for signal in message.signals:
-        if signal.name == "IsoTpData":
-            continue
-        bits = signal.length - signal.is_signed
-        assert signal.minimum is not None
-        assert signal.maximum is not None
-        assert round(signal.minimum / signal.scale) >= (-(2**bits) if signal.is_signed else 0)
-        assert round(signal.maximum / signal.scale) <= 2**bits - 1
-
-
-@EVERY_MESSAGE
-def test_supervised_messages_begin_with_check_byte_and_counter(message: Message) -> None:
-    layout = [("Crc8", 0, 8), ("Counter", 8, 4)]
-    supervised = message.name.endswith("Status") or message.name in ("StopRequest", "MasterAlive")
-    assert (CODEC.data_id(message.name) is not None) == supervised
-    assert (supervision_of(message) == layout) == supervised
-
-
-def test_data_ids_are_unique() -> None:
-    ids = [number for message in MESSAGES if (number := CODEC.data_id(message.name)) is not None]
-    assert len(ids) == 6
-    assert len(set(ids)) == 6
 
 
 @pytest.mark.parametrize("words", [State, Fault, Source], ids=lambda words: words.__name__)

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from inkloop.testing import job as small_job
 from inkloop_hardware.bus.isotp_connection import without_reserved_gap
 from inkloop_hardware.errors import FrameError
+from inkloop_hardware.mapped.mapping_file import load
 from inkloop_hardware.protocol.codec import EXTENDED, Codec, Frame, Reading
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: Pc Plc\n'
@@ -27,6 +29,17 @@ SG_MUL_VAL_ 2566848560 Speed Mode 1-1;
 SG_MUL_VAL_ 2566848560 Which Mode 2-2;
 SG_MUL_VAL_ 2566848560 Torque Which 7-7;
 SIG_VALTYPE_ 2566848560 Torque : 1;
+"""
+FORMATS = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *"23456789abcd", "StandardCAN_FD"))
+CLUSTER = f"""BO_ 1056 Cluster: 64 Plc
+ SG_ Torque : 7|12@0- (0.25,0) [-512|511.75] "Nm" Pc
+ SG_ Speed : 11|16@0+ (0.01,0) [0|600] "km/h" Pc
+ SG_ Gear : 27|4@0+ (1,-2) [-2|8] "" Pc
+ SG_ Steering : 499|12@0- (0.5,0) [-900|900] "deg" Pc
+BA_DEF_ BO_  "VFrameFormat" ENUM  {FORMATS};
+BA_DEF_DEF_  "VFrameFormat" "StandardCAN";
+BA_ "VFrameFormat" BO_ 1056 14;
+VAL_ 1056 Gear 0 "REVERSE" 2 "NEUTRAL" 15 "NOT_VALID" ;
 """
 OVERLAPPING = 'BO_ 100 Odd: 2 Plc\n SG_ One : 0|8@1+ (1,0) [0|255] "" Pc\n SG_ Two : 4|8@1+ (1,0) [0|255] "" Pc\n'
 
@@ -71,6 +84,8 @@ def test_signal_beyond_its_limits_drops_itself_alone(tmp_path: Path) -> None:
 
 def test_longer_and_fd_frames_are_read_and_shorter_ones_are_not(tmp_path: Path) -> None:
     of, data = codec(tmp_path, SCALED), bytes([2, 7, 0, 0])
+    with pytest.raises(FrameError, match=r"0x220 .* is a CAN FD frame, expected a classic one"):
+        of.decode(Frame(544, data, is_fd=True))
     for frame in (Frame(544, data), Frame(544, data + b"\xcc\xcc"), Frame(544, data, is_fd=True)):
         assert of.decode(frame, strict=False).values["Level"] == 7.0
     with pytest.raises(FrameError, match="has 3 bytes, expected 4"):
@@ -94,6 +109,38 @@ def test_cascaded_multiplex_with_long_ids_motorola_order_and_floats(tmp_path: Pa
     assert speed.values == {"Mode": 1.0, "Speed": pytest.approx(-5.0, rel=0.0, abs=1e-9)}
     torque = of.decode(Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True), strict=False)
     assert torque.values["Torque"] == -2.5
+    with pytest.raises(FrameError, match=r"frame 0x030 .*no message with this id"):
+        of.decode(Frame(0x30, bytes(12), is_fd=True))
+    sent = of.encode("Axis", {"Mode": 2, "Which": 7, "Torque": -2.5})
+    assert sent == Frame(axis, bytes([0x20, 7, 0xC0, 0x20, 0, 0]) + bytes(6), is_fd=True)
+    for values, message in (
+        ({"Mode": 2, "Which": 7}, "message Axis lacks a value for 'Torque', by its multiplexer"),
+        ({"Mode": 9}, "message Axis cannot be encoded: .*Mode"),
+        ({}, "message Axis .*Mode"),
+    ):
+        with pytest.raises(FrameError, match=message):
+            of.encode("Axis", values)
+
+
+def test_signed_signals_in_motorola_order_cross_the_bytes_of_a_long_frame(tmp_path: Path) -> None:
+    """Of CAN FD, of whose value table one value lies beyond its limits."""
+    of = codec(tmp_path, CLUSTER)
+    data = bytes([0xFF, 0xD2, 0x71, 0x0F]) + bytes(58) + bytes([0x0F, 0xFF])
+    values: dict[str, float | str] = {"Torque": -0.75, "Speed": 100.0, "Gear": "NOT_VALID", "Steering": -0.5}
+    assert of.encode("Cluster", values) == Frame(1056, data, is_fd=True)
+    found = of.decode(Frame(1056, data, is_fd=True), strict=False)
+    assert found.values == pytest.approx(values | {"Gear": 13.0}, rel=1e-9, abs=0.0)
+    assert of.choice("Cluster", "Gear", found.values["Gear"]) == "NOT_VALID"
+    assert not found.dropped
+    with pytest.raises(FrameError, match=r"0x420 .* is a classic frame, expected a CAN FD one"):
+        of.decode(Frame(1056, data))
+    with pytest.raises(FrameError, match=r"Torque is 512 Nm, expected -512 to 511.75 Nm"):
+        of.encode("Cluster", values | {"Torque": 512})
+    (tmp_path / "rig.toml").write_text(
+        'dbc = "others.dbc"\n[peers.a]\nrequest = 1\nanswer = 2\n[pattern]\n[[printer]]\ndo = "download"\npeer = "a"\n'
+        '[[printer]]\ndo = "wait"\nmessage = "Cluster"\nsignal = "Gear"\nexpected = "NOT_VALID"\n'
+    )
+    assert load(tmp_path / "rig.toml", small_job(3, 3)).needs_fd
 
 
 def test_other_messages_of_a_file_with_overlapping_signals_are_read_if_that_is_meant(tmp_path: Path) -> None:

@@ -19,13 +19,14 @@ from inkloop_hardware.protocol.node_state import (
     NodeState,
     Roles,
     Step,
+    TransferFlags,
     TransferState,
 )
 from inkloop_hardware.protocol.records import NodeFault
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import FaultyWire
-from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
+from support.benches.node_bench import HEAD, PROFILER, NodeBench, pattern_blob
 from support.benches.node_status import IDLE_HEAD
 
 
@@ -37,12 +38,15 @@ def bench() -> Iterator[NodeBench]:
 
 @pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
+    bench.power_up(HEAD)
+    bench.tick(100)
+    assert bench.clear() == Outcome.DONE
     bench.print_layer(np.ones((9, 8)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
         *(7, 1, 4, 0b1111, 0, 0),
-        *(LayerFlags(0), Step.NONE, 1, 1),
+        *(LayerFlags(0), Step.NONE, 2, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
@@ -73,7 +77,7 @@ def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     assert bench.scan(0) == 0
     link.upload(0)
     transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
-    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 165, 165)
+    assert (transfer.flags, transfer.done, transfer.size) == (TransferFlags.UPLOAD, 165, 165)
     assert link.version()
 
 
@@ -94,7 +98,7 @@ def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     link.download(1, pattern_blob(np.ones((9, 8))))
     key = Key(7, 1, 0, 1)
     assert link.ask(Routine.PASS, key) is Outcome.NEVER
-    bench.raw(bench.routine(PASS, layer=1, option=b"\0"))
+    bench.raw(bench.routine(Routine.PASS, layer=1, option=b"\0"))
     bench.tick(10)
     assert link.ask(Routine.PASS, key) is Outcome.UNDER_WAY
     bench.power_up(HEAD)
@@ -106,43 +110,30 @@ def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     assert link.state().layer_flags == LayerFlags.ACKNOWLEDGED | LayerFlags.ABANDONED
 
 
-def logged(
-    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, Any], level: int = logging.DEBUG
-) -> list[str]:
+PRINTING, OFF = {"state": State.PRINTING, "pass_mask": 1}, {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
+DARK, LIT = ({"node": Node.CURE, "state": State.CURING, "lamp_on": on} for on in (False, True))
+RESTARTED = {"state": State.SAFE, "boot_count": 2}
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "lines"),
+    [
+        (({}, {}, PRINTING, PRINTING, OFF, OFF), logging.DEBUG, ["idle", "pass 2 of layer 3", "off (enable dropped)"]),
+        (({}, PRINTING, OFF), logging.INFO, ["idle", "off (enable dropped)"]),
+        (({}, RESTARTED, RESTARTED), logging.DEBUG, ["idle", "restarted", "off"]),
+        ((DARK, LIT, DARK), logging.DEBUG, ["curing", "lamp on", "curing"]),
+    ],
+    ids=["each once", "steps are logged by who asks for them", "restart", "lamp"],
+)
+def test_change_of_a_node_is_logged_once(
+    changes: Any, level: int, lines: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level(level, "inkloop_hardware")
+    node = changes[0].get("node", Node.HEAD)
+    watch = NodeWatch(node)
     for number, change in enumerate(changes):
         watch.take_status(number / 10, replace(IDLE_HEAD, **change), number % 15)
-    return caplog.messages
-
-
-def test_each_change_of_a_node_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
-    printing = {"state": State.PRINTING, "pass_mask": 1}
-    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
-        "head: idle",
-        "head: pass 2 of layer 3",
-        "head: off (enable dropped)",
-    ]
-
-
-def test_lamp_is_reported_as_on_only_while_it_is(caplog: pytest.LogCaptureFixture) -> None:
-    dry, lit = ({"node": Node.CURE, "state": State.CURING, "lamp_on": on} for on in (False, True))
-    assert logged(NodeWatch(Node.CURE), caplog, dry, lit, dry) == ["cure: curing", "cure: lamp on", "cure: curing"]
-
-
-def test_requested_steps_of_a_node_are_not_logged_again(caplog: pytest.LogCaptureFixture) -> None:
-    """Its frames come every 100 ms and miss short steps; the requester logs each of them."""
-    printing = {"state": State.PRINTING, "pass_mask": 1}
-    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
-        "head: idle",
-        "head: off (enable dropped)",
-    ]
-
-
-def test_restart_is_logged(caplog: pytest.LogCaptureFixture) -> None:
-    off = {"state": State.SAFE, "boot_count": 2}
-    assert logged(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
+    assert caplog.messages == [f"{node.lower()}: {line}" for line in lines]
 
 
 @pytest.mark.parametrize("counter", [1, 9], ids=["repeated", "jumped"])

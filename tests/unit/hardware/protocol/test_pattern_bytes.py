@@ -12,23 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from inkloop_hardware.errors import FrameError
-from inkloop_hardware.protocol.height_map_bytes import map_size, read_map
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes, run_length
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes, map_size, read_map, run_length
 from support.benches import node_bench
-
-
-def decoded(coded: bytes) -> bytes:
-    """Run-length coded cells as a node decodes them."""
-    cells, at = bytearray(), 0
-    while at < len(coded):
-        head = coded[at]
-        if head < 128:
-            cells += coded[at + 1 : at + 2 + head]
-            at += 2 + head
-        else:
-            cells += coded[at + 1 : at + 2] * (head - 126)
-            at += 2
-    return bytes(cells)
 
 
 @pytest.mark.parametrize(("materials", "bits"), [(1, 1), (2, 2)])
@@ -42,7 +27,13 @@ def test_packed_pattern_has_a_bit_for_one_material_and_two_for_two(materials: in
 @given(arrays.arrays(np.uint8, st.integers(0, 700), elements=st.sampled_from([0, 0, 0, 1, 255])))
 @settings(max_examples=200)
 def test_run_length_code_is_undone_by_the_rules_of_the_page(cells: np.ndarray) -> None:
-    assert decoded(run_length(cells)) == cells.tobytes()
+    """A byte c < 128 precedes c + 1 literal bytes, any other one byte that is repeated c - 126 times."""
+    coded, found = list(run_length(cells)), bytearray()
+    while coded:
+        head = coded.pop(0)
+        found += bytes(coded[: head + 1]) if head < 128 else bytes(coded[:1]) * (head - 126)
+        del coded[: head + 1 if head < 128 else 1]
+    assert found == cells.tobytes()
 
 
 def test_run_of_three_is_a_run_and_the_longest_has_129_bytes() -> None:
@@ -70,7 +61,7 @@ def test_both_forms_print_the_same_surface(coded: bool) -> None:
             one.ready()
             assert one.download(blob, 1, coded=0x10 * form) == 0
             for number in range(4):
-                assert one.run(node_bench.PASS, layer=1, which=number, option=bytes([number])) == node_bench.DONE
+                assert one.jet(1, number) == node_bench.DONE
         assert bench.surface.any()
         np.testing.assert_array_equal(bench.surface, same.surface)
 
@@ -120,6 +111,7 @@ def test_map_of_a_node_is_read_to_the_bit() -> None:
 
 @pytest.mark.compiled
 def test_part_that_outgrew_16_bits_is_read_from_its_datum() -> None:
+    """A cell that is not valid has height 0 whatever the datum."""
     with node_bench.NodeBench(nx=5, ny=5) as bench:
         bench.ready()
         bench.surface[:] = 5e-3 + 1e-7 * np.arange(25).reshape(5, 5)
@@ -127,6 +119,8 @@ def test_part_that_outgrew_16_bits_is_read_from_its_datum() -> None:
         found, valid = read_map(bench.upload(0), 5, 5)
         assert valid.all()
         np.testing.assert_allclose(found, bench.surface, atol=1e-12)
+    found, valid = read_map(pack(">BBHHHi", 1, 0, 1, 2, 100, 500) + pack(">hh", 1, 0) + b"\x80", 1, 2)
+    assert (found.tolist(), valid.tolist()) == ([[501 * 1e-7, 0.0]], [[True, False]])
 
 
 @pytest.mark.parametrize("nanometres", [1, 3, 7, 40, 100, 1000, 65535])
@@ -134,13 +128,6 @@ def test_step_of_a_map_is_the_double_of_the_sensors_parameter(nanometres: int) -
     head = pack(">BBHHHi", 1, 0, 1, 1, nanometres, 0)
     found, _ = read_map(head + pack(">h", 1) + b"\x80", 1, 1)
     assert found[0, 0] == float(f"{nanometres}e-9")
-
-
-def test_cell_that_is_not_valid_has_height_0_whatever_the_datum() -> None:
-    blob = pack(">BBHHHi", 1, 0, 1, 2, 100, 500) + pack(">hh", 1, 0) + b"\x80"
-    found, valid = read_map(blob, 1, 2)
-    assert valid.tolist() == [[True, False]]
-    assert found.tolist() == [[501 * 1e-7, 0.0]]
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,11 @@ from hypothesis.extra.numpy import arrays
 
 from inkloop_hardware.errors import BusError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.pattern_bytes import PatternBytes, first_difference, plain_form
 from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.transfer_bytes import PatternBytes, first_difference, plain_form
 from inkloop_hardware.protocol.vocabulary import Node
-from inkloop_hardware.replay.recorded_exchanges import Exchange, exchanges
+from inkloop_hardware.replay.recorded_exchanges import Exchange, Reassembly, Seen, exchanges, read_traffic
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes, described
-from inkloop_hardware.replay.traffic_reading import Reassembly, Seen, parts_of, read_traffic
 
 CODEC = Codec()
 LOG = Path("traffic.blf")
@@ -170,16 +169,11 @@ def test_order_of_a_layer_is_that_of_the_log() -> None:
         recorded().answer(Node.HEAD, routine(Routine.PASS)[0])
 
 
-def test_other_pass_is_reported_with_its_first_differing_byte() -> None:
+def test_other_pass_and_the_end_of_the_log_are_reported_with_the_request() -> None:
     nodes = recorded()
     nodes.answer(Node.STAGE, routine(Routine.MOVE)[0])
     with pytest.raises(ReplayDiffers, match=r"pass of layer 1, pass 2.* first differing byte is 10"):
         nodes.answer(Node.HEAD, routine(Routine.PASS, number=2)[0])
-
-
-def test_end_of_the_log_is_reported_with_the_request() -> None:
-    nodes = recorded()
-    nodes.answer(Node.STAGE, routine(Routine.MOVE)[0])
     nodes.answer(Node.HEAD, routine(Routine.PASS)[0])
     with pytest.raises(ReplayEnded, match=r"ends here: the master asks the cure for cure of layer 1, pass 0"):
         nodes.answer(Node.CURE, routine(Routine.CURE)[0])
@@ -243,9 +237,3 @@ def test_log_that_was_cut_off_gives_its_first_frames_or_a_message(share: float, 
     found, message = read_or_message(path)
     assert "damaged" in message or not message
     assert [one.frame.data[0] for one in found] == [number % 256 for number in range(len(found))]
-
-
-def test_logs_of_a_resumed_run_belong_together(tmp_path: Path) -> None:
-    for name in ("traffic.blf", "traffic-2.blf", "traffic-4.blf"):
-        (tmp_path / name).touch()
-    assert [path.name for path in parts_of(tmp_path / "traffic.blf")] == ["traffic.blf", "traffic-2.blf"]

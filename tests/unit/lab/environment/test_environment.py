@@ -13,7 +13,12 @@ import pytest
 
 import inkloop
 import inkloop_lab
+from inkloop.component import Ink, Job
 from inkloop.printing.run import print_part
+from inkloop_lab.environment import layer_env
+from inkloop_lab.environment.freed_scenario import FreedScenario
+from inkloop_lab.environment.surface_frame import frame
+from inkloop_lab.policies.policy import ActionCode
 from support.places import SCENARIOS
 from support.prints import LITTLE_WORK
 
@@ -102,30 +107,6 @@ def test_offset_of_nothing_is_the_controller_itself() -> None:
     np.testing.assert_array_equal(surfaces, plain)
 
 
-def test_offset_moves_rim_and_inside_alone() -> None:
-    env = inkloop_lab.LayerEnv(CUBOID, {"components.printer.variation": 0.0}).offset_target("ErrorDiffusion")
-    env.reset(seed=1)
-    plain = env.planned(np.zeros(2))
-    env.reset(seed=1)
-    lower = env.planned(np.array([-1.0, 0.0]))
-    inside = np.zeros((12, 12), np.bool_)
-    inside[3:-3, 3:-3] = True
-    assert plain[2:-2, 2:-2].all()
-    assert lower[inside].all()
-    env.reset(seed=1)
-    with pytest.raises(ValueError, match=r"the offsets are \[2\. 0\.\]; needs two numbers from -1 to 1"):
-        env.step(np.array([2.0, 0.0]))
-
-
-def test_offset_begins_each_print_with_a_new_controller() -> None:
-    env = inkloop_lab.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
-    heights = []
-    for _ in range(2):
-        env.reset(seed=1)
-        heights.append([env.step(np.zeros(2))[4]["height"] for _ in range(2)])
-    np.testing.assert_array_equal(heights[0], heights[1])
-
-
 def test_time_that_runs_out_cuts_the_print_off() -> None:
     env = inkloop_lab.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
     observation, _ = env.reset(seed=1)
@@ -176,10 +157,6 @@ def test_invalid_action_changes_nothing() -> None:
     action[3, 4] = 2
     with pytest.raises(inkloop.ComponentError, match=r"the action is 2 in cell \(3, 4\); needs 0 .. 1"):
         env.step(action)
-    with pytest.raises(inkloop.ComponentError, match=r"the action has shape \(3,\); needs \(12, 12\)"):
-        env.step(np.zeros(3, np.int32))
-    with pytest.raises(inkloop.ComponentError, match="the action is float64; needs whole numbers"):
-        env.step(np.zeros((12, 12)))
     _, _, _, _, info = env.step(observation["mask"])
     assert info["layer"] == 1
     env.close()
@@ -236,3 +213,126 @@ def test_missing_extra_is_named() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "inkloop_lab.LayerEnv needs the package gymnasium: pip install 'inkloop[env]'"
+
+
+VERY_NOISY = {"components.profiler": {"noise_std_um": 3.0}}
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0])
+def test_objective_weighs_mean_error_and_unevenness_of_the_true_surface(alpha: float) -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, VERY_NOISY, alpha=alpha)
+    observation, info = env.reset(seed=3)
+    objectives = [info["objective"]]
+    for _ in range(2):
+        observation, reward, _, _, info = env.step(observation["mask"])
+        objectives.append(info["objective"])
+        assert reward == pytest.approx(1e6 * (objectives[-2] - objectives[-1]), rel=1e-12, abs=0.0)
+        error = (env.job.target_height - info["height"])[env.job.mask]
+        expected = alpha * np.abs(error).mean() + (1.0 - alpha) * error.std()
+        assert info["objective"] == pytest.approx(expected, rel=1e-9, abs=0.0)
+        assert np.abs(observation["measured_height"] - info["height"]).max() > 1e-6
+        info["height"][:] = 1.0  # the caller's own
+    env.close()
+
+
+def test_environments_side_by_side_have_the_options_that_were_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+
+    def side_by_side(makes: Any, context: str) -> str:
+        made[:] = [make() for make in makes]
+        return context
+
+    monkeypatch.setattr("gymnasium.vector.AsyncVectorEnv", side_by_side)
+    assert inkloop_lab.LayerEnv.vector(CUBOID, 3, {"run.layers_max": 2}, alpha=0.1, render_mode="rgb_array") == "spawn"
+    assert [(env._alpha, env.render_mode, env._scenario.tables.run.layers_max) for env in made] == [
+        (0.1, "rgb_array", 2)
+    ] * 3
+
+
+def test_controller_has_the_job_and_options_that_were_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("inkloop.components.catalog.make", lambda *given: asked.append(given))
+    monkeypatch.setattr(layer_env, "ControllerPolicy", lambda made, code: None)
+    env = inkloop_lab.LayerEnv(CUBOID, {"components.controller.horizon": 3})
+    other = inkloop_lab.LayerEnv(SCENARIOS / "two-materials.toml").job
+    env.controller()
+    env.controller(horizon=1)
+    env.controller("ErrorDiffusion", other, seed=2)
+    (own, own_job, first), (_, _, changed), last = asked
+    assert (own, own_job.nx, first["horizon"]) == ("LayerMpc", 12, 3)
+    assert changed == {**first, "horizon": 1}
+    assert last == ("ErrorDiffusion", other, {"seed": 2})
+
+
+def test_picture_is_of_the_true_surface_and_of_the_last_pattern(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, VERY_NOISY, render_mode="rgb_array")
+    with pytest.raises(inkloop.InkloopError, match=r"nothing is printed yet; call reset\(\)"):
+        env.render()
+    observation, _ = env.reset(seed=1)
+    _, _, _, _, info = env.step(observation["mask"])
+    monkeypatch.setattr(layer_env, "frame", lambda height, pattern, job: (height, pattern, job.nx))
+    height, pattern, nx = env.render()  # type: ignore[misc]
+    np.testing.assert_array_equal(height, info["height"])
+    np.testing.assert_array_equal(pattern, observation["mask"])
+    assert nx == 12
+    env.close()
+    plain = inkloop_lab.LayerEnv(CUBOID)
+    assert plain.render() is None  # before the first reset too: nobody asked for pictures
+
+
+def test_place_of_the_controller_has_its_drop_levels_or_those_that_were_given() -> None:
+    grey = SCENARIOS / "grey-head.toml"
+    of_controller = FreedScenario.of(grey, {}, None)
+    assert of_controller.drop_levels == of_controller.own.tables.components["controller"].options["drop_levels"] > 1
+    assert FreedScenario.of(grey, {}, 1).drop_levels == 1
+    assert FreedScenario.of(CUBOID, {}, None).drop_levels == 1
+    assert FreedScenario.of(CUBOID, {}, 5).seeded(4).tables.components["controller"].options == {"drop_levels": 5}
+    code = inkloop_lab.LayerEnv(CUBOID, drop_levels=5)._code
+    assert code == ActionCode((12, 12), 1, 5)
+
+
+MASK = np.zeros((8, 4), np.bool_)
+MASK[1:6, 1:3] = True
+
+
+def job(inks: int = 1) -> Job:
+    return Job(8, 4, 1e-4, np.where(MASK, 20e-6, 0.0), MASK, (Ink(), Ink(9e-6, 0.0, 0.0))[:inks])
+
+
+def panels(height: Any, pattern: Any, inks: int = 1) -> tuple[Any, Any]:
+    """The colours of each cell (nx, ny, 3), of the surface and of the pattern."""
+    image = frame(height, pattern, job(inks))
+    assert image.dtype == np.uint8
+    assert image.shape == (4 * 32, 17 * 32, 3)  # 256 pixels for the longer side, a cell as wide as high
+    cells = image[16::32, 16::32][::-1].transpose(1, 0, 2)
+    assert (cells[8] == 255).all()
+    return cells[:8], cells[9:]
+
+
+def test_high_cells_are_red_and_low_ones_blue_about_the_mean() -> None:
+    height = job().target_height + 3e-6 * MASK  # all of it too high: nothing is uneven
+    height[2, 1] += 9 * 7.6e-6 / 9
+    height[4, 2] -= 9 * 7.6e-6 / 9
+    surface, _ = panels(height, np.zeros((8, 4), np.int32))
+    np.testing.assert_array_equal(
+        panels(height, np.zeros((8, 4), np.int32), 2)[0], surface
+    )  # layers are of the first ink
+    assert tuple(surface[3, 1]) == (247, 247, 247)
+    half = {(2, 1): (178, 24, 43), (4, 2): (33, 102, 172)}  # one layer of the two that the colours span
+    for cell, end in half.items():
+        np.testing.assert_allclose(surface[cell].astype(float), (247 + np.array(end)) / 2, atol=0.51)
+    assert {tuple(colour) for colour in surface[~MASK]} == {(230, 230, 230)}
+    height[2, 1] += 1.0
+    clipped, _ = panels(height, np.zeros((8, 4), np.int32))
+    assert tuple(clipped[2, 1]) == (178, 24, 43)
+
+
+@pytest.mark.parametrize("inks", [1, 2])
+def test_droplets_have_the_colour_of_their_ink(inks: int) -> None:
+    pattern = np.zeros((8, 4), np.int32)
+    pattern[2, 1], pattern[5, 2] = 1, inks
+    _, droplets = panels(job().target_height, pattern, inks)
+    assert tuple(droplets[2, 1]) == (40, 40, 40)
+    assert tuple(droplets[5, 2]) == ((40, 40, 40) if inks == 1 else (200, 120, 20))
+    assert tuple(droplets[3, 1]) == (247, 247, 247)
+    assert tuple(droplets[0, 0]) == (230, 230, 230)

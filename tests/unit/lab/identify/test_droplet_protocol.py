@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.command import _share
 from inkloop_lab.identify.droplet_protocol import identify_by_protocol, motif_centres
-from inkloop_lab.identify.print_record import noise_of
+from inkloop_lab.identify.print_record import IdentificationError, noise_of
 from inkloop_lab.identify.volume_area_coefficients import (
     TWO_PRIOR,
     DropSample,
@@ -20,7 +19,7 @@ from inkloop_lab.identify.volume_area_coefficients import (
     identify_volume_area,
 )
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition
-from inkloop_lab.reproduce.synthetic_profiles import NOISE, PIXELS, experiments, liquid
+from inkloop_lab.reproduce.wu_chiu import NOISE, PIXELS, experiments, liquid
 from support.logged_print import made_up
 from support.numpy import wu_chiu_numpy
 

@@ -7,12 +7,10 @@ import pytest
 
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.expected_increments import expected_rates, expected_share
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
-from inkloop_lab.identify.print_record import noise_of
-from inkloop_lab.identify.run_record import record_of
+from inkloop_lab.identify.print_record import IdentificationError, noise_of, record_of
 from inkloop_lab.identify.surface_filter import start_surface
 from inkloop_lab.models import LayerDeposition, YoungLaplaceDeposition
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
@@ -48,11 +46,6 @@ def test_rates_of_a_known_surface_are_the_layer_map(heights, passes) -> None:
     model = LayerDeposition(heights, passes)
     after = model.layer(model.start(height), pattern.astype(np.int32)).height
     assert height + np.tensordot(np.array(heights), rates) == pytest.approx(after, rel=1e-12, abs=0.0)
-
-
-def test_exact_scans_give_the_ink_exactly() -> None:
-    found = identify_ink([made_up(LU, random_layers(14, 12, 4, 0))], 0.0)
-    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from inkloop.metrology.registration import Registration
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.log_folder import read_log
-from inkloop_lab.identify.print_record import PrintRecord
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.identify.scan_hypotheses import LAGS, TURNS, first_shift
 from support.logged_print import CELL, PITCH, log
 from support.lying_scans import profiler as rig

@@ -14,12 +14,11 @@ import pytest
 
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop_lab.errors import IdentificationError
 from inkloop_lab.identify import designs, scan_registration
 from inkloop_lab.identify.identification import identify
 from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
-from inkloop_lab.identify.print_record import PrintRecord
-from inkloop_lab.identify.run_record import record_of as record_of_run
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
+from inkloop_lab.identify.print_record import record_of as record_of_run
 from inkloop_lab.identify.scan_geometry import TERMS, ScanGeometry
 from inkloop_lab.identify.scan_registration import register
 from inkloop_lab.identify.surface_filter import innovations

@@ -12,21 +12,17 @@ from tools.figures import the_papers
 
 from inkloop.cli import main
 from inkloop.component import Job
-from inkloop_lab.models import LayerDeposition
 from inkloop_lab.reproduce import (
     PAPERS,
-    cuboids,
-    droplet_spacing,
-    layer_growth,
-    recovery,
+    lu,
+    prints,
     single_droplet,
     square,
     wu_chiu,
 )
 from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
 from inkloop_lab.reproduce.finite_elements import solve, triangles
-from inkloop_lab.reproduce.hume_rosen import time_scales
-from inkloop_lab.reproduce.liquid import Liquid
+from inkloop_lab.reproduce.hume_rosen import Liquid, time_scales
 from support.long_proofs import rest_is_long
 
 
@@ -77,31 +73,31 @@ def test_liquids_outside_the_quasi_static_model_are_refused_with_the_reason() ->
 
 
 def test_edges_shrink_as_section_3c_states() -> None:
-    assert {row.reproduced for row in layer_growth.find(True).rows if row.printed is not None} == {"yes"}
+    assert {row.reproduced for row in lu.edges(True).rows if row.printed is not None} == {"yes"}
 
 
 def test_dome_of_the_cuboid_is_the_recorded_one() -> None:
-    found = ours(layer_growth.find(True))
+    found = ours(lu.edges(True))
     row = [found[f"Fig. 21, 22: cuboid, 4 layers: middle row, droplet {k}"] for k in range(1, 6)]
-    assert row == pytest.approx(layer_growth.DOME, abs=5e-4)
+    assert row == pytest.approx(lu.DOME, abs=5e-4)
     assert found["Fig. 21, 22: cuboid, 4 layers: corner droplet"] == pytest.approx(24.536, abs=5e-4)
 
 
 def test_a_pattern_that_made_a_surface_is_found_again() -> None:
-    rows = recovery.find(True).rows
+    rows = lu.recovery(True).rows
     assert [row.ours for row in rows] == [10.0, 10.0]
     assert [row.reproduced for row in rows] == ["yes", "-"]  # the paper prints a figure for its own search
 
 
 def test_what_a_controller_commands_is_no_droplet_once_nothing_is_missing() -> None:
     job = Job(6, 6, 1e-4, np.full((6, 6), 5e-6), np.ones((6, 6), dtype=np.bool_))
-    assert not recovery.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), 5e-6)).any()
-    assert recovery.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), -50e-6)).all()
+    assert not lu.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), 5e-6)).any()
+    assert lu.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), -50e-6)).all()
 
 
 def test_a_layer_is_as_even_from_0_58_to_0_66_as_at_the_papers_spacing() -> None:
-    best, least, largest = droplet_spacing.find(False).rows[:3]
-    assert droplet_spacing.CHOSEN not in droplet_spacing.SWEEP
+    best, least, largest = lu.spacing(False).rows[:3]
+    assert lu.CHOSEN not in lu.SWEEP
     assert (least.ours, largest.ours) == (0.58, 0.66)
     assert least.ours <= best.ours <= largest.ours
 
@@ -134,7 +130,7 @@ def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> 
 
 def test_the_record_holds_the_figures_of_the_present_code() -> None:
     """Of the steps that take moments; `tools/figures/the_papers.py` writes all of them."""
-    steps = (layer_growth.find, droplet_spacing.find, wu_chiu.printed_sample, time_scales)
+    steps = (lu.edges, lu.spacing, wu_chiu.printed_sample, time_scales)
     record = recorded_rows()
     for row in (row for step in steps for row in step(False).rows):
         assert list(row.cells) in record
@@ -149,10 +145,10 @@ def test_size_of_a_mean_error_is_not_called_mean_error() -> None:
 def test_width_of_a_block_is_where_it_is_half_as_high() -> None:
     block = np.zeros((12, 12))
     block[2:-2, 2:-2] = 22.8
-    assert cuboids.width(block, 0) == pytest.approx(8.0, rel=1e-9, abs=0.0)
+    assert prints.width(block, 0) == pytest.approx(8.0, rel=1e-9, abs=0.0)
     block[1, :] = 11.4  # half of the next cell on one side
-    assert cuboids.width(block, 0) == pytest.approx(8.5, rel=1e-9, abs=0.0)
-    assert cuboids.width(block, 1) == pytest.approx(8.0, rel=1e-9, abs=0.0)
+    assert prints.width(block, 0) == pytest.approx(8.5, rel=1e-9, abs=0.0)
+    assert prints.width(block, 1) == pytest.approx(8.0, rel=1e-9, abs=0.0)
 
 
 def test_cap_is_the_exact_one_in_the_middle_and_at_the_rim() -> None:
@@ -285,10 +281,3 @@ def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -
     found = [middle, end_width, end_angle, side_width, side_angle, square.ridge(surface), square.corner(surface)]
     assert found == pytest.approx([185.3, 154.6, 44.1, 34.3, 78.1, 200.5, 80.0], rel=0.05, abs=0.0)
     assert square.outside(surface) < 0.005
-
-
-def test_models_of_the_line_lose_what_runs_over_the_sides() -> None:
-    """Section III-C takes a line without neighbours: what it gives sideways is gone."""
-    line = LayerDeposition(heights=((4.4e-6, 0.6e-6, 0.0),))
-    after = line.layer(line.start(np.zeros((5, 1))), np.ones((5, 1), dtype=np.int32))
-    assert after.lost == pytest.approx((5 * 2 + 2) * 0.6e-6, rel=1e-9, abs=0.0)

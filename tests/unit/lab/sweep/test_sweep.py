@@ -1,9 +1,9 @@
-"""Studies without prints: what a file asks for, what is printed next, and the file that comes of it."""
+"""Studies without prints: what is printed next, and the files that come of it."""
 
 from __future__ import annotations
 
 import io
-import math
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,25 +11,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.stats
 import xarray as xr
 
-from inkloop.errors import ResultError, ScenarioError
+from inkloop.errors import ResultError
 from inkloop.report.terminal import Terminal
 from inkloop.results import netcdf
-from inkloop.results.result import Result
-from inkloop.scenario.file import Scenario
 from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.distributions import Distribution, distribution
-from inkloop_lab.sweep.figures import Expression
-from inkloop_lab.sweep.optimise import OptimisePlan
-from inkloop_lab.sweep.plan import standard_error
+from inkloop_lab.sweep.dataset import coordinate
+from inkloop_lab.sweep.figures import METRICS
+from inkloop_lab.sweep.folder import StudyFolder
+from inkloop_lab.sweep.plan import PointsPlan, seeds_wanted, standard_error
 from inkloop_lab.sweep.report import report
-from inkloop_lab.sweep.sensitivity import indices
-from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Order, Record, Task, failed, name_of, perform
-from support.places import SCENARIOS
-from support.sweeps import ISHIGAMI, SCENARIO, Shuffled, ishigami, record, study, swept
+from inkloop_lab.sweep.tables import Until
+from inkloop_lab.sweep.task import Record, Task, failed
+from support.sweeps import SCENARIO, Shuffled, record, study, swept
 
 TWO_KEYS = """
 [vary]
@@ -43,125 +38,6 @@ def alpha_of(task: Task) -> Record:
     if task.replicate == 2 and task.overrides["components.controller.finish"] == "fast":
         return failed(task, "controller: gave up")
     return record(task, std=1e-6 * (task.overrides["components.controller.alpha"] + task.seed), layers=3.0)
-
-
-def test_all_errors_of_a_study_are_reported_at_once(tmp_path: Path) -> None:
-    faulty = """
-metrc = "std"
-[vary]
-"components.controller.alfa" = [0.5]
-"components.controler.horizon" = [1, 2]
-"part.height_um" = [10.0, -3.0]
-"run.layers_max" = 4
-[sample]
-metod = "sobol"
-points = 16
-"components.printer.variation" = { unifrm = [0.0, 0.4] }
-"components.profiler.noise_std_um" = { uniform = [2.0, 0.4] }
-[seeds]
-count = 3
-until = { metric = "mae", standard_error = 0.1 }
-[optimise]
-minimise = "mae + layers"
-trials = 0
-"""
-    with pytest.raises(ScenarioError) as caught:
-        study(tmp_path, faulty)
-    text, expected = str(caught.value), (
-        "metrc is not a key of this table; did you mean metric?",
-        'vary."components.controller.alfa": components.controller.alfa is not a key of this table; did you mean alpha?',
-        "there is no components.controler; did you mean components.controller?",
-        'vary."part.height_um": part.height_um is -3.0; expected greater than 0',
-        'vary."run.layers_max" is 4; expected a list of values',
-        "sample.\"metod\" is 'sobol'; did you mean method?",
-        'sample."components.printer.variation" has unifrm, which is no distribution; did you mean uniform?',
-        "uniform is [2.0, 0.4]; expected [low, high] with low below high",
-        "mae is a length: give standard_error_um, not standard_error",
-        "has mae, which is no metric with its unit; write mae_um",
-        "optimise.trials is 0; expected greater than or equal to 1",
-    )  # fmt: skip
-    assert [part for part in expected if part not in text] == []
-    assert len(caught.value.errors) == len(expected)
-
-
-def test_keys_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
-    faulty = """
-[vary]
-"grid.nx" = [12, 14]
-"seed" = [1, 2]
-"components.printer.variation" = [0.1, 0.2]
-[sample]
-method = "sobol-indices"
-points = 6
-"components.printer.variation" = { uniform = [0.0, 0.4] }
-[keep]
-maps = "final"
-"""
-    with pytest.raises(ScenarioError) as caught:
-        study(tmp_path, faulty)
-    assert [error.partition(";")[0] for error in caught.value.errors] == [
-        '"components.printer.variation" is in vary and in sample',
-        '"seed" is what [seeds] gives to each print',
-        "sample.points is 6",
-        "sample.points is 6",
-        'keep.maps is "final", in one array, but grid.nx changes the grid',
-    ]
-
-
-def test_value_that_fits_with_another_key_only_is_no_error_of_the_study(tmp_path: Path) -> None:
-    text = '[vary]\n"part.size_x_um" = [2106.048, 4000.0]\n"grid.nx" = [12, 18]\n'
-    assert study(tmp_path, text).count == 4
-    with pytest.raises(ScenarioError, match=r'vary."part.size_x_um": '):
-        study(tmp_path, text.replace("12, 18", "12, 13"))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "__import__('os')",
-        "mae_um + True",
-        "mae_um.real",
-        "(lambda: 1)()",
-        "[mae_um]",
-        "mae_um if 1 else 2",
-        "max()",
-        "abs(x=1)",
-        "",
-        "1 +",
-    ],
-)
-def test_expression_takes_arithmetic_only(text: str) -> None:
-    with pytest.raises(ValueError, match=r"expected|no metric"):
-        Expression(text)
-
-
-def test_expression_reads_lengths_in_micrometres() -> None:
-    metrics = {"mae": 2e-6, "std": 1e-6, "layers": 5.0}
-    assert Expression("mae_um + 0.1 * layers ** 2 - max(std_um, -1)")(metrics) == pytest.approx(3.5, rel=1e-12, abs=0.0)
-    assert math.isnan(Expression("sqrt(0 - mae_um)")(metrics))
-    assert math.isnan(Expression("1 / (layers - 5)")(metrics))
-    assert math.isnan(Expression("mismatch + mae_um")(metrics))
-
-
-@pytest.mark.parametrize(
-    ("table", "reference"),
-    [
-        ({"uniform": [1.0, 3.0]}, scipy.stats.uniform(1.0, 2.0)),
-        ({"loguniform": [0.01, 10.0]}, scipy.stats.loguniform(0.01, 10.0)),
-        ({"normal": [2.0, 0.5]}, scipy.stats.norm(2.0, 0.5)),
-        ({"truncated-normal": [2.0, 0.5, 1.0, 2.2]}, scipy.stats.truncnorm(-2.0, 0.4, 2.0, 0.5)),
-        ({"truncated-normal": [0.0, 1.0, 9.0, 10.0]}, scipy.stats.truncnorm(9.0, 10.0)),  # far in the tail
-    ],
-)
-def test_distributions_are_those_of_scipy(table, reference) -> None:
-    shares = np.array([0.0005, 0.1, 0.5, 0.77, 0.999])
-    np.testing.assert_allclose(distribution(table).values(shares), reference.ppf(shares), rtol=1e-9)
-
-
-def test_whole_numbers_and_choices_are_equally_likely() -> None:
-    shares = (np.arange(1200) + 0.5) / 1200
-    assert np.unique(distribution({"integers": [2, 5]}).values(shares), return_counts=True)[1].tolist() == [300] * 4
-    assert Distribution("choice", ("a", "b", "c")).values(shares).count("b") == 400
 
 
 def test_file_does_not_depend_on_the_order_or_on_interruptions(tmp_path: Path) -> None:
@@ -214,18 +90,6 @@ def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path:
     assert "<caption>mean over the seeds, ± its standard error</caption>" in text
 
 
-def test_last_surfaces_are_kept_where_asked(tmp_path: Path) -> None:
-    def surface(task: Task) -> Record:
-        return replace(record(task, std=1e-6), height=np.full((12, 12), 1.0 * task.point))
-
-    own = study(tmp_path, f'{TWO_KEYS}[keep]\nmaps = "final"\n')
-    swept(own, tmp_path / "out", Shuffled(surface, interrupted_after=3))
-    swept(own, tmp_path / "out", Shuffled(surface))
-    height = netcdf.read(tmp_path / "out/sweep.nc")["height"]
-    assert height.dims[-2:] == ("x", "y")
-    np.testing.assert_array_equal(height[..., 4, 5].values.ravel(), np.arange(6.0))
-
-
 def test_print_without_a_whole_file_is_printed_again(tmp_path: Path) -> None:
     own = study(tmp_path, TWO_KEYS)
     whole, _, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))
@@ -271,120 +135,105 @@ def test_until_stops_where_the_standard_error_says(tmp_path: Path) -> None:
     assert max(counts) == 60 > min(counts)
 
 
-def test_indices_of_ishigami_are_within_three_bootstrap_errors(tmp_path: Path) -> None:
-    keys = ("components.printer.variation", "components.profiler.noise_std_um", "components.controller.alpha")
-    lines = "\n".join(f'"{key}" = {{ uniform = [0.0, 0.4] }}' for key in keys)
-    own = study(tmp_path, f'[sample]\nmethod = "sobol-indices"\npoints = 512\n{lines}\n')
+def test_file_says_what_it_holds_and_keeps_the_surfaces_of_earlier_parts(tmp_path: Path) -> None:
+    def surface(task: Task) -> Record:
+        found = replace(record(task, std=2e-6, layers=3.0), height=np.full((12, 12), 1.0 * task.point))
+        return replace(found, wall_s=2.5) if task.replicate else failed(task, "gave up")
 
-    def plant(task: Task) -> Record:
-        return record(task, std=ishigami([math.pi * (task.overrides[key] / 0.2 - 1.0) for key in keys]))
-
-    sweep, _, seen = swept(own, tmp_path / "out", Shuffled(plant, slots=8))
-    assert len(seen) == 2560
-    values = [sweep.sel(metric="std")[name].sel(key=list(keys)).values for name in ("first_order", "total_order")]
-    errors = [sweep.sel(metric="std")[f"{name}_error"].values for name in ("first_order", "total_order")]
-    assert np.all(np.abs(values - ISHIGAMI) <= 3.0 * np.array(errors))
-    assert np.max(errors) < 0.09
-    block, figures = sweep["block"].values, sweep["std"].values[:, 0]
-    ab = np.stack([figures[block == f"AB {key}"] for key in keys])
-    theirs = scipy.stats.sobol_indices(
-        func={"f_A": figures[None, block == "A"], "f_B": figures[None, block == "B"], "f_AB": ab[:, None]}, n=512
-    )
-    np.testing.assert_allclose(values, [np.ravel(theirs.first_order), np.ravel(theirs.total_order)], rtol=1e-9)
-
-
-def test_indices_leave_out_points_whose_prints_failed() -> None:
-    a, b, ab = np.random.default_rng(1).random((3, 64))
-    a[5], b[9] = np.nan, np.nan
-    kept = np.isfinite(a) & np.isfinite(b)
-    found, expected = indices(a, b, ab[None]), indices(a[kept], b[kept], ab[None, kept])
-    assert found.points == 62
-    np.testing.assert_array_equal(found.values, expected.values)
-    assert np.isnan(indices(a[:4], b[:4], ab[None, :4]).values).all()
+    own = study(tmp_path, f'title = "Two"\n{TWO_KEYS}[seeds]\ncount = 2\n[keep]\nmaps = "final"\n')
+    swept(own, tmp_path / "out", Shuffled(surface, interrupted_after=5))
+    swept(own, tmp_path / "out", Shuffled(surface))
+    sweep = netcdf.read(tmp_path / "out/sweep.nc")
+    assert (sweep.attrs["title"], sweep.attrs["study"]) == ("Two", own.text)
+    assert sweep.attrs["scenario"] == SCENARIO.read_text()
+    for axis in ("x", "y"):
+        np.testing.assert_allclose(sweep[axis], np.arange(12) * own.scenario.tables.grid.pitch, rtol=1e-12)
+    assert sweep["height"].dims[-2:] == ("x", "y")
+    assert np.isnan(sweep["height"][:, :, 0]).all()
+    np.testing.assert_array_equal(sweep["height"][:, :, 1, 4, 5].values.ravel(), np.arange(6.0))
+    np.testing.assert_array_equal(sweep["wall_s"][:, :, 1], 2.5)
+    units = {name: sweep[name].attrs["units"] for name in ("std", "layers", "wall_s", "height")}
+    assert units == {"std": "m", "layers": "1", "wall_s": "s", "height": "m"}
+    assert sorted(set(METRICS) & set(sweep)) == ["layers", "std"]
+    assert sweep["std"].attrs["long_name"].startswith("standard deviation of the error")
 
 
-def test_resumed_search_asks_for_the_same_points(tmp_path: Path) -> None:
-    pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
-    text = """
-[optimise]
-minimise = "std_um + 0.1 * layers"
-trials = 16
-[vary]
-"components.controller.horizon" = [1, 2, 3]
-[sample]
-"components.controller.alpha" = { uniform = [0.2, 1.0] }
-[seeds]
-count = 2
-"""
-
-    def valley(task: Task) -> Record:
-        alpha, horizon = (task.overrides[f"components.controller.{name}"] for name in ("alpha", "horizon"))
-        return record(task, std=1e-6 * (alpha - 0.6) ** 2 + 1e-8 * task.seed, layers=float(abs(horizon - 2)))
-
-    own = study(tmp_path, text)
-    whole, plan, _ = swept(own, tmp_path / "whole", Shuffled(valley, slots=1))
-    for engine in (Shuffled(valley, 5, 1, interrupted_after=13), Shuffled(valley, 3, 2)):
-        again, _, _ = swept(own, tmp_path / "parts", engine)
-    xr.testing.assert_identical(whole, again)
-    assert isinstance(plan, OptimisePlan)
-    assert plan.best is not None
-    alphas = whole["components.controller.alpha"].values
-    assert len(np.unique(alphas)) == 16
-    assert plan.settings[plan.best]["components.controller.horizon"] == 2
-    assert abs(alphas[plan.best] - 0.6) < 0.15
+def test_surfaces_that_are_too_large_for_one_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inkloop_lab.sweep.dataset.MAPS_MAX", 6 * 144 * 8 - 1)
+    with pytest.raises(ResultError, match=r'keep.maps: all surfaces have .* GB; write keep.maps = "all"'):
+        swept(study(tmp_path, f'{TWO_KEYS}[keep]\nmaps = "final"\n'), tmp_path / "out", Shuffled(alpha_of))
 
 
-@pytest.mark.parametrize(("aim", "best"), [("minimise", min), ("maximise", max)])
-def test_best_trial_is_the_one_that_the_study_asks_for(aim: str, best: Any, tmp_path: Path) -> None:
-    pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
-    text = f"""
-[optimise]
-{aim} = "layers"
-trials = 4
-[sample]
-"components.controller.alpha" = {{ uniform = [0.2, 1.0] }}
-"""
-
-    def slope(task: Task) -> Record:
-        return record(task, layers=10.0 * task.overrides["components.controller.alpha"])
-
-    _, plan, _ = swept(study(tmp_path, text), tmp_path / "made", Shuffled(slope))
-    assert isinstance(plan, OptimisePlan)
-    assert plan.best is not None
-    assert len(set(plan.values)) == 4
-    assert plan.values[plan.best] == best(plan.values)
+def test_folder_of_another_scenario_or_version_or_of_no_study_is_refused(tmp_path: Path) -> None:
+    own = study(tmp_path, TWO_KEYS)
+    bundle = Bundle.of(own.scenario.text, SCENARIO)
+    StudyFolder(tmp_path, own, bundle)
+    with pytest.raises(ResultError, match="changed since then: the scenario or one of its files"):
+        StudyFolder(tmp_path, own, replace(bundle, text=f"# seen\n{bundle.text}"))
+    state = json.loads((tmp_path / "study.json").read_text())
+    for found, message in (({**state, "schema_version": 3}, "schema version is 3"), ({}, "is no record of a study")):
+        (tmp_path / "study.json").write_text(json.dumps(found))
+        with pytest.raises(ResultError, match=message):
+            StudyFolder(tmp_path, own, bundle)
 
 
-def test_scenario_with_its_files_is_the_same_in_another_folder(tmp_path: Path) -> None:
-    for name in ("lithophane", "bracket"):
-        scenario = Scenario.load(SCENARIOS / f"{name}.toml")
-        bundle = Bundle.of(scenario.text, SCENARIOS / f"{name}.toml")
-        assert bundle.files
-        moved = Scenario.load(bundle.write(tmp_path / name))
-        assert moved.part_sha256 == scenario.part_sha256
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("components.profiler.noise_std_um", "um"),
+        ("components.profiler.scan_duration_s", "s"),
+        ("components.printer.variation", "1"),
+        ("components.printer.layers", "1"),
+    ],
+)
+def test_key_has_the_unit_of_its_name(key: str, unit: str) -> None:
+    assert coordinate(key, "sample", [1.0, 2.0]).attrs["units"] == unit
 
 
-def test_classes_next_to_a_scenario_go_with_it(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("")
-    bundle = Bundle.of('[components.printer]\nkind = "mine:Plant"\n', tmp_path / "mine.toml")
-    assert list(bundle.files) == ["mine.py"]
+def test_values_that_are_no_numbers_are_texts() -> None:
+    assert coordinate("k", "k", ["even", [1, 2], True]).values.tolist() == ["even", "[1, 2]", "true"]
+    assert coordinate("k", "k", [True, False]).values.tolist() == [True, False]
+    assert coordinate("k", "k", [1, 2.5]).values.tolist() == [1.0, 2.5]
 
 
-def test_print_of_a_task_is_that_of_a_run(tmp_path: Path) -> None:
-    overrides = {"components.controller.horizon": 1, "components.controller.annealing_sweeps": 1}
-    task = Task(0, 0, 5, overrides)
-    text = SCENARIO.read_text()
-    found = [perform(Order(text, str(SCENARIO), runs, True), task) for runs in (None, str(tmp_path))]
-    run = Result.load(tmp_path / name_of(task.key))
-    for each in found:
-        assert each.metrics == run.metrics()
-        np.testing.assert_array_equal(each.height, run.final_height)
-    broken = perform(Order(text, str(SCENARIO), None, True), Task(0, 0, 5, {"part.height_um": -1.0}))
-    assert (broken.status, broken.metrics) == ("failed", {})
-    assert "part.height_um is -1.0" in broken.error
+@pytest.mark.parametrize(
+    ("stds", "goal", "most", "more"),
+    [
+        ((1.0, 3.0), 1.0, 99, 0),  # standard error 1
+        ((1.0, 3.0), 0.9, 99, 1),  # 2 / 0.9^2 = 2.5 prints
+        ((1.0, 3.0), 0.5, 99, 2),  # 8 prints, no more than doubled
+        ((1.0, 3.0, 1.0, 3.0), 0.4, 99, 5 - 1),  # standard error 0.577: 8.3 prints, no more than doubled
+        ((1.0, 3.0, 1.0, 3.0), 0.5, 99, 2),  # 5.3 prints
+        ((1.0, 3.0, 1.0, 3.0), 0.4, 6, 2),
+        ((1.0, 3.0, 1.0, 3.0), 0.4, 4, 0),
+        ((1.0, None), 0.1, 99, 0),  # a scatter that nobody knows
+        ((None, None), 0.1, 99, 0),
+        ((1.0, 3.0, None), 0.5, 99, 3),  # 8 prints that do not fail
+    ],
+)
+def test_further_seeds_are_those_that_the_scatter_asks_for(
+    stds: tuple[float | None, ...], goal: float, most: int, more: int
+) -> None:
+    metrics: list[Any] = [{} if std is None else {"std": std * 1e-6, "layers": std} for std in stds]
+    records = [Record(0, number, "done" if each else "failed", each) for number, each in enumerate(metrics)]
+    assert seeds_wanted(records, Until(metric="std", standard_error_um=goal), most) == more
+    assert seeds_wanted(records, Until(metric="layers", standard_error=goal), most) == more
 
 
-def test_shipped_studies_are_valid() -> None:
-    paths = sorted((SCENARIOS / "studies").glob("*.toml"))
-    assert len(paths) >= 3
-    assert all(Study.load(path).tables.title for path in paths)
+def test_plan_counts_the_seeds_that_it_adds(tmp_path: Path) -> None:
+    alpha = "components.controller.alpha"
+    until = '[seeds]\ncount = 2\nmax = 9\nuntil = { metric = "std", standard_error_um = 0.5 }\n'
+    plan = PointsPlan(study(tmp_path, f'[vary]\n"{alpha}" = [0.5, 0.8]\n{until}'))
+    tasks = list(plan.begin())
+    assert [(*task.key, task.overrides[alpha]) for task in tasks] == [
+        (0, 0, 0.5),
+        (0, 1, 0.5),
+        (1, 0, 0.8),
+        (1, 1, 0.8),
+    ]
+    assert plan.total == 4
+    assert not plan.after(record(tasks[3], std=3e-6))
+    further = plan.after(record(tasks[2], std=1e-6))
+    added = [(task.key, task.seed - tasks[2].seed, task.overrides) for task in further]
+    assert added == [((1, 2), 2, {alpha: 0.8}), ((1, 3), 3, {alpha: 0.8})]
+    assert plan.total == 6

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy.stats
+import xarray as xr
 
-from inkloop.errors import ResultError, ScenarioError
+from inkloop.errors import ResultError
 from inkloop.report.terminal import Terminal
 from inkloop_lab.sweep import sensitivity
-from inkloop_lab.sweep.bundle import Bundle
-from inkloop_lab.sweep.folder import StudyFolder
-from inkloop_lab.sweep.optimise import OptimisePlan
+from inkloop_lab.sweep.plan import OptimisePlan
 from inkloop_lab.sweep.report import report
+from inkloop_lab.sweep.sensitivity import indices
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Record, Task, failed
-from support.sweeps import SCENARIO, Shuffled, record, study, swept
+from support.sweeps import ISHIGAMI, Shuffled, ishigami, record, study, swept
 
 ALPHA, FINISH, HORIZON = (f"components.controller.{name}" for name in ("alpha", "finish", "horizon"))
 VARIATION = "components.printer.variation"
@@ -131,6 +133,36 @@ def test_other_search_is_refused_in_the_folder_and_what_changed_is_named(
     swept(study(tmp_path, f'title = "other"\n{SEARCH}'), tmp_path / "out", Shuffled(worth))
 
 
+def test_resumed_search_asks_for_the_same_points(tmp_path: Path) -> None:
+    text = SEARCH.replace('"layers"', '"std_um + 0.1 * layers"').replace("trials = 5\nat_once = 2", "trials = 16")
+    text = text.replace("loguniform = [0.0001", "uniform = [0.2").replace("integers = [1, 2]", "integers = [1, 3]")
+
+    def valley(task: Task) -> Record:
+        alpha, horizon = task.overrides[ALPHA], task.overrides[HORIZON]
+        return record(task, std=1e-6 * (alpha - 0.6) ** 2 + 1e-8 * task.seed, layers=float(abs(horizon - 2)))
+
+    pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
+    own = study(tmp_path, text)
+    whole, plan, _ = swept(own, tmp_path / "whole", Shuffled(valley, slots=1))
+    for engine in (Shuffled(valley, 5, 1, interrupted_after=13), Shuffled(valley, 3, 2)):
+        again, _, _ = swept(own, tmp_path / "parts", engine)
+    xr.testing.assert_identical(whole, again)
+    assert isinstance(plan, OptimisePlan)
+    assert plan.best is not None
+    assert len(np.unique(whole[ALPHA].values)) == 16
+    assert plan.settings[plan.best][HORIZON] == 2
+    assert abs(whole[ALPHA].values[plan.best] - 0.6) < 0.15
+
+
+def reported(own: Study, worth: Any, folder: Path, left: int = -1) -> tuple[int, dict[str, Any], str]:
+    """Failed prints, the figures and the text of a report of a study, interrupted after `left` prints."""
+    found, plan, _ = swept(own, folder, Shuffled(worth, slots=1, interrupted_after=left))
+    figures, shown = dict[str, Any](), io.StringIO()
+    console = Terminal(shown)
+    console.result = lambda **values: figures.update(values)
+    return report(own, found, plan, folder, (), console, is_whole=False), figures, shown.getvalue()
+
+
 def test_report_of_a_search_has_its_best_trial_and_what_failed(tmp_path: Path) -> None:
     def worth(task: Task) -> Record:
         if task.point < 2:
@@ -138,15 +170,72 @@ def test_report_of_a_search_has_its_best_trial_and_what_failed(tmp_path: Path) -
         return record(task, layers=9.0 - task.point)
 
     own = study(tmp_path, SEARCH)
-    found, plan, _ = swept(own, tmp_path / "out", Shuffled(worth))
-    figures: dict[str, Any] = {}
-    console = Terminal(io.StringIO())
-    console.result = lambda **values: figures.update(values)
-    assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 6
+    failures, figures, _ = reported(own, worth, tmp_path / "out")
+    assert (failures, figures["failed"], figures["prints"], figures["indices"]) == (6, 6, 15, None)
     assert figures["interrupted"] is True
-    assert (figures["prints"], figures["failed"], figures["indices"]) == (15, 6, None)
-    assert isinstance(plan, OptimisePlan)
+    plan = search_of(own)
+    ended(plan, worth)
     assert figures["best"] == {"trial": 1, "value": 2.0, "keys": plan.settings[1]}
+
+
+def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
+    def plant(task: Task) -> Record:
+        return failed(task, "gave up") if task.key == (0, 0) else record(task, std=1e-6, layers=2.0)
+
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[seeds]\ncount = 3\n')
+    failures, figures, shown = reported(own, plant, tmp_path / "out", 4)
+    assert (failures, figures["prints"], figures["failed"], figures["best"]) == (1, 4, 1, None)
+    assert "1 print failed: gave up" in shown
+    assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+    sample = f'[sample]\nmethod = "sobol-indices"\npoints = 8\n"{ALPHA}" = {{ uniform = [0.2, 1.0] }}\n'
+    assert reported(study(tmp_path, sample), plant, tmp_path / "none", 0)[0] == 0
+
+
+def test_indices_of_ishigami_are_within_three_bootstrap_errors(tmp_path: Path) -> None:
+    keys = (VARIATION, "components.profiler.noise_std_um", ALPHA)
+    lines = "\n".join(f'"{key}" = {{ uniform = [0.0, 0.4] }}' for key in keys)
+    own = study(tmp_path, f'[sample]\nmethod = "sobol-indices"\npoints = 512\n{lines}\n')
+
+    def plant(task: Task) -> Record:
+        return record(task, std=ishigami([math.pi * (task.overrides[key] / 0.2 - 1.0) for key in keys]))
+
+    sweep, _, seen = swept(own, tmp_path / "out", Shuffled(plant, slots=8))
+    assert len(seen) == 2560
+    of_std = sweep.sel(metric="std")
+    values = [of_std[name].sel(key=list(keys)).values for name in ("first_order", "total_order")]
+    errors = [of_std[f"{name}_error"].values for name in ("first_order", "total_order")]
+    assert np.all(np.abs(values - ISHIGAMI) <= 3.0 * np.array(errors))
+    assert np.max(errors) < 0.09
+    block, figures = sweep["block"].values, sweep["std"].values[:, 0]
+    ab = np.stack([figures[block == f"AB {key}"] for key in keys])
+    theirs = scipy.stats.sobol_indices(
+        func={"f_A": figures[None, block == "A"], "f_B": figures[None, block == "B"], "f_AB": ab[:, None]}, n=512
+    )
+    np.testing.assert_allclose(values, [np.ravel(theirs.first_order), np.ravel(theirs.total_order)], rtol=1e-9)
+
+
+def test_indices_leave_out_failed_prints_and_need_eight_points_and_a_variance() -> None:
+    a, b, ab = np.random.default_rng(1).random((3, 64))
+    assert np.isfinite(indices(a[:8], b[:8], ab[None, :8]).values).all()
+    assert np.isnan(indices(a[:7], b[:7], ab[None, :7]).values).all()
+    constant = indices(np.ones(64), np.ones(64), np.ones((2, 64)))
+    assert np.isnan(constant.values).all()
+    assert (constant.values.shape, constant.points) == ((2, 2), 64)
+    a[5], b[9] = np.nan, np.nan
+    kept = np.isfinite(a) & np.isfinite(b)
+    found, expected = indices(a, b, ab[None]), indices(a[kept], b[kept], ab[None, kept])
+    assert found.points == 62
+    np.testing.assert_array_equal(found.values, expected.values)
+
+
+def test_intervals_of_indices_are_those_of_95_per_cent() -> None:
+    """The estimates of many points are nearly normal: 3.92 standard errors wide, about the value."""
+    a, b = np.random.default_rng(4).random((2, 2, 400))
+    figures = [2.0 * x + y for x, y in (a, b, (b[0], a[1]), (a[0], b[1]))]
+    found = indices(figures[0], figures[1], np.stack(figures[2:]))
+    np.testing.assert_allclose(found.values, [[0.8, 0.2]] * 2, atol=0.12)
+    np.testing.assert_allclose((found.high - found.low) / found.error, 3.92, rtol=0.08)
+    np.testing.assert_allclose((found.high + found.low) / 2, found.values, atol=0.02)
 
 
 def test_sensitivities_stand_beside_the_value_of_the_other_key_that_they_are_of(
@@ -173,66 +262,17 @@ count = 2
         return record(task, std=1e-6 * task.overrides[ALPHA if task.overrides[FINISH] == "even" else VARIATION])
 
     found, _, _ = swept(study(tmp_path, text), tmp_path / "out", Shuffled(plant, slots=8))
-    of_std = found.sel(metric="std")
     for finish, expected in (("even", [1.0, 0.0]), ("fast", [0.0, 1.0])):
+        of_std = found.sel({"metric": "std", FINISH: finish})
         for name in ("first_order", "total_order"):
-            np.testing.assert_allclose(of_std[name].sel({FINISH: finish}).values, expected, atol=0.45)
-        figures = found["std"].sel({FINISH: finish}).values.mean(axis=-1)  # none of a point of which a print failed
-        blocks = {name: figures[found["block"].values == name] for name in ("A", "B", f"AB {ALPHA}", f"AB {VARIATION}")}
-        a, b, *ab = blocks.values()
-        own = sensitivity.indices(a, b, np.array(ab), 5)
+            np.testing.assert_allclose(of_std[name].values, expected, atol=0.45)
+        figures = of_std["std"].values.mean(axis=-1)  # none of a point of which a print failed
+        a, b, *ab = (figures[found["block"].values == name] for name in ("A", "B", f"AB {ALPHA}", f"AB {VARIATION}"))
+        own = indices(a, b, np.array(ab), 5)
         assert own.points == (31 if finish == "even" else 32)
-        np.testing.assert_array_equal(of_std["total_order_low"].sel({FINISH: finish}), own.low[1])
-        np.testing.assert_array_equal(of_std["first_order_high"].sel({FINISH: finish}), own.high[0])
-        np.testing.assert_array_equal(of_std["first_order_error"].sel({FINISH: finish}), own.error[0])
-    assert found["total_order_low"].attrs["long_name"].startswith("lower end of the 95% interval of the share")
-    assert found["total_order_high"].attrs["long_name"].startswith("upper end of the 95% interval of the share")
-
-
-def test_key_that_holds_another_and_a_search_with_changing_seeds_are_refused(tmp_path: Path) -> None:
-    until = SEARCH.replace("count = 3", 'count = 3\nmax = 5\nuntil = { metric = "layers", standard_error = 1.0 }')
-    with pytest.raises(ScenarioError, match=r"seeds\.until does not go with \[optimise\]") as caught:
-        study(tmp_path, until)
-    assert len(caught.value.errors) == 1
-    text = '[vary]\n"grid" = [{ nx = 14, ny = 14 }]\n"grid.nx" = [13, 14]\n'
-    with pytest.raises(ScenarioError) as caught:
-        study(tmp_path, text)
-    assert '"grid" holds "grid.nx"; keep one of them' in str(caught.value)
-    assert study(tmp_path, f'title = "other"\n{SEARCH}').title == "other"
-
-
-def test_scenario_that_has_changed_is_another_study(tmp_path: Path) -> None:
-    own = study(tmp_path, SEARCH)
-    text = own.scenario.text
-    StudyFolder(tmp_path / "out", own, Bundle.of(text, SCENARIO))
-    with pytest.raises(ResultError, match="changed since then: the scenario or one of its files"):
-        StudyFolder(tmp_path / "out", own, Bundle.of(f"# seen\n{text}", SCENARIO))
-
-
-def test_report_counts_the_prints_that_have_ended(tmp_path: Path) -> None:
-    def plant(task: Task) -> Record:
-        return failed(task, "gave up") if task.key == (0, 0) else record(task, std=1e-6, layers=2.0)
-
-    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[seeds]\ncount = 3\n')
-    found, plan, _ = swept(own, tmp_path / "out", Shuffled(plant, slots=1, interrupted_after=4))
-    figures: dict[str, Any] = {}
-    shown = io.StringIO()
-    console = Terminal(shown)
-    console.result = lambda **values: figures.update(values)
-    assert report(own, found, plan, tmp_path / "out", (), console, is_whole=False) == 1
-    assert (figures["prints"], figures["failed"], figures["best"]) == (4, 1, None)
-    assert "1 print failed: gave up" in shown.getvalue()
-    assert "4 of 6 prints of " in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
-
-
-def test_study_of_indices_that_is_interrupted_before_its_first_print_is_reported(tmp_path: Path) -> None:
-    own = study(tmp_path, f'[sample]\nmethod = "sobol-indices"\npoints = 8\n"{ALPHA}" = {{ uniform = [0.2, 1.0] }}\n')
-    engine = Shuffled(lambda task: record(task, std=1e-6), interrupted_after=0)
-    found, plan, _ = swept(own, tmp_path / "out", engine)
-    assert report(own, found, plan, tmp_path / "out", ("png",), Terminal(io.StringIO()), is_whole=False) == 0
-
-
-def test_points_of_a_sample_go_by_its_seed(tmp_path: Path) -> None:
-    text = f'[sample]\nmethod = "halton"\npoints = 4\nseed = SEED\n"{ALPHA}" = {{ uniform = [0.1, 1.0] }}\n'
-    one, other, same = (list(study(tmp_path, text.replace("SEED", seed)).points()) for seed in ("1", "2", "1"))
-    assert one == same != other
+        np.testing.assert_array_equal(of_std["total_order_low"], own.low[1])
+        np.testing.assert_array_equal(of_std["first_order_high"], own.high[0])
+        np.testing.assert_array_equal(of_std["first_order_error"], own.error[0])
+    for end, words in (("low", "lower"), ("high", "upper")):
+        text = found[f"total_order_{end}"].attrs["long_name"]
+        assert text.startswith(f"{words} end of the 95% interval of the share")

@@ -13,8 +13,7 @@ from inkloop.components.shadow.shadow import Shadow
 from inkloop.course.layer_course import LayerCourse
 from inkloop.course.wiring import contract_connections
 from inkloop.master.master import Master
-from inkloop.report import run_report
-from inkloop.report.formats import PNG
+from inkloop.report import PNG, run_report
 from inkloop.report.remarks import remarks
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import Result

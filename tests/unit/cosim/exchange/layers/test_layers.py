@@ -1,25 +1,32 @@
-"""Folders of bitmaps hold exactly what a run jetted, or what its open loop plans."""
+"""Folders of bitmaps hold exactly what a run jetted, or what its open loop plans, for other readers too."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import struct
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
 from tools import parts
 
 from inkloop.cli import main
-from inkloop.exchange.layers import archive
-from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
+from inkloop.exchange.layers import BITMAP_FORMATS, archive
+from inkloop.exchange.layers.bitmap import encode, stored_pitch
+from inkloop.exchange.layers.patterns import of_open_loop, of_run
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.tables import part_layers as layer_manifest
-from support.bitmap_readers import stored_bits
+from support.bitmap_readers import png_chunks, stored_bits
 from support.places import SCENARIOS
 
 LITTLE = {"components.controller.annealing_sweeps": 0, "run.layers_max": 2}
@@ -109,9 +116,12 @@ def test_drops_of_several_sizes_add_up(split: str | None, tmp_path: Path) -> Non
         assert not np.logical_and.reduce([bits for entry, bits in planes(tmp_path / "out", "bmp")][:2]).any()
 
 
-def test_manifest_describes_the_folder(tmp_path: Path) -> None:
-    result = printed("cuboid")
-    archive.write(of_run(result, "run"), tmp_path / "out", form="png", layers=[2])
+def test_manifest_describes_the_folder(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result, command = printed("cuboid"), ["export", "layers", run_folder, "--layers", "2", "--format", "png"]
+    assert main([*command, "--json", "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    assert "layers 2 to 2, bitmaps: 1" in shown.err
+    assert json.loads(shown.out)["files"] == ["L0002_P1_A.png"]
     manifest = manifest_of(tmp_path / "out")
     assert (manifest["width_pixels"], manifest["height_pixels"]) == (12, 12)
     assert manifest["pitch_x_um"] == pytest.approx(result.dataset.attrs["pitch"] * 1e6, rel=1e-11, abs=0.0)
@@ -155,55 +165,36 @@ def test_planned_patterns_are_those_that_the_open_loop_run_jets(name: str, varia
     assert len(planned.pattern) == run.metrics()["layers"]
 
 
-def test_a_scenario_without_an_open_loop_gets_full_layers_to_its_height() -> None:
-    """A cuboid of 22.8 um in layers of 7.6 um; half a layer is not printed."""
+def test_a_scenario_without_an_open_loop_gets_full_layers_to_its_height_else_its_options_count() -> None:
+    """A cuboid in layers of 7.6 um, of which half a one is not printed; two layers, as the comparison run has it."""
     text = (SCENARIOS / "cuboid.toml").read_text().partition("[compare.")[0]
     planned = of_open_loop(Scenario.of_text(text, str(SCENARIOS / "cuboid.toml"), {"part.height_um": 25.0}))
     assert planned.pattern.shape == (3, 12, 12)
     assert np.array_equal(planned.pattern[0], planned.pattern[2])
     assert planned.pattern.sum() == 3 * 64
-
-
-def test_options_of_the_open_loop_count_for_the_plan() -> None:
-    """Two layers, as the comparison run has it, of the three that the height asks for."""
     changes = {"compare": {"open loop": {"components": {"controller": {"layers": 2}}}}}
     assert len(of_open_loop(Scenario.load(SCENARIOS / "cuboid.toml", changes)).pattern) == 2
 
 
-def small() -> Patterns:
-    return of_run(printed("cuboid"), "run")
-
-
-def test_a_failed_export_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_export_leaves_nothing_and_an_existing_folder_is_kept(
+    run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Neither the folder nor a temporary one, whatever ends the writing."""
 
     def interrupt(layer: int) -> None:
         raise KeyboardInterrupt
 
+    patterns = of_run(printed("cuboid"), "run")
     with pytest.raises(KeyboardInterrupt):
-        archive.write(small(), tmp_path / "new" / "out", form="png", layers=[1, 2], on_layer=interrupt)
+        archive.write(patterns, tmp_path / "new" / "out", form="png", layers=[1, 2], on_layer=interrupt)
     assert list((tmp_path / "new").iterdir()) == []
-
-
-def test_an_existing_folder_is_kept(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("kept")
     assert main(["export", "layers", run_folder, "--out", str(tmp_path / "out")]) == 1
     assert "is there already" in capsys.readouterr().err
     with pytest.raises(FileExistsError):
-        archive.write(small(), tmp_path / "out", form="png", layers=[1])
+        archive.write(patterns, tmp_path / "out", form="png", layers=[1])
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine.txt"]
-
-
-def test_command_writes_chosen_layers_of_a_run(
-    run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    assert main(["export", "layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
-    shown = capsys.readouterr()
-    assert "layers 2 to 2, bitmaps: 1" in shown.err
-    assert json.loads(shown.out)["files"] == ["L0002_P1_A.tif"]
-    assert sorted(path.name for path in out.iterdir()) == ["L0002_P1_A.tif", "manifest.json"]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +239,45 @@ def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytes
         assert not (tmp_path / "out").exists()
 
 
-def test_an_unknown_format_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["export", "layers", "run", "--format", "gif"])
-    assert "'tiff', 'png', 'bmp'" in capsys.readouterr().err
+DROPLETS = np.eye(9, 5, dtype=np.bool_)
+
+
+def shown(content: bytes) -> np.ndarray:
+    """(rows, columns), true where the picture is black."""
+    with Image.open(io.BytesIO(content)) as picture:
+        return np.asarray(picture.convert("L")) == 0
+
+
+@pytest.mark.parametrize("form", BITMAP_FORMATS)
+@pytest.mark.parametrize("shape", [(1, 1), (8, 3), (9, 2), (32, 5), (33, 40), (100, 64)])
+def test_bits_survive(form: str, shape: tuple[int, int]) -> None:
+    for share in (0.0, 0.02, 0.5, 1.0):
+        droplets = np.random.default_rng(1).random(shape) < share
+        content = encode(droplets, 263.256e-6, form, "random")
+        assert np.array_equal(stored_bits(content, form), droplets.T)
+        assert np.array_equal(shown(content), droplets.T)
+
+
+@given(st.floats(1e-6, 1e-3))
+def test_resolution_of_tiff_gives_the_pitch(pitch: float) -> None:
+    with tifffile.TiffFile(io.BytesIO(encode(DROPLETS, pitch, "tiff", "F"))) as file:
+        page = file.pages.first
+        assert page.resolutionunit == 3
+        for per_cm in page.resolution:
+            assert 0.01 / per_cm == pytest.approx(pitch, rel=1e-6, abs=0.0)
+        text = page.description
+    assert float(text.partition("pitch_um = ")[2]) == pytest.approx(pitch * 1e6, rel=1e-11, abs=0.0)
+
+
+@given(st.floats(1e-6, 1e-3))
+def test_resolution_of_png_and_bmp_is_the_nearest_whole_number_per_metre(pitch: float) -> None:
+    per_metre = round(1.0 / pitch)
+    chunks = png_chunks(encode(DROPLETS, pitch, "png", "F"))
+    assert struct.unpack(">IIB", chunks[b"pHYs"]) == (per_metre, per_metre, 1)
+    bmp = encode(DROPLETS, pitch, "bmp", "F")
+    assert struct.unpack_from("<ii", bmp, 38) == (per_metre, per_metre)
+    with Image.open(io.BytesIO(encode(DROPLETS, pitch, "png", "F"))) as picture:
+        assert float(picture.info["pitch_um"]) == pytest.approx(pitch * 1e6, rel=1e-11, abs=0.0)
+    for form in ("png", "bmp"):
+        assert stored_pitch(pitch, form) == pytest.approx(1.0 / per_metre, rel=1e-15, abs=0.0)
+        assert stored_pitch(pitch, form) == pytest.approx(pitch, rel=0.6 * pitch, abs=0.0)

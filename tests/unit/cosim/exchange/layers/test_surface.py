@@ -13,13 +13,11 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
-from inkloop.exchange.layers import mesh
-from inkloop.geometry import Placement, cell_centers, load
+from inkloop.exchange.layers.surface import floor_of, write_body
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
-from inkloop.results.surface import surface
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
 
@@ -109,17 +107,19 @@ def test_a_body_is_closed_and_has_the_volume_of_the_map(
     form: str, scale: float, shape: tuple[int, int], tmp_path: Path
 ) -> None:
     map_ = rough(shape)
-    mesh.write(tmp_path / "body", map_, form)
+    write_body(tmp_path / "body", map_, form)
     corners = (stl_corners if form == "stl" else glb_corners)(tmp_path / "body") / scale
     check_closed(corners)
-    assert enclosed(corners) == pytest.approx(under(map_, mesh.floor_of(map_)), rel=1e-5, abs=0.0)
+    assert enclosed(corners) == pytest.approx(under(map_, floor_of(map_)), rel=1e-5, abs=0.0)
+    for um, floor in ((10.0, -DX), (-10.0, -1e-5 - DX)):  # a pixel below all
+        assert floor_of(HeightMap(np.full((2, 2), um * 1e-6), DX, DY)) == pytest.approx(floor, rel=1e-12, abs=0.0)
 
 
 def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
     """In STL in mm with z up; in GLB in m with y up, so that the grid's y is -z."""
     map_ = rough()
-    mesh.write(tmp_path / "body.stl", map_, "stl")
-    mesh.write(tmp_path / "body.glb", map_, "glb")
+    write_body(tmp_path / "body.stl", map_, "stl")
+    write_body(tmp_path / "body.glb", map_, "glb")
     i, j = np.indices(map_.shape)
     upright = np.column_stack([i.ravel() * DX, j.ravel() * DY, map_.z.ravel()])
     turned = np.column_stack([upright[:, 0], upright[:, 2], -upright[:, 1]])
@@ -131,49 +131,14 @@ def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
         assert {tuple(corner) for corner in expected.astype(np.float32) + np.float32(0.0)} <= found
 
 
-def test_a_body_read_as_a_part_has_the_surface_as_its_top(tmp_path: Path) -> None:
-    """In every column but those on its walls, which belong to one side of it only."""
-    map_ = HeightMap(rough((9, 7)).z, DX, DX)
-    mesh.write(tmp_path / "body.stl", map_, "stl")
-    part = load(tmp_path / "body.stl", 9, 7, DX, unit="mm", placement=Placement("as-is"))
-    tops = part.top(*cell_centers(9, 7, DX))
-    assert tops[1:-1, 1:-1] == pytest.approx(map_.z[1:-1, 1:-1], rel=1e-6, abs=1e-11)
-    assert part.counts[1:-1, 1:-1].max() == part.counts[1:-1, 1:-1].min() == 1
-
-
-def test_the_floor_is_a_pixel_below_all() -> None:
-    assert mesh.floor_of(HeightMap(np.full((2, 2), 1e-5), DX, DY)) == pytest.approx(-DX, rel=1e-12, abs=0.0)
-    assert mesh.floor_of(HeightMap(np.full((2, 2), -1e-5), DX, DY)) == pytest.approx(-1e-5 - DX, rel=1e-12, abs=0.0)
-
-
 def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None:
     z = rough().z.copy()
     z[2, 2] = np.nan
     with pytest.raises(ResultError, match="1 of 24 cells have no height"):
-        mesh.write(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
+        write_body(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
     with pytest.raises(ResultError, match="needs 2 x 2"):
-        mesh.write(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
+        write_body(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_surface_is_the_layer_of_the_run() -> None:
-    run = printed().dataset
-    for layer in (0, 1, 2):
-        assert np.array_equal(surface(printed().dataset, "run", layer=layer).z, run.height.values[layer])
-    assert np.array_equal(surface(printed().dataset, "run").z, run.height.values[2])
-    target = surface(printed().dataset, "run", name="target", part=True)
-    assert np.array_equal(target.z, run.target_height.where(run.mask).values, equal_nan=True)
-
-
-def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
-    """Also where the run took its surface from the scans, as with a real printer."""
-    run = printed().dataset
-    scanned = surface(printed().dataset, "run", name="measured", layer=1)
-    expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
-    assert np.array_equal(scanned.z, expected, equal_nan=True)
-    assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
-    taken = run.height.copy(data=run.measured_height.values).assign_attrs(source="measured_height")
-    assert np.array_equal(surface(run.assign(height=taken), "run", layer=1).z, expected, equal_nan=True)
 
 
 @pytest.mark.parametrize(("form", "options"), [("sdf", {}), ("x3p", {}), ("tif", {}), ("npy", {"unit": "m"})])
@@ -216,32 +181,15 @@ def test_a_filled_part_becomes_a_body(run_folder: str, tmp_path: Path, capsys: p
     filled = HeightMap(np.where(run.mask.values, run.height.values[-1], 0.0), run.attrs["pitch"], run.attrs["pitch"])
     corners = stl_corners(tmp_path / "part.stl") * 1e-3
     check_closed(corners)
-    assert enclosed(corners) == pytest.approx(under(filled, mesh.floor_of(filled)), rel=1e-5, abs=0.0)
+    assert enclosed(corners) == pytest.approx(under(filled, floor_of(filled)), rel=1e-5, abs=0.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--layer", "3"], "holds no layer 3; it has layers 0 (the start surface) to 2"),
-        (["--layer", "-1"], "holds no layer -1"),
-    ],
-)
-def test_wrong_layers_are_refused(
-    arguments: list[str], message: str, run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_foreign_folders_missing_layers_and_unknown_formats_are_refused(
+    run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out.npy"
-    assert main(["export", "surface", run_folder, "--format", "npy", *arguments, "--out", str(out)]) == 1
-    assert message in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_a_missing_map_names_those_that_exist() -> None:
-    without = printed().dataset.drop_vars(["height", "estimated_height"])
-    with pytest.raises(ResultError, match="holds no printed surface; it has measured, target"):
-        surface(without, "run")
-
-
-def test_foreign_folders_and_unknown_formats_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "surface", run_folder, "--format", "npy", "--layer", "3", "--out", str(tmp_path / "a")]) == 1
+    assert "holds no layer 3" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
     assert main(["export", "surface", str(tmp_path), "--format", "npy"]) == 1
     assert "holds no run.json" in capsys.readouterr().err
     with pytest.raises(SystemExit):

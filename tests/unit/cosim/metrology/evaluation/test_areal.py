@@ -9,11 +9,25 @@ import numpy as np
 import pytest
 
 from inkloop.errors import HeightMapError
-from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, symbols
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, Treatment, symbols
 from inkloop.metrology.evaluation.subject import Subject
+from inkloop.metrology.evaluation.surface import Refusal, s_filtered
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
-from support.evaluated import PERIOD, STEP, A, areal, check_same, map_of, number, reason, rough, surface_of, wave
+from inkloop.metrology.height_map import HeightMap
+from support.evaluated import (
+    PERIOD,
+    STEP,
+    A,
+    areal,
+    check,
+    check_same,
+    map_of,
+    number,
+    reason,
+    rough,
+    texture,
+    wave,
+)
 
 OPERATIONS = ("none", "plane", "form")
 
@@ -22,42 +36,22 @@ def test_a_sinusoid_has_its_closed_forms() -> None:
     """Sampled exactly: sum |sin| over a period of n is 2 cot(pi / n); neighbours differ by 2 sin(pi / n) cos(...)."""
     found = areal(map_of(wave()), f_operation="none")
     expected = {"Sa": 2.0 * A / (PERIOD * tan(pi / PERIOD)), "Sq": A / sqrt(2.0), "Sp": A, "Sv": A, "Sz": 2.0 * A}
-    for symbol, value in (expected | {"Sku": 1.5}).items():
-        assert number(found, symbol) == pytest.approx(value, rel=1e-12, abs=0.0), symbol
+    check(found, expected | {"Sku": 1.5})
     assert number(found, "Ssk") == pytest.approx(0.0, abs=1e-12)
     whole = areal(map_of(wave(2 * PERIOD + 1)), f_operation="none")  # whole periods of differences
-    slope = A / STEP * 2.0 * sin(pi / PERIOD) / sqrt(2.0)
-    assert number(whole, "Sdq") == pytest.approx(slope, rel=1e-12, abs=0.0)
+    check(whole, {"Sdq": A / STEP * 2.0 * sin(pi / PERIOD) / sqrt(2.0)})
 
 
-def test_gradients_converge_to_those_of_the_smooth_sinusoid() -> None:
-    """Sdq = 2 pi A / (sqrt(2) length); Sdr is the mean of sqrt(1 + z'^2) - 1, integrated here."""
-    amplitude, length, cells = 5e-5, 4e-4, 400
-    x = np.arange(cells + 1) * length / cells
-    z = np.repeat(amplitude * np.sin(2 * pi * x / length)[:, None], 3, axis=1)
-    found = areal(map_of(z, length / cells, 1e-3), f_operation="none")
-    slope = 2 * pi * amplitude / length
-    fine = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
-    assert number(found, "Sdq") == pytest.approx(slope / sqrt(2.0), rel=1e-4, abs=0.0)
-    ratio = np.mean(np.sqrt(1 + (slope * np.cos(fine)) ** 2) - 1)
-    assert number(found, "Sdr") == pytest.approx(ratio, rel=1e-4, abs=0.0)
-
-
-def test_a_tilted_plane_is_its_slope_and_vanishes_by_the_plane() -> None:
+def test_a_tilted_plane_vanishes_by_the_plane_and_a_paraboloid_by_the_second_order() -> None:
     i, j = np.indices((12, 9))
     z = 0.3 * STEP * i - 0.4 * 2 * STEP * j
     tilted = areal(map_of(z, STEP, 2 * STEP), f_operation="none")
-    assert number(tilted, "Sdq") == pytest.approx(0.5, rel=1e-12, abs=0.0)
-    assert number(tilted, "Sdr") == pytest.approx(sqrt(1.25) - 1.0, rel=1e-12, abs=0.0)
+    check(tilted, {"Sdq": 0.5, "Sdr": sqrt(1.25) - 1.0})
     for operation in ("plane", "form"):
         flat = areal(map_of(z, STEP, 2 * STEP), f_operation=operation)
-        assert [number(flat, symbol) for symbol in ("Sa", "Sq", "Sz", "Sk", "Spk", "Vvc", "Sdq")] == [0.0] * 7
+        check(flat, dict.fromkeys(("Sa", "Sq", "Sz", "Sk", "Spk", "Vvc", "Sdq"), 0.0))
         for symbol in ("Ssk", "Sku", "Sal", "Str", "Std"):
             assert "flat" in reason(flat, symbol)
-
-
-def test_a_paraboloid_vanishes_by_the_second_order() -> None:
-    i, j = np.indices((12, 9))
     z = 1e-9 * (3.0 * i * i - 2.0 * i * j + j * j + 7.0 * j)
     assert number(areal(map_of(z), f_operation="form"), "Sz") == 0.0
     assert number(areal(map_of(z), f_operation="plane"), "Sz") > 1e-8
@@ -78,12 +72,9 @@ def test_two_levels_have_their_closed_forms(share: float) -> None:
     z = np.zeros((10, 10))
     z.flat[: round(share * 100)] = A
     found, spread = areal(map_of(z), f_operation="none"), share * (1.0 - share)
-    assert number(found, "Sa") == pytest.approx(2.0 * A * spread, rel=1e-12, abs=0.0)
-    assert number(found, "Sq") == pytest.approx(A * sqrt(spread), rel=1e-12, abs=0.0)
-    assert number(found, "Sp") == pytest.approx(A * (1.0 - share), rel=1e-12, abs=0.0)
-    assert number(found, "Sv") == pytest.approx(A * share, rel=1e-12, abs=0.0)
-    assert number(found, "Ssk") == pytest.approx((1.0 - 2.0 * share) / sqrt(spread), rel=1e-9, abs=1e-12)
-    assert number(found, "Sku") == pytest.approx((1.0 - 3.0 * spread) / spread, rel=1e-9, abs=0.0)
+    expected = {"Sa": 2.0 * A * spread, "Sq": A * sqrt(spread), "Sp": A * (1.0 - share), "Sv": A * share}
+    expected |= {"Ssk": (1.0 - 2.0 * share) / sqrt(spread), "Sku": (1.0 - 3.0 * spread) / spread}
+    check(found, expected, rel=1e-9, abs=1e-12)
 
 
 def test_a_single_tip_has_the_area_of_its_pyramid() -> None:
@@ -92,9 +83,8 @@ def test_a_single_tip_has_the_area_of_its_pyramid() -> None:
     z[4, 4] = STEP
     found = areal(map_of(z), f_operation="none")
     triangles = [1.0, 2.0, 1.0, 0.0]  # |grad z|^2 of the four triangles of a square at the tip
-    assert number(found, "Sdq") == pytest.approx(sqrt(4 * sum(triangles) / 4 / 64), rel=1e-12, abs=0.0)
-    ratio = 4 * sum(sqrt(1 + g) - 1 for g in triangles) / 4 / 64
-    assert number(found, "Sdr") == pytest.approx(ratio, rel=1e-12, abs=0.0)
+    ratio = sum(sqrt(1 + g) - 1 for g in triangles) / 64
+    check(found, {"Sdq": sqrt(sum(triangles) / 64), "Sdr": ratio})
 
 
 @pytest.mark.parametrize("filters", [{}, {"s_filter": 13e-5, "l_filter": 30e-5}])
@@ -130,24 +120,62 @@ def test_a_mask_is_the_same_cells_cut_out(f_operation: FOperation, filters: dict
     check_same(apart, cut, rel=1e-7)
 
 
-def test_cells_without_a_height_are_left_out() -> None:
-    z = rough()
-    holes = np.random.default_rng(4).random(z.shape) < 0.1
-    surface = surface_of(map_of(np.where(holes, np.nan, z)), f_operation="none")
-    heights = z[~holes] - z[~holes].mean()
-    assert np.array_equal(surface.used, ~holes)
-    found = areal(map_of(np.where(holes, np.nan, z)), f_operation="none")
-    assert number(found, "Sq") == pytest.approx(heights.std(), rel=1e-12, abs=0.0)
-    assert number(found, "Sp") == pytest.approx(heights.max(), rel=1e-12, abs=0.0)
-    assert number(found, "Sv") == pytest.approx(-heights.min(), rel=1e-12, abs=0.0)
-
-
 def test_too_little_to_evaluate_is_refused() -> None:
-    z = rough()
-    assert "49 cells have a height; needs 50" in reason(areal(map_of(z[:7, :7])), "Sa")
-    holes = np.where(np.arange(17) % 4 == 0, np.nan, z)
-    assert "of 408 cells have no height; at most 20% may lack one" in reason(areal(map_of(holes)), "Vmp")
+    z, mask = rough((7, 10)), np.zeros((7, 10), bool)
+    mask[:5] = True
+    assert number(areal(map_of(z), mask), "Sa") > 0.0
+    mask[0, 0] = False
+    assert reason(areal(map_of(z), mask), "Sa") == "49 cells have a height; needs 50: take a larger mask or map"
+    z[0] = z[1, :4] = np.nan  # 14 of 70 are a fifth
+    assert number(areal(map_of(z)), "Sa") > 0.0
+    z[1, 4] = np.nan
+    assert reason(areal(map_of(z)), "Vmp").startswith("15 of 70 cells have no height; at most 20% may lack one")
     with pytest.raises(HeightMapError, match="mask"):
         areal(map_of(z), np.ones((3, 3), bool))
     assert "one line" in reason(areal(map_of(wave(60, 1))), "Sa")
     assert "no four neighbouring cells" in reason(areal(map_of(wave(60, 1)), f_operation="none"), "Sdq")
+
+
+def test_treatment_is_told_for_each_group() -> None:
+    plain, both = Treatment(), Treatment("form", 2.5e-6, 8e-5, 0)
+    assert str(plain) == "taken off: least-squares plane; no filter"
+    assert "S-filter 2.5 µm, L-filter 80 µm (Gaussian, regression order 0)" in str(both)
+    assert both.of("areal") == str(both) != str(plain)
+    assert both.of("form") == "nothing taken off; S-filter 2.5 µm (Gaussian, regression order 0)"
+    assert both.of("volume") == "nothing taken off; no filter"
+    assert plain.of("form") == "nothing taken off; no filter"
+
+
+def test_s_filter_keeps_gaps_and_makes_no_edge_of_them() -> None:
+    z = np.full((12, 12), 5e-6)
+    z[4, 4] = np.nan
+    found = s_filtered(map_of(z), Treatment(s_filter=5e-5))
+    assert isinstance(found, HeightMap)
+    assert np.argwhere(np.isnan(found.z)).tolist() == [[4, 4]]
+    np.testing.assert_allclose(found.z[np.isfinite(found.z)], 5e-6, rtol=1e-9)
+    assert found.source == "test"
+    assert isinstance(s_filtered(map_of(z), Treatment(s_filter=1.0)), Refusal)
+    same = map_of(z)
+    assert s_filtered(same, Treatment()) is same
+
+
+def test_surface_topography_agrees_on_rectangles() -> None:
+    topography = pytest.importorskip("SurfaceTopography", reason="needs inkloop[metrology]").Topography
+    # its gradients are those of one triangle a square, which does not matter where the map repeats itself
+    z = np.pad(rough((40, 30)), ((0, 1), (0, 1)), mode="wrap")
+    for f_operation, detrending in {"none": "center", "plane": "height", "form": "curvature"}.items():
+        other = topography(z, physical_sizes=(41 * STEP, 31 * STEP), unit="m").detrend(detrending)
+        found = areal(map_of(z), f_operation=f_operation)
+        assert number(found, "Sq") == pytest.approx(other.rms_height_from_area(), rel=1e-6, abs=0.0)
+        if f_operation != "form":
+            assert number(found, "Sdq") == pytest.approx(other.rms_gradient(), rel=1e-9, abs=0.0)
+
+    # its bearing area is that of planes between the cells, which does not matter where the surface is smooth
+    smooth = texture((4.0, 4.0), (120, 100))
+    smooth = smooth - smooth.mean()
+    other = topography(smooth, physical_sizes=(120 * STEP, 100 * STEP), unit="m")
+    heights = np.linspace(np.quantile(smooth, 0.9, method="hazen"), smooth.max(), 101)
+    ratios = np.array([other.bearing_area(height) for height in heights])
+    assert ratios[0] == pytest.approx(0.1, rel=0.02, abs=0.0)
+    found = areal(map_of(smooth), f_operation="none")
+    assert number(found, "Vmp") == pytest.approx(np.trapezoid(ratios, heights), rel=0.03, abs=0.0)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from inkloop.metrology.evaluation.definitions import symbols
+from inkloop.metrology.evaluation.definitions import Treatment, symbols
+from inkloop.metrology.evaluation.form import minimax
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found
-from inkloop.metrology.evaluation.treatment import Treatment
-from support.evaluated import STEP, Map, check_same, map_of, number, reason, rough
+from support.evaluated import STEP, Map, check, check_same, map_of, number, reason, rough
 
 H = 50e-6
 RADIUS = 20.3 * STEP
@@ -33,26 +33,19 @@ def frustum(angle_deg: float = 60.0, shape: tuple[int, int] = (70, 64)) -> tuple
 
 
 def test_flatness_by_both_methods() -> None:
-    """The plane of a dome k (x^2 + y^2) over a square is level by symmetry, and the zone is its whole height; the zone
-    of rough cells is that of the linear program over all of them.
-    """
+    """The plane of a dome k (x^2 + y^2) over a square is level by symmetry, and the zone is its whole height."""
     places = np.indices((31, 31)) - 15
     dome, i = 1e-9 * (places**2).sum(axis=0), places[0]
     level = form(Subject(map_of(dome + 1e-3 * i * STEP)))
     cosine = 1.0 / sqrt(1.0 + 1e-6)
-    assert number(level, "flatness_ls") == pytest.approx(450e-9 * cosine, rel=1e-9, abs=0.0)
-    assert number(level, "flatness_mz") == pytest.approx(450e-9 * cosine, rel=1e-6, abs=0.0)
+    check(level, {"flatness_ls": 450e-9 * cosine, "flatness_mz": 450e-9 * cosine}, rel=1e-6)
 
     z = rough()
-    terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1), np.full(z.size, -1.0)])
-    others = terms * (-1.0, -1.0, -1.0, 1.0)
-    values = z.ravel() * 1e6
-    solved = linprog(
-        [0, 0, 0, 1], A_ub=np.vstack([terms, others]), b_ub=np.concatenate([values, -values]), bounds=[(None, None)] * 4
-    )
-    tilt = 1.0 / sqrt(1.0 + (solved.x[1] ** 2 + solved.x[2] ** 2) * (1e-6 / STEP) ** 2)
+    terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1)])
+    factors, half = minimax(terms, z.ravel())
     uneven = form(Subject(map_of(z)))
-    assert number(uneven, "flatness_mz") == pytest.approx(2e-6 * solved.x[3] * tilt, rel=1e-6, abs=0.0)
+    expected = 2.0 * half / sqrt(1.0 + (factors[1] ** 2 + factors[2] ** 2) / STEP**2)
+    assert number(uneven, "flatness_mz") == pytest.approx(expected, rel=1e-6, abs=0.0)
     assert number(uneven, "flatness_mz") < number(uneven, "flatness_ls")
 
 
@@ -66,8 +59,7 @@ def test_a_tilted_top_is_flat_and_not_parallel() -> None:
     values = form(Subject(map_of(z), mask))
     cosine = 1.0 / sqrt(1.0 + 0.02**2)
     assert number(values, "flatness_ls") == pytest.approx(0.0, abs=1e-12)
-    for method in ("ls", "mz"):
-        assert number(values, f"parallelism_{method}") == pytest.approx(29 * STEP * slope * cosine, rel=1e-6, abs=0.0)
+    check(values, dict.fromkeys(("parallelism_ls", "parallelism_mz"), 29 * STEP * slope * cosine), rel=1e-6)
 
 
 def test_a_step_on_tilted_ground_has_its_height() -> None:
@@ -75,10 +67,9 @@ def test_a_step_on_tilted_ground_has_its_height() -> None:
     start = np.tensordot([0.003 * STEP, -0.002 * STEP], np.indices(z.shape), axes=1)
     tilted = z + start
     values = form(Subject(map_of(tilted), mask))
-    for method in ("ls", "mz"):
-        assert number(values, f"step_height_{method}") == pytest.approx(H, rel=1e-4, abs=0.0)
+    check(values, {"step_height_ls": H, "step_height_mz": H}, rel=1e-4)
     of_run = form(Subject(map_of(tilted), mask, target=np.where(mask, H, 0.0), start=start))
-    assert number(of_run, "step_height_ls") == pytest.approx(H, rel=1e-4, abs=0.0)
+    check(of_run, {"step_height_ls": H}, rel=1e-4)
 
 
 @pytest.mark.parametrize("angle_deg", [35.0, 60.0])
@@ -106,9 +97,8 @@ def test_an_oval_outline_has_its_roundness_and_a_square_is_no_circle() -> None:
     distance = np.hypot(x / 1.05, y)
     z = np.clip((30 * STEP - distance) + H / 2, 0.0, H)
     oval = form(Subject(map_of(z), z > H / 2))
-    for method in ("ls", "mz"):
-        assert number(oval, f"roundness_{method}") == pytest.approx(1.5 * STEP, rel=0.03, abs=0.0)
-        assert number(oval, f"radius_{method}") == pytest.approx(30.75 * STEP, rel=5e-3, abs=0.0)
+    check(oval, dict.fromkeys(("roundness_ls", "roundness_mz"), 1.5 * STEP), rel=0.03)
+    check(oval, dict.fromkeys(("radius_ls", "radius_mz"), 30.75 * STEP), rel=5e-3)
     oblong = form(Subject(map_of(z[::4], 4 * STEP), z[::4] > H / 2))
     angle = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
     lengths = np.hypot(31.5 * np.sin(angle), 30.0 * np.cos(angle))
@@ -151,26 +141,22 @@ def test_the_least_squares_circle_is_exact_on_an_arc() -> None:
 
 def test_form_that_is_not_there_is_refused() -> None:
     z, mask = frustum()
-    flat = form(Subject(map_of(np.zeros_like(z)), mask))
-    assert "no step stands out" in reason(flat, "step_height_ls")
-    assert "no outline without a step" in reason(flat, "wall_angle_mz")
-    alone = form(Subject(map_of(z)))
-    assert "0 cells with heights lie more than 2 cells outside the mask" in reason(alone, "parallelism_ls")
+    around, bare = np.where(mask | (z > 0), 0.0, H), np.zeros_like(z)
     sloping = np.where(mask, H + np.indices(z.shape)[0] * 1e-6, 0.0)
-    domed = form(Subject(map_of(z), mask, target=sloping))
-    assert "the target is not flat" in reason(domed, "step_height_mz")
-    cut = form(Subject(map_of(z[15:]), mask[15:]))
-    assert "is not closed" in reason(cut, "radius_ls")
-    two = np.concatenate([z, z])
-    pair = form(Subject(map_of(two), np.concatenate([mask, mask])))
-    assert "has 2 pieces" in reason(pair, "wall_angle_ls")
-    block = form(Subject(map_of(z + np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
-    assert "no wall is free" in reason(block, "roundness_mz")
-    pit = form(Subject(map_of(z - np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
-    assert "stand -50 µm above the substrate: no wall is free" in reason(pit, "radius_ls")
+    flat = form(Subject(map_of(bare), mask))
+    assert "no outline without a step" in reason(flat, "wall_angle_mz")
     assert set(flat) == set(symbols("form"))
-    few = form(Subject(map_of(z[:5, :5])))
-    assert "25 cells have a height" in reason(few, "flatness_ls")
+    for subject, symbol, words in (
+        (Subject(map_of(bare), mask), "step_height_ls", "no step stands out"),
+        (Subject(map_of(z)), "parallelism_ls", "0 cells with heights lie more than 2 cells outside the mask"),
+        (Subject(map_of(z), mask, target=sloping), "step_height_mz", "the target is not flat"),
+        (Subject(map_of(z[15:]), mask[15:]), "radius_ls", "is not closed"),
+        (Subject(map_of(np.concatenate([z, z])), np.concatenate([mask, mask])), "wall_angle_ls", "has 2 pieces"),
+        (Subject(map_of(z + around), mask, start=bare), "roundness_mz", "no wall is free"),
+        (Subject(map_of(z - around), mask, start=bare), "radius_ls", "stand -50 µm above the substrate: no wall"),
+        (Subject(map_of(z[:5, :5])), "flatness_ls", "25 cells have a height"),
+    ):
+        assert words in reason(form(subject), symbol)
 
 
 def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
@@ -181,11 +167,53 @@ def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
     printed = z[mask].sum() * STEP**2
     wanted = (H - 1e-6) * mask.sum() * STEP**2
     expected = {"volume_printed": printed, "volume_target": wanted, "volume_error": wanted - printed, "droplets": 40.0}
-    for symbol, value in (expected | {"droplet_volume": z.sum() * STEP**2 / 40}).items():
-        assert number(values, symbol) == pytest.approx(value, rel=1e-9, abs=0.0), symbol
+    check(values, expected | {"droplet_volume": z.sum() * STEP**2 / 40}, rel=1e-9)
     cone = pi * H * (RADIUS**2 + (H / 2 / tan(radians(60))) ** 2 / 3)  # frustum with that radius at half height
     assert z.sum() * STEP**2 == pytest.approx(cone, rel=2e-3, abs=0.0)
     holed = z.copy()
     holed[34, 31] = np.nan
     assert "1 cells have no height" in reason(found(Subject(map_of(holed), mask, target), "volume"), "volume_error")
     assert "no droplet landed" in reason(found(Subject(map_of(z), mask, droplets=0), "volume"), "droplet_volume")
+
+
+def of_all_points(terms: np.ndarray, values: np.ndarray) -> float:
+    """Half width of the zone by one linear program over every point."""
+    ones = np.ones((len(values), 1))
+    solved = linprog(
+        np.append(np.zeros(terms.shape[1]), 1.0),
+        A_ub=np.block([[terms, -ones], [-terms, -ones]]),
+        b_ub=np.concatenate([values, -values]),
+        bounds=[(None, None)] * (terms.shape[1] + 1),
+    )
+    return float(solved.x[-1])
+
+
+@pytest.mark.parametrize("kind", ["rough", "dome", "saddle", "waves", "few"])
+def test_the_zone_is_that_of_the_linear_program(kind: str) -> None:
+    rng = np.random.default_rng(7)
+    x, y = rng.uniform(-1.0, 1.0, (2, 5 if kind == "few" else 1000))
+    z = {
+        "rough": rng.normal(size=x.size),
+        "few": rng.normal(size=x.size),
+        "dome": -x * x - y * y,
+        "saddle": x * y,
+        "waves": np.sin(9 * x) * np.cos(7 * y) + 0.4 * x**3,
+    }[kind]
+    terms = np.column_stack([np.ones_like(x), x, y])
+    factors, half = minimax(terms, z + 3.0 * x - 50.0)
+    assert half == pytest.approx(of_all_points(terms, z), rel=1e-6, abs=0.0)
+    assert np.abs(z + 3.0 * x - 50.0 - terms @ factors).max() == pytest.approx(half, rel=1e-9, abs=0.0)
+
+
+def test_a_parabola_has_its_chebyshev_line() -> None:
+    """x^2 on [-1, 1]: the best constant and line is 1/2, the zone 1/2, in any unit and far from the origin."""
+    x = np.linspace(-1.0, 1.0, 2001)
+    terms = np.column_stack([np.ones_like(x), x * 1e-3])
+    factors, half = minimax(terms, 1e-6 * x**2 + 1e-3)
+    assert half == pytest.approx(0.5e-6, rel=1e-6, abs=0.0)
+    assert factors == pytest.approx([1e-3 + 0.5e-6, 0.0], rel=1e-6, abs=1e-9)
+
+
+def test_points_on_a_plane_have_no_zone() -> None:
+    x, y = np.indices((5, 4)).reshape(2, -1) * 1e-5
+    assert minimax(np.column_stack([np.ones_like(x), x, y]), 2.0 + 0.1 * x - 0.2 * y)[1] < 1e-14

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.metrology.evaluation.definitions import Axis
+from inkloop.metrology.evaluation.definitions import Axis, Treatment
 from inkloop.metrology.evaluation.profile import Profiles
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import found_on_profiles
-from inkloop.metrology.evaluation.treatment import Treatment
-from support.evaluated import PERIOD, STEP, A, Map, check_same, map_of, number, reason, rough, wave
+from support.evaluated import PERIOD, STEP, A, Map, check, check_same, map_of, number, reason, rough, wave
 
 
 def profiles(z: Map, axis: Axis = "x", mask: Map | None = None, **treatment: Any) -> tuple[Found, Profiles]:
@@ -27,8 +26,7 @@ def test_a_sinusoid_has_its_closed_forms() -> None:
     """Along the other axis the rows are level."""
     values, evaluated = profiles(wave(), f_operation="none")
     expected = {"Pa": 2 * A / (PERIOD * tan(pi / PERIOD)), "Pq": A / sqrt(2), "Pp": A, "Pv": A, "Pt": 2 * A}
-    for symbol, value in expected.items():
-        assert number(values, symbol) == pytest.approx(value, rel=1e-12, abs=0.0), symbol
+    check(values, expected)
     assert (evaluated.count, evaluated.rows, evaluated.sections) == (11, 11, 0)
     assert evaluated.length == pytest.approx(2 * PERIOD * STEP, rel=1e-12, abs=0.0)
     level, _ = profiles(wave(), "y", f_operation="none")
@@ -45,8 +43,8 @@ def test_roughness_is_what_the_filter_leaves_over_five_sections() -> None:
         kept = 1.0 - np.exp(-log(2) * (2 * PERIOD / length) ** 2)
         assert (evaluated.sections, evaluated.length) == (5, pytest.approx(5 * cutoff, rel=1e-12, abs=0.0))
         if length == PERIOD:
-            for symbol, value in {"Rq": A / sqrt(2), "Rp": A, "Rv": A, "Rz": 2 * A, "Rt": 2 * A}.items():
-                assert number(values, symbol) == pytest.approx(kept * value, rel=2e-3, abs=0.0), symbol
+            expected = {"Rq": A / sqrt(2), "Rp": A, "Rv": A, "Rz": 2 * A, "Rt": 2 * A}
+            check(values, {symbol: kept * value for symbol, value in expected.items()}, rel=2e-3)
         else:
             assert number(values, "Rt") == pytest.approx(2 * A * kept, rel=0.05, abs=0.0)
 
@@ -56,8 +54,7 @@ def test_sections_have_their_own_peaks() -> None:
     z = np.zeros((1000, 60))
     z[500] = A
     values, _ = profiles(z, f_operation="none", l_filter=200 * STEP, filter_order=0)
-    assert number(values, "Rt") == pytest.approx(A, rel=0.02, abs=0.0)
-    assert number(values, "Rp") == pytest.approx(A / 5, rel=0.02, abs=0.0)
+    check(values, {"Rt": A, "Rp": A / 5}, rel=0.02)
 
 
 def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
@@ -99,3 +96,11 @@ def test_profiles_that_are_too_short_are_refused() -> None:
         Subject(map_of(np.where((i + j) % 12 == 0, np.nan, rough((60, 40))))), "y", Treatment(l_filter=30 * STEP)
     )
     assert "too few for an evaluation length" in reason(values, "Rz")
+
+
+def test_profiles_say_how_many_rows_and_sections_they_are() -> None:
+    subject = Subject(map_of(rough((60, 17))))
+    _, whole = found_on_profiles(subject, "y")
+    assert str(whole) == "60 of 60 rows along y, evaluation length 170 µm, primary profiles"
+    _, sections = found_on_profiles(subject, "x", Treatment(l_filter=2e-4))
+    assert str(sections) == "17 of 17 rows along x, evaluation length 600 µm, 3 section lengths"

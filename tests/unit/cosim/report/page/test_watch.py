@@ -19,9 +19,10 @@ from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
-from inkloop.printing.so_far import RunFolder, feed_of, state_of
-from inkloop.report.page import page, server
-from inkloop.report.page.feed import Feed
+from inkloop.printing.so_far import RunFolder, state_of
+from inkloop.report.page import live as server
+from inkloop.report.page import page
+from inkloop.report.page.live import Feed
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import RUN_FILE, SCHEMA_VERSION, Result
 from inkloop.scenario.file import Scenario
@@ -88,18 +89,14 @@ def test_page_gets_the_layers_that_it_does_not_have_whatever_it_missed(tmp_path:
     assert sent(feed, "1", first["epoch"], [10**8])["runs"][0]["layers"]["first"] == 5
 
 
-def test_page_of_another_watcher_gets_everything(tmp_path: Path) -> None:
-    before = sent(feed_of_six(tmp_path, 2)[0])
-    after = sent(feed_of_six(tmp_path, 2)[0], before["version"], before["epoch"], [3])
-    assert heights_of(after["runs"][0]).shape[0] == 3
-
-
-def test_run_that_begins_again_is_a_new_epoch(tmp_path: Path) -> None:
+def test_page_gets_everything_of_another_watcher_and_of_a_run_that_begins_again(tmp_path: Path) -> None:
     feed, source = feed_of_six(tmp_path, 4)
     before = sent(feed)
+    other = sent(feed_of_six(tmp_path, 4)[0], before["version"], before["epoch"], [5])
+    assert heights_of(other["runs"][0]).shape[0] == 5
     source.layers = 1
     after = sent(feed, before["version"], before["epoch"], [5])
-    assert after["epoch"] != before["epoch"]
+    assert len({found["epoch"] for found in (before, other, after)}) == 3
     assert heights_of(after["runs"][0]).shape[0] == 2
 
 
@@ -161,7 +158,7 @@ def test_blocks_have_room_for_half_as_many_layers_again_and_larger_ones_begin_an
         asked.append((list(runs), layers))
         return next(blocks)
 
-    monkeypatch.setattr("inkloop.report.page.feed.first_block", first_block)
+    monkeypatch.setattr("inkloop.report.page.page.first_block", first_block)
     source = Still(printed())
     source.runs = lambda: {  # a new result each time
         name: Result(printed().dataset.isel(layer=slice(count)), printed().run) for name, count in (("a", 3), ("b", 5))
@@ -238,31 +235,6 @@ def test_server_answers_this_machine_only_and_only_with_the_page() -> None:
     assert asked == [("", "4", [3, 12345678]), ("", "4", [3]), ("7", "4", []), ("", "", [])]
     assert [(status, body) for status, body, _ in answers] == [(200, b'{"runs":[]}')] * 2 + [(204, b""), answers[0][:2]]
     assert answers[0][2].get_content_type() == "application/json"
-
-
-def test_layer_that_is_printed_comes_with_the_next_question(tmp_path: Path) -> None:
-    unfinished(quick_cuboid(), tmp_path / "run", 1)
-    with served(feed_of(tmp_path / "run")) as port:
-        first = json.loads(asked_page(port, "/content")[1])
-        query = f"version={first['version']}&epoch={first['epoch']}&known=2"
-        assert asked_page(port, f"/content?{query}")[:2] == (204, b"")
-        resume_one_layer(tmp_path / "run")
-        (later,) = json.loads(asked_page(port, f"/content?{query}")[1])["runs"]
-        assert later["layers"]["first"] == 1
-        assert later["layers"]["heights"]["shape"][0] == 2
-
-
-def resume_one_layer(folder: Path) -> None:
-    """Print one more layer of a run, and end as a crash does."""
-    scenario = Scenario.load(folder / "scenario.toml")
-    count = len({path.stem[:4] for path in (folder / "layers").glob("[0-9]*.npz")})
-
-    def stop(row: LayerRow) -> None:
-        if row.layer > count:
-            raise KeyError("stop")
-
-    with pytest.raises(KeyError):
-        Print(scenario, folder, on_layer=stop).run()
 
 
 def test_print_that_is_watched_is_the_print_that_is_not(tmp_path: Path) -> None:
