@@ -127,6 +127,10 @@ def test_stair_ends_the_simulation_after_ten_seconds() -> None:
         part = FmuComponent(path)
         part.initialize(0, {})
         with pytest.raises(ComponentError, match="the FMU asks to end the simulation"):
-            for step in range(10):
-                part.do_step(step * 10**9, 10**9, {})
+            step_to(part, 10)
         part.terminate()
+
+
+def step_to(part: FmuComponent, seconds: int) -> None:
+    for second in range(seconds):
+        part.do_step(second * 10**9, 10**9, {})
