@@ -7,7 +7,7 @@ spelled as in FMI.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isclose
+from math import isclose, isfinite
 from typing import NamedTuple
 
 UM_PER_M, M_PER_UM = 1e6, 1e-6
@@ -84,8 +84,11 @@ class DefinedUnit(str):
 def defined_unit(name: str, exponents: Mapping[str, int], factor: float, offset: float) -> str:
     """A unit as an FMU defines it (FMI 3.0, 2.4.3): base value = factor * value + offset.
 
-    exponents: of the base units kg, m, s, A, K, mol, cd, rad. The plain name where it means the same here.
+    exponents: of the base units kg, m, s, A, K, mol, cd, rad. The plain name where it means the same here. Raises
+    ValueError for a factor that converts nothing.
     """
+    if factor == 0.0 or not (isfinite(factor) and isfinite(offset)):
+        raise ValueError(f"unit {name!r} has factor {factor}, offset {offset}; expected numbers, no factor 0")
     powers = {base: power for base, power in exponents.items() if power}
     product = ".".join(base + (f"{power}" if power != 1 else "") for base, power in powers.items())
     si = next((si for si, own in BASE_UNITS.items() if own == powers), product)

@@ -7,6 +7,7 @@ stay as they are. The dimensions of an FMI 3 array keep the names of the structu
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import zipfile
@@ -19,18 +20,16 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
-
 from inkloop.errors import FmuError
 from inkloop.files import reason_of, temporary_folder
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
 from inkloop.limits import memory_error, size_text, unpacked_error
-from inkloop.units import defined_unit
+from inkloop.units import Conversion, defined_unit, unit_conversion
 
 PARSED_BYTES = 18
 """Memory that reading takes per byte of a description: 3.0 GiB for the 184 MB of an FMI 2 grid of 400 x 400 cells."""
-_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:,\d+)*)\]")
+_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>-?\d+(?:,-?\d+)*)\]")
 _SHOWN = ("input", "output", "parameter", "structuralParameter")
 
 
@@ -63,7 +62,8 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         found = f"{path}: is not a readable FMU: {error}"
         raise FmuError(f"{found}; name an .fmu file, or export or copy it again") from error
     except Exception as error:  # the parser raises bare exceptions
-        raise FmuError(f"{path}: is not a readable FMU: {error}") from error
+        reason = f"it refers to {error}, which it does not have" if isinstance(error, KeyError) else str(error)
+        raise FmuError(f"{path}: is not a readable FMU: {reason}") from error
     if model.fmiVersion[:1] not in ("2", "3"):
         raise FmuError(f"{path}: is FMI {model.fmiVersion}; inkloop takes FMI 2 and FMI 3")
     if model.coSimulation is None:
@@ -83,12 +83,17 @@ def _description_error(archive: zipfile.ZipFile) -> str | None:
 def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences: Container[str]) -> FmuDescription:
     """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
     fmi = int(model.fmiVersion[0])
-    by_reference = {v.valueReference: v.name for v in model.modelVariables}
+    lengths = {v.valueReference: _length(v) for v in model.modelVariables}
     units = {unit.name: unit for unit in model.unitDefinitions}
-    exchanged = [_variable(v, by_reference, units, differences) for v in model.modelVariables if _is_exchanged(v)]
+    try:
+        exchanged = [_variable(v, lengths, units, differences) for v in model.modelVariables if _is_exchanged(v)]
+    except ValueError as error:
+        raise FmuError(f"{path}: {error}") from error
     notes: list[str] = []
     if fmi == 2 and model.variableNamingConvention == "structured":
         exchanged, notes = _joined(exchanged)
+    if fault := _fault(exchanged):
+        raise FmuError(f"{path}: {fault}; export it again, or ask who made it")
     return FmuDescription(
         path=path,
         name=model.modelName,
@@ -108,6 +113,21 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences:
         license=model.license or "",
         tool=model.generationTool or "",
     )
+
+
+def _fault(variables: Sequence[Variable]) -> str | None:
+    """The first of what makes no sense in variables: a name that two have, a start that is no number."""
+    known: dict[str, Variable] = {}
+    sizes: dict[str, int] = {}
+    for variable in sorted(variables, key=lambda each: bool(each.dimensions)):  # sizes first
+        if variable.name in known:
+            return f"two variables are called {variable.name!r}"
+        known[variable.name] = variable
+        if fault := variable.fault(sizes):
+            return f"{variable.name} {fault}"
+        if variable.is_size and variable.start:
+            sizes[variable.name] = int(variable.start[0])
+    return None
 
 
 def _differences(archive: zipfile.ZipFile) -> frozenset[str]:
@@ -144,8 +164,14 @@ def _unit(found: Any, is_difference: bool) -> str:
     return defined_unit(found.name, exponents, base.factor, 0.0 if is_difference else base.offset)
 
 
+def _length(found: Any) -> int | str:
+    """A variable as the length of a dimension: the value of a constant, the name of any other."""
+    is_constant = found.variability == "constant" and str(found.start or "").isdecimal()
+    return int(found.start) if is_constant else str(found.name)
+
+
 def _variable(
-    found: Any, by_reference: Mapping[int, str], units: Mapping[str, Any], differences: Container[str]
+    found: Any, lengths: Mapping[int, int | str], units: Mapping[str, Any], differences: Container[str]
 ) -> Variable:
     declared = found.declaredType
     items = declared.items if declared is not None and found.type == "Enumeration" else ()
@@ -158,7 +184,7 @@ def _variable(
         causality=found.causality,
         variability=found.variability,
         references=(found.valueReference,),
-        dimensions=tuple(by_reference[d.valueReference] if d.start is None else int(d.start) for d in found.dimensions),
+        dimensions=tuple(lengths[d.valueReference] if d.start is None else int(d.start) for d in found.dimensions),
         unit=_unit(units[unit], is_difference) if unit in units else unit,
         start=(start,) if found.type == TEXT else tuple(start.split()),
         minimum=found.min if found.min is not None or declared is None else declared.min,
@@ -194,10 +220,11 @@ def _difference(name: str, elements: Mapping[tuple[int, ...], Variable]) -> str 
     """The reason why elements are no array: some are missing, or two of them differ."""
     if len({len(index) for index in elements}) > 1:
         return "they have different numbers of indices"
+    if any(number < 0 for index in elements for number in index):
+        return "they have indices below 0"
     begin, shape = _extent(elements)
     if len(elements) != math.prod(shape):
-        indices = (tuple(i + b for i, b in zip(index, begin, strict=True)) for index in np.ndindex(shape))
-        missing = next(index for index in indices if index not in elements)
+        missing = next(index for index in _indices(begin, shape) if index not in elements)
         return f"{name}[{','.join(map(str, missing))}] is missing"
     first = next(iter(elements.values()))
     for element in elements.values():
@@ -205,7 +232,19 @@ def _difference(name: str, elements: Mapping[tuple[int, ...], Variable]) -> str 
             if getattr(element, what) != getattr(first, what):
                 one, other = (f"{each.name} has {what} {_shown(getattr(each, what))}" for each in (first, element))
                 return f"{one}, {other}"
+        if unit_conversion(first.unit, element.unit) != Conversion(1.0):
+            return f"one of {first.name} and {element.name} is a difference (relativeQuantity)"
     return None
+
+
+def _indices(begin: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """The indices of an array one by one, however long it is."""
+    for number in itertools.count():
+        index: list[int] = []
+        for first, length in zip(reversed(begin), reversed(shape), strict=True):
+            number, along = divmod(number, length)
+            index.insert(0, first + along)
+        yield tuple(index)
 
 
 def _shown(value: object) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Port
+from inkloop.limits import memory_error
 
 DTYPES = {
     "Real": "float64", "Integer": "int32", "Boolean": "bool", "Enumeration": "int64",
@@ -22,6 +23,8 @@ DTYPES = {
 """FMI type -> NumPy dtype; binaries and clocks have none and take no part in the exchange."""
 TEXT = "String"
 """The type of texts, which are exchanged as parameters alone."""
+_DIMENSIONS_MAX = 64
+"""Of an array in NumPy."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,31 @@ class Variable:
     def shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """Lengths along the dimensions, given the structural parameters."""
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.dimensions)
+
+    def fault(self, sizes: Mapping[str, int]) -> str | None:
+        """The reason why its description makes no sense."""
+        if unknown := [name for name in self.dimensions if isinstance(name, str) and name not in sizes]:
+            return f"has the dimension {unknown[0]!r}, which is no constant, and no structural parameter with a start"
+        shape = self.shape(sizes)
+        if len(shape) > _DIMENSIONS_MAX or min(shape, default=1) < 0:
+            return f"has the dimensions {' x '.join(map(str, shape))}"
+        if self.type == TEXT:
+            return None
+        for what, texts, read in (
+            ("the start value", set(self.start), self._checked_number),
+            ("the limit", {self.minimum, self.maximum} - {None}, float),
+        ):
+            for text in texts:
+                try:
+                    read(text)
+                except (ValueError, OverflowError):
+                    return f"has {what} {text!r}; expected {self.type}"
+        if len(self.start) not in (0, 1, math.prod(shape)):
+            return f"has {len(self.start)} start values for {' x '.join(map(str, shape)) or 'one number'}"
+        if not shape:
+            return None
+        reason = memory_error(math.prod(shape) * np.dtype(self.dtype).itemsize)
+        return reason and f"of {' x '.join(map(str, shape))} values {reason}"
 
     def port(self, sizes: Mapping[str, int]) -> Port:
         """The variable as an input or output."""
@@ -136,6 +164,10 @@ class Variable:
 
     def _limit(self, text: str | None, otherwise: float) -> float:
         return otherwise if text is None else float(text)
+
+    def _checked_number(self, text: str) -> np.generic:
+        made: np.generic = np.dtype(self.dtype).type(self._number(text))
+        return made
 
     def _number(self, text: str) -> float:
         kind = np.dtype(self.dtype).kind
