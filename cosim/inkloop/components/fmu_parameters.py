@@ -26,7 +26,8 @@ from inkloop.units import Key, declared_key, key_of
 JOB_PARAMETERS = "job_parameters"
 """Option: whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU with these
 names."""
-_FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
+FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
+"""Options of `kind = "Fmu"` that are no parameters."""
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
 CONTROLLER = "LayerController"
@@ -79,8 +80,8 @@ def parse_model(model: str, job: Job, options: Mapping[str, object]) -> Parsed:
 def parse_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> Parsed:
     """The options of `kind = "Fmu"` for the FMU that its `file` names."""
     use_job_parameters = options.get(JOB_PARAMETERS) is not False
-    own = _without(options, *_FILE_KEYS)
-    return parse(description, job, own, _FILE_KEYS, use_job_parameters=use_job_parameters, key_of=declared_key)
+    own = _without(options, *FILE_KEYS)
+    return parse(description, job, own, FILE_KEYS, use_job_parameters=use_job_parameters, key_of=declared_key)
 
 
 def values_of_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:

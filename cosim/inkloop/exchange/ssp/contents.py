@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from inkloop.exchange.ssp.structure import SSD, SSM, SSV, Structure, flat_name, linear, units_in
+from inkloop.exchange.ssp.structure import SSD, SSM, SSV, Structure, converts_units, flat_name, linear, units_in
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.fmu.variable import TEXT
 from inkloop.suggest import nearest
@@ -39,13 +39,20 @@ Value = float | int | bool | str
 _UNCHANGED = Conversion(1.0)
 
 
+class Way(NamedTuple):
+    """From a parameter set to a parameter: a line, after the conversion of units unless that is suppressed."""
+
+    line: Conversion = _UNCHANGED
+    converts: bool = True
+
+
 class Entry(NamedTuple):
-    """A parameter that a binding gives: its typed value, the units of its file, and the line of a mapping."""
+    """A parameter that a binding gives: its typed value, the units of its file, and its way through a mapping."""
 
     name: str
     value: ET.Element
     units: Mapping[str, str]
-    line: Conversion
+    way: Way
 
 
 def parameters(
@@ -97,13 +104,13 @@ def _entries(
         lines = None if mapping is None else _mapping(mapping, archive, errors)
         if root is None:
             continue
-        units = {**root_units, **units_in(root, SSV)}
+        units = {**root_units, **units_in(root, SSV, errors)}
         for parameter in root.findall(f"{SSV}Parameters/{SSV}Parameter"):
             value = next((child for child in parameter if child.tag.startswith(SSV)), None)
             name = prefix + parameter.get("name", "")
             if value is not None:
-                targets = [(name, Conversion(1.0))] if lines is None else lines.get(name, [])
-                yield from (Entry(target, value, units, line) for target, line in targets)
+                targets = [(name, Way())] if lines is None else lines.get(name, [])
+                yield from (Entry(target, value, units, way) for target, way in targets)
 
 
 def _document(
@@ -129,15 +136,15 @@ def _document(
 
 def _mapping(
     holder: ET.Element, archive: zipfile.ZipFile, errors: list[str]
-) -> dict[str, list[tuple[str, Conversion]]]:
-    """Name in a parameter set -> names of parameters that it goes to, and the line there; others go nowhere."""
+) -> dict[str, list[tuple[str, Way]]]:
+    """Name in a parameter set -> names of parameters that it goes to, and the way there; others go nowhere."""
     inside = holder.find(f"{SSM}ParameterMapping")
     root = _document(holder, inside, "mappings", f"{SSM}ParameterMapping", archive, errors)
-    found: dict[str, list[tuple[str, Conversion]]] = {}
+    found: dict[str, list[tuple[str, Way]]] = {}
     for entry in root.findall(f"{SSM}MappingEntry") if root is not None else ():
         source, target = entry.get("source", ""), entry.get("target", "")
         line = linear(entry, f"the mapping of {source} to {target}", errors)
-        found.setdefault(source, []).append((target, line))
+        found.setdefault(source, []).append((target, Way(line, converts_units(entry))))
     return found
 
 
@@ -145,12 +152,13 @@ def _values(entry: Entry, variable: Variable, place: str, errors: list[str]) -> 
     text = entry.value.get("value", "")
     texts = [text] if variable.items or variable.type == TEXT else text.split()
     conversion = Conversion(1.0)
-    if unit := entry.value.get("unit"):
+    unit = entry.value.get("unit")
+    if unit and entry.way.converts:
         found = unit_conversion(entry.units.get(unit, unit), variable.unit)
         if found is None:
             errors.append(f"parameter {place} is in [{unit}]; {variable.name} is in [{variable.unit}]")
         conversion = found or conversion
-    line = conversion.then(entry.line)
+    line = conversion.then(entry.way.line)
     if line != _UNCHANGED and np.dtype(variable.dtype).kind != "f":
         errors.append(f"parameter {place} is {variable.type}; a unit or a transformation needs a real number")
     is_array = bool(variable.dimensions) and not variable.elements

@@ -17,7 +17,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from inkloop.components.fmu_parameters import JOB_PARAMETERS
+from inkloop.components.fmu_parameters import FILE_KEYS, JOB_PARAMETERS
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp import contents, wires
 from inkloop.exchange.ssp.contents import member_of
@@ -52,10 +52,11 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
             system = root.find(f"{SSD}System")
             if system is None:
                 raise ScenarioError(str(path), [f"{STRUCTURE} has no System"])
-            structure, units = Structure.of(system, errors), units_in(root, SSD)
+            structure, units = Structure.of(system, errors), units_in(root, SSD, errors)
             sources = _sources(structure, archive, errors)
             known = _described(path, sources, errors)
             values = contents.parameters(structure, units, archive, known, errors)
+            errors += _reserved(values)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except UNREADABLE as error:
@@ -145,6 +146,16 @@ def _grid_errors(
         f"{owner} of {wanted[0]} x {wanted[1]}; export the .ssp again for that grid, or {advice}"
         for found in dict.fromkeys(fixed.values())
         if found != wanted
+    ]
+
+
+def _reserved(values: Mapping[str, Mapping[str, object]]) -> list[str]:
+    """Errors of parameters that have the name of an option of a scenario."""
+    return [
+        f"parameter {component}.{name} has the name of an option of a scenario; rename it in the FMU, or leave it out"
+        for component, own in values.items()
+        for name in own
+        if name in ("kind", *FILE_KEYS)
     ]
 
 

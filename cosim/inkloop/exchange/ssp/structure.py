@@ -105,6 +105,8 @@ def _refusal(element: ET.Element, path: Path, components: Mapping[Path, ET.Eleme
     kind = element.tag.removeprefix(SSD)
     if kind not in ("Component", "System"):
         return f"is a {kind}; inkloop takes components and systems"
+    if not path[-1]:
+        return f"is a {kind} without a name; name it"
     if "." in path[-1]:
         return "has a dot in its name, which separates component and port; rename it"
     if kind == "System":
@@ -116,17 +118,25 @@ def _refusal(element: ET.Element, path: Path, components: Mapping[Path, ET.Eleme
     return None
 
 
-def units_in(root: ET.Element, tag: str) -> dict[str, str]:
+def units_in(root: ET.Element, tag: str, errors: list[str]) -> dict[str, str]:
     """Units that a file defines, by name; tag: the namespace of its root."""
     found = {}
     for unit in root.findall(f"{tag}Units/{SSC}Unit"):
         base = unit.find(f"{SSC}BaseUnit")
         if base is not None:
             name = unit.get("name", "")
-            exponents = {each: int(base.get(each, "0")) for each in _BASE_UNITS}
-            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
-            found[name] = defined_unit(name, exponents, factor, offset)
+            try:
+                exponents = {each: int(base.get(each, "0")) for each in _BASE_UNITS}
+                factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
+                found[name] = defined_unit(name, exponents, factor, offset)
+            except ValueError as error:
+                errors.append(f"unit {name!r} is no unit: {error}")
     return found
+
+
+def converts_units(element: ET.Element) -> bool:
+    """Whether a connection or a mapping converts units before its transformation."""
+    return element.get("suppressUnitConversion") not in ("true", "1")
 
 
 def linear(element: ET.Element, place: str, errors: list[str]) -> Conversion:

@@ -8,7 +8,7 @@ from math import isclose
 from typing import Any
 
 from inkloop.exchange.ssp.contents import places
-from inkloop.exchange.ssp.structure import SSC, SSD, Node, Structure, flat_name, linear
+from inkloop.exchange.ssp.structure import SSC, SSD, Node, Structure, converts_units, flat_name, linear
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.suggest import nearest
 from inkloop.units import Conversion, key_of, unit_conversion
@@ -58,36 +58,26 @@ class _Wires:
     def from_output(self, source: Node, errors: list[str]) -> Iterator[tuple[Node, Conversion]]:
         """Each connector of a component that an output feeds, and the line on the way, apart from the units."""
         unit = self._variable(source).unit
-        waiting, seen = [(source, Conversion(1.0), unit)], {source}
+        waiting: list[tuple[Node, Conversion, str]] = [(source, Conversion(1.0), unit)]
+        nodes, passed = {source}, set[ET.Element]()
         while waiting:
             here, line, own = waiting.pop()
             for there, connection in self._edges[here]:
-                if there in seen or (there[0] in self.places and self._variable(there).causality == "output"):
+                is_output = there[0] in self.places and self._variable(there).causality == "output"
+                if connection in passed or is_output:
                     continue
-                seen.add(there)
-                its = self._unit(there) or own
+                passed.add(connection)
+                if there in nodes:
+                    errors.append(f"{self._shown(source)} feeds {self._shown(there)} by two ways; keep one connection")
+                    continue
+                nodes.add(there)
+                its = self._unit(there, own)
                 place = f"{self._shown(here)} to {self._shown(there)}"
                 arrived = line.then(_passage(connection, own, its, place, errors))
                 if there[0] in self.places:
                     yield there, _without_units(arrived, unit_conversion(unit, its) or Conversion(1.0))
                 else:
                     waiting.append((there, arrived, its))
-
-    def _passed(
-        self,
-        line: Conversion,
-        here: tuple[Node, str],
-        there: tuple[Node, str],
-        connection: ET.Element,
-        errors: list[str],
-    ) -> Conversion:
-        """A line after one more connection."""
-        place = " to ".join(".".join((*path, name)) for (path, name), _ in (here, there))
-        own = linear(connection, f"the connection from {place}", errors)
-        converts = connection.get("suppressUnitConversion") not in ("true", "1")
-        units = (unit_conversion(here[1], there[1]) if converts else None) or Conversion(1.0)
-        factor, offset = own.factor * units.factor, own.factor * units.offset + own.offset
-        return Conversion(factor * line.factor, factor * line.offset + offset)
 
     def _variable(self, node: Node) -> Variable:
         path, name = node
@@ -98,14 +88,14 @@ class _Wires:
         path, name = node
         return ".".join((*path, self.places[path][name][0] if path in self.places else name))
 
-    def _unit(self, node: Node) -> str | None:
-        """The unit of a connector; None where that of a system names none."""
+    def _unit(self, node: Node, arriving: str) -> str:
+        """The unit of a connector; the arriving one where that of a system names none, or this one by its name."""
         if node[0] in self.places:
             return self._variable(node).unit
         connector = self._structure.connector(node)
         kind = None if connector is None else next((each for each in connector if each.tag.startswith(SSC)), None)
-        unit = None if kind is None else kind.get("unit")
-        return unit and self._root_units.get(unit, unit)
+        unit = (None if kind is None else kind.get("unit")) or arriving
+        return arriving if unit == arriving and unit not in self._root_units else self._root_units.get(unit, unit)
 
     def _node(self, system: tuple[str, ...], connection: ET.Element, which: str, errors: list[str]) -> Node | None:
         """An end of a connection; None for one of the outermost system, or one that is left out or wrong."""
@@ -135,9 +125,12 @@ class _Wires:
 
 def _passage(connection: ET.Element, unit: str, to: str, place: str, errors: list[str]) -> Conversion:
     """The line of one connection, between numbers in these units."""
-    converts = connection.get("suppressUnitConversion") not in ("true", "1")
-    units = (unit_conversion(unit, to) if converts else None) or Conversion(1.0)
-    return units.then(linear(connection, f"the connection from {place}", errors))
+    line = linear(connection, f"the connection from {place}", errors)
+    units = unit_conversion(unit, to) if converts_units(connection) else Conversion(1.0)
+    if units is None and "1" not in (unit, to) and line == Conversion(1.0):
+        wrong = f"the connection from {place} goes from [{unit}] to [{to}]; same quantity needed, or a LinearTransformation"
+        errors += [wrong] if wrong not in errors else []
+    return (units or Conversion(1.0)).then(line)
 
 
 def _without_units(line: Conversion, units: Conversion) -> Conversion:
