@@ -109,6 +109,11 @@ def is_known(unit: str) -> bool:
     return si_unit(unit)[0] in SUFFIXES
 
 
+def is_defined(unit: str) -> bool:
+    """Whether the unit is known, or defined by an FMU as one of a quantity, and not as a mere number."""
+    return is_known(unit) or (isinstance(unit, DefinedUnit) and unit.si != "1")
+
+
 class Key(NamedTuple):
     """The key of a quantity in a file. unit: of its numbers, in FMI spelling; factor: from there to the quantity's."""
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Values
 from inkloop.components.kind import Bench, Check, Checked
+from inkloop.components.port_mapping import held
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
 from inkloop.errors import ComponentError
 from inkloop.suggest import nearest
@@ -89,8 +90,8 @@ class PlainPlant:
 
     def _plant_inputs(self, inputs: Values) -> Values:
         handed = {name: value for name, value in inputs.items() if name not in (PATTERN, LAYER_COMMAND)}
-        pattern = np.asarray(inputs[PATTERN]).reshape(self._pattern.shape).astype(self._pattern.dtype)
-        return {**handed, self._pattern.name: pattern}
+        pattern = np.asarray(inputs[PATTERN]).reshape(self._pattern.shape)
+        return {**handed, self._pattern.name: held(pattern, self._pattern.dtype, self._pattern.name)}
 
     def _outputs(self) -> Values:
         handed = {name: value for name, value in self._values.items() if name != self._height.name}

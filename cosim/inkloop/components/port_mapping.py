@@ -30,7 +30,7 @@ class MappedPort:
     orientation: Orientation = OWN
 
     def to_fmu(self, value: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """Values of the FMU's variables for a value of the port."""
+        """Values of the FMU's variables for a value of the port. Raises ComponentError for one that they cannot hold."""
         own = self._own_numbers(self.orientation.there(np.asarray(value))).reshape(-1)
         if len(self.variables) == 1:
             return {self.variables[0].name: own.reshape(self.variables[0].shape)}
@@ -41,12 +41,11 @@ class MappedPort:
         found = np.concatenate([np.asarray(values[variable.name]).reshape(-1) for variable in self.variables])
         if self.factor != 1.0 or self.offset != 0.0:
             found = (found - self.offset) / self.factor
-        kind = np.dtype(self.port.dtype).kind
-        if kind == "i" and not (np.isfinite(found) & (found == np.rint(found))).all():
-            raise ComponentError(f"{self.port.name} is {found.flat[0]!r}, read from {self._names}; needs whole numbers")
-        there = found.reshape(self.orientation.shape(self.port.shape))
-        own = np.ascontiguousarray(self.orientation.here(there)).reshape(self.port.shape)
-        return (own != 0 if kind == "b" else own).astype(self.port.dtype)
+        if np.dtype(self.port.dtype).kind == "b":
+            found = found != 0
+        there = held(found, self.port.dtype, f"{self.port.name}, read from {self._names},")
+        there = there.reshape(self.orientation.shape(self.port.shape))
+        return np.ascontiguousarray(self.orientation.here(there)).reshape(self.port.shape)
 
     def start(self) -> NDArray[Any]:
         """The start values of the variables, as the value of the port."""
@@ -56,12 +55,22 @@ class MappedPort:
         dtype = self.variables[0].dtype
         if self.factor != 1.0 or self.offset != 0.0:
             value = value * self.factor + self.offset
-        return value.astype(dtype)
+        return held(value, dtype, f"{self.port.name}, given to {self._names},")
 
     @property
     def _names(self) -> str:
         first, last = self.variables[0].name, self.variables[-1].name
         return first if first == last else f"{first} to {last}"
+
+
+def held(values: NDArray[Any], dtype: str, what: str) -> NDArray[Any]:
+    """Numbers in another type. Raises ComponentError where it is no floating-point type and does not hold them."""
+    with np.errstate(invalid="ignore"):
+        cast = values.astype(dtype)
+    if cast.dtype.kind != "f" and (wrong := values[cast != values]).size:
+        needed = "needs 0 or 1" if cast.dtype.kind == "b" else f"needs whole numbers that {dtype} holds"
+        raise ComponentError(f"{what} is {wrong.flat[0].item()!r}; {needed}")
+    return cast
 
 
 class MappedPorts:

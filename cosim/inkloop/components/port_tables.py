@@ -1,12 +1,13 @@
 """`[components.NAME.ports]`: map variables of an FMU to ports, with unit, gain and offset.
 
 A variable is named as the FMU names it, `"H"` also for the structured scalars `H[1,1]`, `H[1,2]`, ... of FMI 2. Scalars
-of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through.
+of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through; `{i:02}` is 01.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
@@ -20,10 +21,10 @@ from inkloop.contract import SIGNALS
 from inkloop.orientation import Mirrored, Orientation, Transposed
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
-from inkloop.units import UNITS, Conversion, conversion, is_known, si_unit, unit_conversion
+from inkloop.units import UNITS, Conversion, conversion, is_defined, si_unit, unit_conversion
 
 OPTION = "ports"
-_PLACES = ("{i}", "{j}", "{n}")
+_PLACE = re.compile(r"\{(?P<index>[ijn])(?::0(?P<width>\d))?\}")
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -31,7 +32,7 @@ class PortTable(BaseModel):
     """One port: the FMU's own number is gain * (value in `unit`) + offset."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
-    variable: str = Field(description="its name in the FMU, or a template with `{i}`, `{j}` or `{n}`")
+    variable: str = Field(description="its name in the FMU, or a template with `{i}`, `{j}` or `{n}`; `{i:02}` is 01")
     unit: str | None = Field(
         default=None, description="of the numbers in the FMU; none: the unit that the FMU declares"
     )
@@ -90,18 +91,15 @@ def _in_other_units(own: Mapping[str, Mapping[str, Port]], option: Mapping[str, 
 
 def _names(table: PortTable, job: Job) -> list[str]:
     """The variables of the FMU in the order of the cells."""
-    if not any(place in table.variable for place in _PLACES):
+    if not _PLACE.search(table.variable):
         return [table.variable]
     rows, columns = table.orientation.shape((job.nx, job.ny))
     cells = [(i, j) for i in range(rows) for j in range(columns)]
-    places = ({"{i}": i, "{j}": j, "{n}": n} for n, (i, j) in enumerate(cells))
-    return [_filled(table.variable, {place: table.first + number for place, number in at.items()}) for at in places]
+    return [_filled(table.variable, table.first, {"i": i, "j": j, "n": n}) for n, (i, j) in enumerate(cells)]
 
 
-def _filled(template: str, places: Mapping[str, int]) -> str:
-    for place, number in places.items():
-        template = template.replace(place, str(number))
-    return template
+def _filled(template: str, first: int, at: Mapping[str, int]) -> str:
+    return _PLACE.sub(lambda place: str(first + at[place["index"]]).zfill(int(place["width"] or 0)), template)
 
 
 def _mapped(
@@ -167,7 +165,7 @@ def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
         return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
     if table.unit is not None and unit_conversion(unit, table.unit) is None:
         return [f".unit is {table.unit!r}; {_units_of(unit)}"]
-    if table.unit is not None and is_known(variable.unit) and variable.unit != table.unit and table.gain == 1.0:
+    if table.unit not in (None, variable.unit) and is_defined(variable.unit) and table.gain == 1.0:
         return [f".unit is {table.unit!r}, but the FMU declares {variable.name} in [{variable.unit}]; leave it out"]
     return []
 

@@ -6,17 +6,17 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tomlkit
 
 from inkloop.component import Ink
-from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
+from inkloop.contract import HEIGHT, LAYER_COMMAND, MEASURED_HEIGHT, PATTERN
 from inkloop.errors import ScenarioError
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.tables.shapes import Grid
-from inkloop.units import UNITS, conversion
+from inkloop.units import UNITS, conversion, is_defined
 
 _NUMBER = re.compile(r"\d+")
 _ROWS = re.compile(r"row|line|zeile", re.IGNORECASE)
@@ -26,8 +26,11 @@ _LIKELY = {
     "output": re.compile(r"height|surface|thick|layer|bed|z", re.IGNORECASE),
 }
 """Names of maps of droplets, and of surfaces."""
+_UNSTATED = "its number for a droplet"
 _ASSUMED_UNIT = "um"
 """Unit of a surface for which the FMU states none."""
+_OF_OTHERS = ((LAYER_COMMAND, "output"), (PATTERN, "output"), (HEIGHT, "input"), (MEASURED_HEIGHT, "input"))
+"""Signals of the layer contract, in a direction that no printer has."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Plant:
     def unstated(self) -> list[str]:
         """What the FMU does not state, and is assumed."""
         found = []
-        if conversion("m3", self.pattern.unit) is None:
+        if _gain(self.pattern.unit)[1] == _UNSTATED:
             found.append(f"{self.pattern.variable} is 1 for a droplet")
         if conversion(self.height.unit, "m") is None:
             found.append(f"{self.height.variable} is in {_ASSUMED_UNIT}")
@@ -72,12 +75,16 @@ class Plant:
 
 def plant_of(description: FmuDescription) -> Plant:
     """The plant in an FMU. Raises ScenarioError with what it has if no input and output can be its maps."""
+    ways = {variable.name: variable.causality for variable in description.variables.values()}
+    if not_of_a_plant := [name for name, way in _OF_OTHERS if ways.get(name) == way]:
+        found = f"has the {ways[not_of_a_plant[0]]} {not_of_a_plant[0]}, as a controller or a sensor"
+        raise ScenarioError(str(description.path), [f"{found}; name the FMU of a printer"])
     maps = {way: list(_maps(description, way)) for way in ("input", "output")}
     pairs = [
         (pattern, height)
         for pattern in maps["input"]
         for height in maps["output"]
-        if math.prod(pattern.shape) == math.prod(height.shape)
+        if sorted(pattern.shape) == sorted(height.shape) and _may_be_surface(height.unit)
     ]
     if not pairs:
         found = "; ".join(f"{way}s: {_listed(own)}" for way, own in maps.items())
@@ -86,8 +93,9 @@ def plant_of(description: FmuDescription) -> Plant:
             [f"has no input and output that are maps of one grid ({found}); name them in [components.printer.ports]"],
         )
     pattern, height = max(pairs, key=_likelihood)
-    names = {variable.name for variable in description.variables.values()}
-    return Plant(description.path, pattern, height, LAYER_COMMAND in names)
+    if height.grid != pattern.grid:
+        height = replace(height, rows=not height.rows)
+    return Plant(description.path, pattern, height, ways.get(LAYER_COMMAND) == "input")
 
 
 def text_for_plant(path: Path, template: str, plant: Plant) -> str:
@@ -140,11 +148,11 @@ def _port(found: PlantMap) -> dict[str, object]:
 
 def _gain(unit: str) -> tuple[float, str]:
     """Number in the FMU for a droplet of the default ink, and what it is."""
-    pitch, factor = Grid.model_fields["pitch_um"].default * UNITS["um"][1], conversion("m3", unit)
-    if factor is None:
-        return 1.0, "its number for a droplet"
-    volume = Ink().layer_height * pitch**2
-    return float(f"{volume * factor:.4g}"), f"[{unit}] of a droplet of the default ink"
+    pitch, thickness = Grid.model_fields["pitch_um"].default * UNITS["um"][1], Ink().layer_height
+    for quantity, amount in (("m3", thickness * pitch**2), ("m", thickness)):
+        if (factor := conversion(quantity, unit)) is not None:
+            return float(f"{amount * factor:.4g}"), f"[{unit}] of a droplet of the default ink"
+    return 1.0, _UNSTATED
 
 
 def _maps(description: FmuDescription, causality: str) -> Iterator[PlantMap]:
@@ -165,7 +173,8 @@ def _maps(description: FmuDescription, causality: str) -> Iterator[PlantMap]:
 
 def _family(members: Sequence[Variable]) -> Iterator[PlantMap]:
     """Scalars whose names differ in two numbers that count a whole rectangle."""
-    numbers = [[int(text) for text in _NUMBER.findall(each.name)] for each in members]
+    texts = [_NUMBER.findall(each.name) for each in members]
+    numbers = [[int(text) for text in row] for row in texts]
     varying = [place for place, column in enumerate(zip(*numbers, strict=True)) if len(set(column)) > 1]
     if len(varying) != 2 or len({(each.type, each.unit) for each in members}) > 1:
         return
@@ -175,10 +184,21 @@ def _family(members: Sequence[Variable]) -> Iterator[PlantMap]:
     if not whole or len(members) != len(along[0]) * len(along[1]):
         return
     name, places = members[0].name, iter(range(len(numbers[0])))
-    signs = {varying[0]: "{i}", varying[1]: "{j}"}
+    widths = [_width({row[place] for row in texts}) for place in varying]
+    if None in widths:
+        return
+    signs = dict(zip(varying, (f"{{{index}{width}}}" for index, width in zip("ij", widths, strict=True)), strict=True))
     template = _NUMBER.sub(lambda match: signs.get(next(places), match[0]), name)
-    rows = bool(_ROWS.search(template.partition("{i}")[0]))
+    rows = bool(_ROWS.search(template.partition("{i")[0]))
     yield PlantMap(template, (len(along[0]), len(along[1])), members[0].unit, first, rows)
+
+
+def _width(texts: Iterable[str]) -> str | None:
+    """The width of numbers in a template, "" for those without leading zeros; None if they have no one width."""
+    if not any(text.startswith("0") and len(text) > 1 for text in texts):
+        return ""
+    lengths = {len(text) for text in texts}
+    return f":0{lengths.pop()}" if len(lengths) == 1 else None
 
 
 def _likelihood(pair: tuple[PlantMap, PlantMap]) -> tuple[bool, bool, bool, int]:
@@ -191,5 +211,10 @@ def _likelihood(pair: tuple[PlantMap, PlantMap]) -> tuple[bool, bool, bool, int]
     )
 
 
+def _may_be_surface(unit: str) -> bool:
+    return conversion(unit, "m") is not None or not is_defined(unit)
+
+
 def _listed(maps: Iterable[PlantMap]) -> str:
-    return ", ".join(f"{each.variable} of {each.shape[0]} x {each.shape[1]}" for each in maps) or "none"
+    shown = (f"{each.variable} of {each.shape[0]} x {each.shape[1]} [{each.unit}]" for each in maps)
+    return ", ".join(shown) or "none"
