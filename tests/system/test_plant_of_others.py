@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 from inkloop.cli import main
+from inkloop.errors import ScenarioError
+from inkloop.fmu import FmuDescription, Variable, describe
+from inkloop.fmu_writer.export import find_fmu
 from inkloop.results.result import Result
+from inkloop.scenario.plant_file import Plant, plant_of, text_for_plant
+from inkloop.units import defined_unit
 from support.fmus import amplifier, rows_plant
 
 pytestmark = [pytest.mark.system, pytest.mark.compiled, pytest.mark.usefixtures("without_pictures")]
@@ -59,3 +64,53 @@ def test_fmu_without_maps_is_refused_with_what_it_has(desk: Path, capsys: pytest
     told = " ".join(capsys.readouterr().err.split())
     assert "no input and output that are maps of one grid (inputs: none; outputs: none)" in told
     assert not Path("theirs.toml").exists()
+
+
+def described(way: str, name: str, shape: tuple[int, int] = (2, 3), unit: str = "1") -> list[Variable]:
+    """Scalars of a plant; {i} and {j} in the name, from 0."""
+    return [
+        Variable(name.format(i=i, j=j), "Real", way, "continuous", (1,), unit=unit)
+        for i in range(shape[0])
+        for j in range(shape[1])
+    ]
+
+
+def plant_with(*variables: Variable) -> Plant:
+    named = {each.name: each for each in variables}
+    return plant_of(FmuDescription(Path("it.fmu"), "It", 2, "it", "token", named, (), True, True))
+
+
+def array(way: str, name: str, shape: tuple[int, ...], unit: str = "1") -> Variable:
+    return Variable(name, "Float64", way, "continuous", (1,), dimensions=shape, unit=unit)
+
+
+def test_names_padded_with_zeros_keep_them() -> None:
+    found = plant_with(*described("input", "dose_{i:02}_{j:02}"), *described("output", "z{i:03}{j:02}", unit="mm"),
+                       *described("output", "height_{i:02}_{j}", unit="mm"))  # fmt: skip
+    assert (found.pattern.variable, found.height.variable) == ("dose_{i:02}_{j:02}", "height_{i:02}_{j}")
+
+
+def test_maps_in_two_orders_of_axes_are_one_grid() -> None:
+    found = plant_with(array("input", "dose", (4, 3)), array("output", "height", (3, 4), "mm"))
+    assert (found.pattern.grid, found.height.grid, found.height.rows) == ((4, 3), (4, 3), True)
+    with pytest.raises(ScenarioError, match="no input and output that are maps of one grid"):
+        plant_with(array("input", "dose", (4, 3)), array("output", "height", (2, 6), "mm"))
+
+
+def test_dose_as_a_thickness_is_that_of_a_droplet(desk: Path) -> None:
+    found = plant_with(array("input", "dose", (4, 3), "um"), array("output", "height", (4, 3), "mm"))
+    assert not found.unstated
+    template = "# {part}\nnx = 16\nny = 16\n[components.printer]\n[components.profiler]\n"
+    assert "gain = 7.6}   # [um] of a droplet of the default ink" in text_for_plant(desk / "x.toml", template, found)
+
+
+def test_map_of_another_quantity_is_no_surface() -> None:
+    warm = defined_unit("degC", {"K": 1}, 1.0, 273.15)
+    with pytest.raises(ScenarioError, match=r"outputs: bed of 4 x 3 \[degC\]"):
+        plant_with(array("input", "dose", (4, 3)), array("output", "bed", (4, 3), warm))
+
+
+@pytest.mark.parametrize("model", ["LayerController", "ProfileSensor"])
+def test_controller_and_sensor_are_no_plant(model: str) -> None:
+    with pytest.raises(ScenarioError, match="as a controller or a sensor; name the FMU of a printer"):
+        plant_of(describe(find_fmu(model, "fmi3")))

@@ -66,6 +66,19 @@ def test_plain_plant_of_a_foreign_fmu_keeps(check: ContractCheck, fmi: int, tmp_
     check(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
 
 
+def test_droplets_that_the_plant_cannot_count_are_refused() -> None:
+    plant = FunctionComponent(
+        [Port("dots", shape=(3, 1), dtype="bool")],
+        [Port("surface", "um", (3, 1))],
+        lambda time_ns, step_ns, inputs: {"surface": inputs["dots"] * 1.0},
+    )
+    part = PlainPlant(FLAT, plant, pattern_input="dots", height_output="surface")
+    part.initialize(0, inputs(FLAT, 0))
+    assert part.do_step(0, SECOND, inputs(FLAT, 1))["height"].tolist() == [[1e-6]] * 3
+    with pytest.raises(ComponentError, match="dots is 2; needs 0 or 1"):
+        part.do_step(SECOND, SECOND, inputs(FLAT, 2, dots=2))
+
+
 @pytest.mark.compiled
 def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", "gain": 3.0}

@@ -12,6 +12,7 @@ from inkloop.component import Job, Port
 from inkloop.components.port_mapping import MappedPort
 from inkloop.components.port_tables import mapped_ports
 from inkloop.errors import ComponentError
+from inkloop.units import defined_unit
 
 JOB = Job(2, 3, pitch=1e-4, target_height=np.ones((2, 3)), mask=np.ones((2, 3), dtype=np.bool_))
 MAP = np.arange(6.0).reshape(2, 3)
@@ -108,8 +109,47 @@ def test_calibration_reads_the_same_both_ways() -> None:
 def test_counters_of_real_numbers_must_be_whole() -> None:
     mapped = the_one([], [Port("n")], {"layers_printed": "n"})
     assert mapped.from_fmu({"n": np.asarray(3.0)}).dtype == np.int32
-    with pytest.raises(ComponentError, match=r"layers_printed is .*1\.5.*, read from n; needs whole numbers"):
+    with pytest.raises(ComponentError, match=r"layers_printed, read from n, is 1\.5; needs whole numbers that int32 holds"):
         mapped.from_fmu({"n": np.asarray(1.5)})
+
+
+@pytest.mark.parametrize("value", [3e9, np.nan, np.inf])
+def test_number_beyond_its_type_is_refused(value: float) -> None:
+    mapped = the_one([], [Port("n", "1")], {"layers_printed": "n"})
+    with pytest.raises(ComponentError, match=r"layers_printed, read from n, is .*; needs whole numbers that int32"):
+        mapped.from_fmu({"n": np.asarray(value)})
+
+
+@pytest.mark.parametrize(("dtype", "most", "needed"), [("int8", 127, "whole numbers that int8 holds"),
+                                                       ("uint8", 255, "whole numbers that uint8"),
+                                                       ("bool", 1, "0 or 1")])  # fmt: skip
+def test_pattern_beyond_the_type_of_the_fmu_is_refused(dtype: str, most: int, needed: str) -> None:
+    mapped = the_one([Port("U", shape=(2, 3), dtype=dtype)], [], {"pattern": "U"})
+    given = np.full((2, 3), most, np.int32)
+    np.testing.assert_array_equal(mapped.to_fmu(given)["U"], given)
+    with pytest.raises(ComponentError, match=f"pattern, given to U, is {most + 1}; needs {needed}"):
+        mapped.to_fmu(given + 1)
+
+
+def test_template_pads_with_zeros() -> None:
+    ports = [Port(f"z{i:02}.{j}", "m") for i in (0, 1) for j in (0, 1, 2)]
+    mapped = the_one([], ports, {"height": {"variable": "z{i:02}.{j}", "first": 0}})
+    np.testing.assert_array_equal(
+        mapped.from_fmu({port.name: np.asarray(value) for port, value in zip(ports, MAP.flat, strict=True)}), MAP
+    )
+
+
+def test_unit_that_the_fmu_defines_of_another_quantity_is_not_overridden() -> None:
+    """A gain converts it; a name that the FMU gives a mere number does not count."""
+    def errors(unit: str, **more: float) -> list[str]:
+        table = {"height": {"variable": "U", "unit": "um", **more}}
+        return mapped_ports([], [Port("U", unit, (2, 3))], JOB, table)[2]
+
+    warm = defined_unit("degC", {"K": 1}, 1.0, 273.15)
+    assert errors(warm) == [
+        "ports.height.unit is 'um', but the FMU declares U in [degC]; leave it out"
+    ]
+    assert errors(warm, gain=2.0) == errors(defined_unit("count", {}, 1.0, 0.0)) == errors("1") == []
 
 
 def test_every_error_is_named_at_once_with_its_key() -> None:

@@ -137,6 +137,8 @@ def test_wrong_parameter_is_refused_before_anything_starts(
     [
         (('"x[2]"', '"other"'), "x[2] is missing"),
         (('"x[2]"', '"x[2,1]"'), "they have different numbers of indices"),
+        (('"x[2]"', '"x[99999999999999999999]"'), "x[2] is missing"),
+        (('"x[2]"', '"x[-1]"'), "they have indices below 0"),
         (('"y[2]"', '"x"'), "there is a variable x"),
         (('valueReference="101" causality="input"><Real unit="m"', 'valueReference="101" causality="input"><Real'),
          "x[3] has unit m, x[2] has unit 1"),
@@ -158,6 +160,52 @@ def test_elements_that_are_no_array_stay_single_and_info_says_why(
     assert found.variables["x[3]"].dimensions == ()
     assert found.variables["high"].dimensions == (3,)
     assert f"note: the elements of x stay single variables: {note}" in list(found.lines())
+
+
+def test_differences_and_levels_are_no_array(folder: Path, tmp_path: Path) -> None:
+    units = '<UnitDefinitions><Unit name="m"><BaseUnit m="1" offset="2"/></Unit></UnitDefinitions><TypeDefinitions>'
+    of_x2 = 'valueReference="101" causality="input"><Real'
+    changes = ("<TypeDefinitions>", units), (of_x2, of_x2 + ' relativeQuantity="true"')
+    (note,) = describe(altered(build(folder, 2), tmp_path / "it.fmu", *changes)).notes
+    assert note.endswith("one of x[3] and x[2] is a difference (relativeQuantity)")
+
+
+_N = '<UInt64 name="n" valueReference="1" causality="structuralParameter" variability="fixed" start="3"/>'
+
+
+@pytest.mark.parametrize(
+    ("fmi", "change", "fault"),
+    [
+        (2, ('unit="m" start="0"', 'unit="m" start="1,5"'), "x has the start value '1,5'; expected Real"),
+        (2, ('name="x[2]"', 'name="x[1]"'), "two variables are called"),
+        (2, ('min="0"', 'min="a"'), "gain has the limit 'a'; expected Real"),
+        (3, ('causality="input" start="true"', 'causality="input" start="yes"'),
+         "on has the start value 'yes'; expected Boolean"),
+        (3, ('start="0">', 'start="1 2">'), "x has 2 start values for 3"),
+        (3, ('<Int32 name="count"', '<UInt8 name="c" valueReference="9" causality="input" start="256"/><Int32 name="count"'),
+         "c has the start value '256'; expected UInt8"),
+        (3, (_N, _N.replace("structuralParameter", "parameter")), "x has the dimension 'n', which is no constant"),
+        (3, ('"input" unit="m" start="0"><Dimension valueReference="1"/>',
+             '"input" unit="m" start="0"><Dimension start="9999999999"/><Dimension start="9999999999"/>'),
+         "x of 9999999999 x 9999999999 values needs about"),
+        (3, ('"input" unit="m" start="0"><Dimension valueReference="1"/>',
+             '"input" unit="m" start="0"><Dimension start="-3"/>'), "x has the dimensions -3"),
+        (3, ('<Dimension valueReference="1"/>', '<Dimension valueReference="77"/>'), "it refers to 77"),
+        (3, ("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="0"/></Unit>'
+             "</UnitDefinitions><TypeDefinitions>"), "unit 'm' has factor 0.0"),
+    ],
+)  # fmt: skip
+def test_description_that_contradicts_itself_is_refused(
+    folder: Path, tmp_path: Path, fmi: int, change: tuple[str, str], fault: str
+) -> None:
+    with pytest.raises(FmuError, match=f"^{re.escape(str(tmp_path))}.*{re.escape(fault)}"):
+        describe(altered(build(folder, fmi), tmp_path / "it.fmu", change))
+
+
+def test_constant_is_the_length_of_a_dimension(folder: Path, tmp_path: Path) -> None:
+    constant = _N.replace("structuralParameter", "local").replace("fixed", "constant")
+    found = describe(altered(build(folder, 3), tmp_path / "it.fmu", (_N, constant)))
+    assert found.variables["x"].dimensions == (3,)
 
 
 def test_names_without_a_convention_are_not_joined(folder: Path, tmp_path: Path) -> None:

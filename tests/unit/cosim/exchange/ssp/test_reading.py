@@ -184,3 +184,15 @@ def test_file_that_is_no_ssp_is_reported(tmp_path: Path) -> None:
             if text:
                 archive.writestr("SystemStructure.ssd", text)
         assert "SystemStructure.ssd" in errors_of(path)
+
+
+def test_parameter_with_the_name_of_an_option_is_refused(tmp_path: Path) -> None:
+    path = packed(tmp_path, bindings=bound(parameter("first.file", "3")))
+    theirs = tmp_path / "named.fmu"
+    amplifier.altered(tmp_path / "amplifier2.fmu", theirs, ('name="gain"', 'name="file"'))
+    other = tmp_path / "other.ssp"
+    with zipfile.ZipFile(path) as ours, zipfile.ZipFile(other, "w") as archive:
+        for name in ours.namelist():
+            archive.writestr(name, theirs.read_bytes() if name.endswith(".fmu") else ours.read(name))
+    with pytest.raises(ScenarioError, match=r"parameter first\.file has the name of an option of a scenario"):
+        scenario_of(other)

@@ -183,6 +183,26 @@ def test_mapping_gives_a_parameter_the_names_of_the_parts(in_file: bool) -> None
     assert errors == ["the mapping of size to a.length: factor '2', offset 'x'; expected numbers"]
 
 
+def test_mapping_may_suppress_the_conversion_of_units() -> None:
+    """One parameter goes to two: as it is, and converted."""
+    entries = """<ssm:MappingEntry source="size" target="a.length" suppressUnitConversion="true">
+<ssc:LinearTransformation factor="2" offset="1"/></ssm:MappingEntry>
+<ssm:MappingEntry source="size" target="a.start[1,1]"/>"""
+    mapping = f"<ssd:ParameterMapping><ssm:ParameterMapping>{entries}</ssm:ParameterMapping></ssd:ParameterMapping>"
+    known = {"a": described(2, variable("length", unit="m"), scattered("start", "parameter", (1, 1), unit="m"))}
+    system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("size", "20", unit="mm"), mapping=mapping)}
+</ssd:ParameterBindings><ssd:Elements><ssd:Component name="a"/></ssd:Elements></ssd:System>"""
+    assert parameters(system, known=known) == ({"a": {"length": 41.0, "start": [[0.02]]}}, [])
+
+
+@pytest.mark.parametrize("base", ['m="1.0"', 'm="1" factor="0"', 'm="1" offset="x"'])
+def test_unit_that_is_none_is_an_error(base: str) -> None:
+    units = f'<ssv:Units><ssc:Unit name="odd"><ssc:BaseUnit {base}/></ssc:Unit></ssv:Units>'
+    _, errors = read(more=bound(entry("a.length", "2"), units=units))
+    assert len(errors) == 1
+    assert errors[0].startswith("unit 'odd' is no unit: ")
+
+
 def test_transformation_of_a_whole_number_is_refused() -> None:
     mapping = """<ssd:ParameterMapping><ssm:ParameterMapping><ssm:MappingEntry source="n" target="a.count">
 <ssc:LinearTransformation factor="2"/></ssm:MappingEntry></ssm:ParameterMapping></ssd:ParameterMapping>"""
@@ -248,6 +268,42 @@ def test_wire_passes_the_connectors_of_an_inner_system(turned: bool) -> None:
     assert first["gain"] == pytest.approx(6.0, rel=1e-12, abs=0.0)
     assert first["offset_um"] == pytest.approx(1500.0, rel=1e-12, abs=0.0)
     assert second == {"source": "sub_c.y", "target": "b.x"}
+
+
+def test_connector_of_another_quantity_on_the_way_is_an_error() -> None:
+    ends = joint("a.y", "sub.in"), "", joint("in", "c.x")
+    _, errors = nested(*ends, connectors='<ssd:Connector name="in" kind="input"><ssc:Real unit="s"/></ssd:Connector>')
+    assert [error.partition(";")[0] for error in errors] == [
+        "the connection from a.y to sub.in goes from [mm] to [s]",
+        "the connection from sub.in to sub.c.x goes from [s] to [m]",
+    ]
+
+
+def test_unit_of_a_connector_is_by_its_name_the_one_that_arrives() -> None:
+    """A file need not define again what the FMUs define."""
+    warm = {"a": described(3, variable("y", "Float64", "output", unit=ROOT_UNITS["celsius"])),
+            "sub_c": described(3, variable("x", "Float64", "input", unit=defined_unit("K", {"K": 1}, 1.0, 0.0)))}  # fmt: skip
+    system = f"""<ssd:System {NAMES}><ssd:Elements><ssd:Component name="a"/><ssd:System name="sub"><ssd:Connectors>
+<ssd:Connector name="in" kind="input"><ssc:Real unit="celsius"/></ssd:Connector></ssd:Connectors><ssd:Elements>
+<ssd:Component name="c"/></ssd:Elements><ssd:Connections>{joint("in", "c.x")}</ssd:Connections></ssd:System>
+</ssd:Elements><ssd:Connections>{joint("a.y", "sub.in")}</ssd:Connections></ssd:System>"""
+    errors: list[str] = []
+    structure = Structure.of(ET.fromstring(system), errors)
+    found = wires.connections(structure, {}, warm, errors)
+    assert (found, errors) == ([{"source": "a.y", "target": "sub_c.x"}], [])
+
+
+def test_input_that_an_output_feeds_by_two_ways_is_an_error() -> None:
+    twice = joint("a.y", "sub.in", line('factor="2"')), joint("a.y", "sub.in", line('factor="3"')), joint("in", "c.x")
+    _, errors = nested(*twice, connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == ["a.y feeds sub.in by two ways; keep one connection"]
+
+
+def test_component_without_a_name_is_refused() -> None:
+    errors: list[str] = []
+    Structure.of(ET.fromstring(f"<ssd:System {NAMES}><ssd:Elements><ssd:Component/></ssd:Elements></ssd:System>"), errors)
+    assert len(errors) == 1
+    assert "without a name" in errors[0]
 
 
 def test_connector_that_an_inner_system_lacks_is_named() -> None:
