@@ -93,7 +93,7 @@ def defined_unit(name: str, exponents: Mapping[str, int], factor: float, offset:
     product = ".".join(base + (f"{power}" if power != 1 else "") for base, power in powers.items())
     si = next((si for si, own in BASE_UNITS.items() if own == powers), product)
     known_si, known_factor = si_unit(name)
-    is_known_here = si == known_si and isclose(factor, known_factor) and offset == 0.0
+    is_known_here = name in UNITS and si == known_si and isclose(factor, known_factor) and offset == 0.0
     return name if is_known_here else DefinedUnit(name, si, factor, offset)
 
 

@@ -116,10 +116,12 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences:
 
 
 def _fault(variables: Sequence[Variable]) -> str | None:
-    """The first of what makes no sense in variables: a name that two have, a start that is no number."""
+    """The first of what makes no sense in variables: no name, one that two have, a start that is no number."""
     known: dict[str, Variable] = {}
     sizes: dict[str, int] = {}
     for variable in sorted(variables, key=lambda each: bool(each.dimensions)):  # sizes first
+        if not variable.name:
+            return "a variable has no name"
         if variable.name in known:
             return f"two variables are called {variable.name!r}"
         known[variable.name] = variable

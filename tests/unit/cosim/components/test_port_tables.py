@@ -149,6 +149,9 @@ def test_unit_that_the_fmu_defines_of_another_quantity_is_not_overridden() -> No
     assert errors(warm) == [
         "ports.height.unit is 'um', but the FMU declares U in [degC]; leave it out"
     ]
+    assert errors(defined_unit("K", {"K": 1}, 1.0, 0.0)) == [
+        "ports.height.unit is 'um', but the FMU declares U in [K]; leave it out"
+    ]
     assert errors(warm, gain=2.0) == errors(defined_unit("count", {}, 1.0, 0.0)) == errors("1") == []
 
 

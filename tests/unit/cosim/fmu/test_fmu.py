@@ -178,6 +178,7 @@ _N = '<UInt64 name="n" valueReference="1" causality="structuralParameter" variab
     [
         (2, ('unit="m" start="0"', 'unit="m" start="1,5"'), "x has the start value '1,5'; expected Real"),
         (2, ('name="x[2]"', 'name="x[1]"'), "two variables are called"),
+        (2, ('name="x[2]"', 'name=""'), "a variable has no name"),
         (2, ('min="0"', 'min="a"'), "gain has the limit 'a'; expected Real"),
         (3, ('causality="input" start="true"', 'causality="input" start="yes"'),
          "on has the start value 'yes'; expected Boolean"),
