@@ -30,7 +30,7 @@ class MappedPort:
     orientation: Orientation = OWN
 
     def to_fmu(self, value: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """Values of the FMU's variables for a value of the port. Raises ComponentError for one that they cannot hold."""
+        """Values of the FMU's variables for a value of the port. Raises ComponentError if they cannot hold it."""
         own = self._own_numbers(self.orientation.there(np.asarray(value))).reshape(-1)
         if len(self.variables) == 1:
             return {self.variables[0].name: own.reshape(self.variables[0].shape)}

@@ -1,7 +1,8 @@
 """`[components.NAME.ports]`: map variables of an FMU to ports, with unit, gain and offset.
 
 A variable is named as the FMU names it, `"H"` also for the structured scalars `H[1,1]`, `H[1,2]`, ... of FMI 2. Scalars
-of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through; `{i:02}` is 01.
+of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through; `{i:02}` is
+01.
 """
 
 from __future__ import annotations

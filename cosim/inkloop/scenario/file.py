@@ -117,6 +117,11 @@ class Scenario:
             errors.extend(f"{place}.{name}.{wrong}" for name, part in made.items() for wrong in part.errors)
             return made
 
+        errors += [
+            f'components."{name}" has {"a dot, which separates it from its ports" if name else "no name"}; rename it'
+            for name in tables.components
+            if not name or "." in name
+        ]
         own = checked("components", tables.components)
         compared = {
             name: checked(f"compare.{name}.components", other.components) for name, other in tables.compare.items()

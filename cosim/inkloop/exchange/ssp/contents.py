@@ -134,9 +134,7 @@ def _document(
     return root
 
 
-def _mapping(
-    holder: ET.Element, archive: zipfile.ZipFile, errors: list[str]
-) -> dict[str, list[tuple[str, Way]]]:
+def _mapping(holder: ET.Element, archive: zipfile.ZipFile, errors: list[str]) -> dict[str, list[tuple[str, Way]]]:
     """Name in a parameter set -> names of parameters that it goes to, and the way there; others go nowhere."""
     inside = holder.find(f"{SSM}ParameterMapping")
     root = _document(holder, inside, "mappings", f"{SSM}ParameterMapping", archive, errors)

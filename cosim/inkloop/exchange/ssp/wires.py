@@ -128,7 +128,8 @@ def _passage(connection: ET.Element, unit: str, to: str, place: str, errors: lis
     line = linear(connection, f"the connection from {place}", errors)
     units = unit_conversion(unit, to) if converts_units(connection) else Conversion(1.0)
     if units is None and "1" not in (unit, to) and line == Conversion(1.0):
-        wrong = f"the connection from {place} goes from [{unit}] to [{to}]; same quantity needed, or a LinearTransformation"
+        needed = "same quantity needed, or a LinearTransformation"
+        wrong = f"the connection from {place} goes from [{unit}] to [{to}]; {needed}"
         errors += [wrong] if wrong not in errors else []
     return (units or Conversion(1.0)).then(line)
 

@@ -109,7 +109,7 @@ def test_calibration_reads_the_same_both_ways() -> None:
 def test_counters_of_real_numbers_must_be_whole() -> None:
     mapped = the_one([], [Port("n")], {"layers_printed": "n"})
     assert mapped.from_fmu({"n": np.asarray(3.0)}).dtype == np.int32
-    with pytest.raises(ComponentError, match=r"layers_printed, read from n, is 1\.5; needs whole numbers that int32 holds"):
+    with pytest.raises(ComponentError, match=r"layers_printed, read from n, is 1\.5; needs whole numbers"):
         mapped.from_fmu({"n": np.asarray(1.5)})
 
 
@@ -141,14 +141,13 @@ def test_template_pads_with_zeros() -> None:
 
 def test_unit_that_the_fmu_defines_of_another_quantity_is_not_overridden() -> None:
     """A gain converts it; a name that the FMU gives a mere number does not count."""
+
     def errors(unit: str, **more: float) -> list[str]:
         table = {"height": {"variable": "U", "unit": "um", **more}}
         return mapped_ports([], [Port("U", unit, (2, 3))], JOB, table)[2]
 
     warm = defined_unit("degC", {"K": 1}, 1.0, 273.15)
-    assert errors(warm) == [
-        "ports.height.unit is 'um', but the FMU declares U in [degC]; leave it out"
-    ]
+    assert errors(warm) == ["ports.height.unit is 'um', but the FMU declares U in [degC]; leave it out"]
     assert errors(defined_unit("K", {"K": 1}, 1.0, 0.0)) == [
         "ports.height.unit is 'um', but the FMU declares U in [K]; leave it out"
     ]

@@ -57,6 +57,8 @@ def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = N
         ("scan_duration_s", "scan_duration", "scan_duration is a time; write scan_duration_s"),
         ("scan_duration_s = 0.0", 'scan_duration_s = "fast"', "components.profiler.scan_duration_s"),
         ("[components.profiler]", "[components.profiler]\nnoise = 1", "components.profiler.noise is no option"),
+        ("[components.printer]", '[components."a.b"]', 'components."a.b" has a dot, which separates it'),
+        ("[components.printer]", '[components.""]', 'components."" has no name; rename it'),
         ("[grid]", '[compare.x.components.controler]\nkind = "OpenLoop"\n[grid]', "did you mean controller?"),
     ],
 )

@@ -281,8 +281,11 @@ def test_connector_of_another_quantity_on_the_way_is_an_error() -> None:
 
 def test_unit_of_a_connector_is_by_its_name_the_one_that_arrives() -> None:
     """A file need not define again what the FMUs define."""
-    warm = {"a": described(3, variable("y", "Float64", "output", unit=ROOT_UNITS["celsius"])),
-            "sub_c": described(3, variable("x", "Float64", "input", unit=defined_unit("K", {"K": 1}, 1.0, 0.0)))}  # fmt: skip
+    kelvin = defined_unit("K", {"K": 1}, 1.0, 0.0)
+    warm = {
+        "a": described(3, variable("y", "Float64", "output", unit=ROOT_UNITS["celsius"])),
+        "sub_c": described(3, variable("x", "Float64", "input", unit=kelvin)),
+    }
     system = f"""<ssd:System {NAMES}><ssd:Elements><ssd:Component name="a"/><ssd:System name="sub"><ssd:Connectors>
 <ssd:Connector name="in" kind="input"><ssc:Real unit="celsius"/></ssd:Connector></ssd:Connectors><ssd:Elements>
 <ssd:Component name="c"/></ssd:Elements><ssd:Connections>{joint("in", "c.x")}</ssd:Connections></ssd:System>
@@ -301,7 +304,8 @@ def test_input_that_an_output_feeds_by_two_ways_is_an_error() -> None:
 
 def test_component_without_a_name_is_refused() -> None:
     errors: list[str] = []
-    Structure.of(ET.fromstring(f"<ssd:System {NAMES}><ssd:Elements><ssd:Component/></ssd:Elements></ssd:System>"), errors)
+    system = f"<ssd:System {NAMES}><ssd:Elements><ssd:Component/></ssd:Elements></ssd:System>"
+    Structure.of(ET.fromstring(system), errors)
     assert len(errors) == 1
     assert "without a name" in errors[0]
 
