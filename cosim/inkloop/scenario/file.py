@@ -99,6 +99,12 @@ class Scenario:
         except ValidationError as error:
             errors += [sentence(detail, ScenarioFile) for detail in error.errors()]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
+        if misnamed := [
+            f'components."{name}" has {"a dot, which separates it from its ports" if name else "no name"}; rename it'
+            for name in tables.components
+            if not name or "." in name
+        ]:
+            raise ScenarioError(source, errors + misnamed + errors_of_invalid_file(raw, folder))
         is_formula = isinstance(tables.part, PartTable)  # a formula takes no memory; other parts are laid over the grid
         too_large = [] if is_formula else list(Footprint.of(tables, 0.0).memory_errors())
         try:
@@ -117,11 +123,6 @@ class Scenario:
             errors.extend(f"{place}.{name}.{wrong}" for name, part in made.items() for wrong in part.errors)
             return made
 
-        errors += [
-            f'components."{name}" has {"a dot, which separates it from its ports" if name else "no name"}; rename it'
-            for name in tables.components
-            if not name or "." in name
-        ]
         own = checked("components", tables.components)
         compared = {
             name: checked(f"compare.{name}.components", other.components) for name, other in tables.compare.items()
