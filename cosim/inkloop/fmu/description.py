@@ -59,17 +59,20 @@ class FmuDescription:
                 known = nearest(name, sizes) if sizes else "it has none"
                 raise FmuError(f"{self.path}: {name} is no structural parameter of {self.name}; {known}")
         wanted = (structural.get("nx"), structural.get("ny"))
-        is_ours = self.tool.startswith("inkloop ")
-        fits = self.grid is None or wanted == self.grid or (not is_ours and wanted == self.grid[::-1])
-        if self.grid and "nx" not in sizes and None not in wanted and not fits:
+        if self.fixed_grid and None not in wanted and wanted != self.fixed_grid:
             nx, ny = wanted
             flag = "--fmi 2" if self.fmi == 2 else "--fmi 3 --fixed"
-            made = f": inkloop export fmu {self.name} {flag} --nx {nx} --ny {ny}" if is_ours else ""
             raise FmuError(
-                f"{self.path}: {self.name} has a fixed grid of {self.grid[0]} x {self.grid[1]} cells, "
-                f"wanted are {nx} x {ny}; take the grid of the FMU, or make one that fits{made}"
+                f"{self.path}: {self.name} has a fixed grid of {self.fixed_grid[0]} x {self.fixed_grid[1]} cells, "
+                f"wanted are {nx} x {ny}; take the grid of the FMU, or make one that fits: "
+                f"inkloop export fmu {self.name} {flag} --nx {nx} --ny {ny}"
             )
         return sizes
+
+    @property
+    def fixed_grid(self) -> tuple[int, int] | None:
+        """(nx, ny) of one of our FMUs that has no other; a matrix of others may be anything, as of a rotation."""
+        return self.grid if self.tool.startswith("inkloop ") and "nx" not in self.default_sizes else None
 
     @property
     def grid(self) -> tuple[int, int] | None:

@@ -86,7 +86,7 @@ class Variable:
             return None
         for what, texts, read in (
             ("the start value", set(self.start), self._checked_number),
-            ("the limit", {self.minimum, self.maximum} - {None}, float),
+            ("the limit", {limit for limit in (self.minimum, self.maximum) if limit is not None}, float),
         ):
             for text in texts:
                 try:

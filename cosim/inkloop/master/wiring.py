@@ -151,8 +151,10 @@ def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[
     ):
         if not fits:
             advice = f", or a gain that converts {found} into {expected}" if strange & {found, expected} else ""
-            if what == "shape" and len(shape) == 2 and shape == target.shape[::-1]:
-                advice = "; transpose in the connection, or in ports of an FMU, exchanges the axes"
+            if what == "shape" and len(shape) == len(target.shape) == 2:
+                is_turned = shape == target.shape[::-1]
+                turned = "transpose in the connection, or in ports of an FMU, exchanges the axes"
+                advice = f"; {turned if is_turned else 'write under [grid] the nx and ny of the one that has no other'}"
             yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
     if not holds(target.dtype, source.dtype):
         yield (

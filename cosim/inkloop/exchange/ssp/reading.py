@@ -137,7 +137,7 @@ def _grid_errors(
     apply_overrides(document, overrides)
     grid: Any = document.unwrap().get("grid")
     wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
-    fixed = {name: of.grid for name, of in known.items() if of.grid is not None and "nx" not in of.default_sizes}
+    fixed = {name: of.fixed_grid for name, of in known.items() if of.fixed_grid is not None}
     if not all(isinstance(cells, int) and cells > 0 for cells in wanted):
         return []
     owner, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")

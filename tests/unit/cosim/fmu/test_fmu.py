@@ -210,6 +210,13 @@ def test_constant_is_the_length_of_a_dimension(folder: Path, tmp_path: Path) -> 
     assert found.variables["x"].dimensions == (3,)
 
 
+def test_matrix_of_others_is_no_grid_that_must_fit(folder: Path, tmp_path: Path) -> None:
+    matrix = [(f'"y[{n}]"', f'"y[{n},1]"') for n in (1, 2, 3)]
+    path = altered(build(folder, 2), tmp_path / "it.fmu", *matrix)
+    assert describe(path).grid == (3, 1)
+    assert describe(path).sizes({"nx": 9, "ny": 9}) == {}
+
+
 def test_names_without_a_convention_are_not_joined(folder: Path, tmp_path: Path) -> None:
     flat = altered(build(folder, 2), tmp_path / "flat.fmu", (' variableNamingConvention="structured"', ""))
     found = describe(flat)
