@@ -247,7 +247,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
     again = scenario_of(tmp_path / "two.ssp")
     assert again.connections == [
         Connection("first.y", "second.x", 2.5, pytest.approx(4e-6, rel=1e-9, abs=0.0)),  # type: ignore[arg-type]
-        Connection("second.y", "first.x", 1.0, pytest.approx(-1.5e-6, rel=1e-9, abs=0.0)),  # type: ignore[arg-type]
+        Connection("second.y", "first.x", None, pytest.approx(-1.5e-6, rel=1e-9, abs=0.0)),  # type: ignore[arg-type]
     ]
     assert again.tables.components["first"].options["gain"] == 3.0
     assert "gain" not in again.tables.components["second"].options  # 2 is what the FMU begins with

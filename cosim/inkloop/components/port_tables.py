@@ -119,7 +119,8 @@ def _mapped(
     port = _port(name, table, job, variables)
     found, needed = (sum(math.prod(each.shape) for each in ports) for ports in (variables, [port]))
     if found != needed:
-        what = f"{job.nx} x {job.ny} values, as the grid" if port.shape else "one value"
+        of_grid = f"{job.nx} x {job.ny} values, as the grid; take the grid of the FMU, or make one that fits"
+        what = of_grid if port.shape else "one value"
         return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
     if errors := [*_orientation_errors(table, variables, port), *_unit_errors(table, variables[0], port.unit)]:
         return None, errors
