@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
 import inkloop
 import inkloop_controller
@@ -57,17 +57,17 @@ def texts() -> Texts:
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
     lines += ["## The lab", "", "From `inkloop_lab`.", "", *_entries(inkloop_lab, inkloop_lab.__all__)]
-    lines += ["## For packages that build on inkloop", "", BUILD_ON, table(("module", "names"), _public_modules())]
+    lines += ["## For packages that build on inkloop", "", BUILD_ON, "", *_public_modules()]
     text = "\n".join(lines).rstrip("\n") + "\n"
     return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
 
 
-def _public_modules() -> Iterator[tuple[str, str]]:
-    """Modules of inkloop below its root with names that are public, which their `__all__` says."""
+def _public_modules() -> Iterator[str]:
+    """A line for each module of inkloop below its root that has an `__all__`: its public names."""
     for name in modules():
         names = public_names(name) if is_below(name, "inkloop") and name != "inkloop" else []
         if names and not is_below(name, "inkloop.geometry"):
-            yield f"`{name}`", ", ".join(f"`{one}`" for one in names)
+            yield f"- `{name}`: {', '.join(f'`{one}`' for one in names)}"
 
 
 def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterator[str]:
@@ -93,9 +93,13 @@ def _explained(name: str, entry: object) -> str:
 
 
 def _members(name: str, entry: type) -> Iterator[str]:
-    """A line for each public method and property that the class defines itself, without types of arguments."""
+    """A line for each public method and property that the class defines itself, without types of arguments.
+
+    Those of the protocol `Component` are explained there.
+    """
+    told = vars(inkloop.Component) if entry is not inkloop.Component and hasattr(entry, "do_step") else ()
     for member, value in vars(entry).items():
-        if member.startswith("_"):
+        if member.startswith("_") or member in told:
             continue
         function: Any = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
         if not inspect.isfunction(function):

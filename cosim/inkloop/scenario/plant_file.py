@@ -61,7 +61,7 @@ class Plant:
 
     @property
     def unstated(self) -> list[str]:
-        """What the FMU does not state, and is assumed."""
+        """Assumptions that stand in for statements missing in the FMU."""
         found = []
         if conversion("m3", self.pattern.unit) is None:
             found.append(f"{self.pattern.variable} is 1 for a droplet")
