@@ -36,11 +36,13 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
 Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
-[plant-v2](../../lab/inkloop_lab/score/plant-v2) (displaced, incomplete scans). A version never changes: tables with the same hash (after "plants") can be compared. Your class is the same as [in a
+[plant-v2](../../lab/inkloop_lab/score/plant-v2) (displaced, incomplete scans). A version never changes: tables with the
+same hash (after "plants") can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
 run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, `score.tex`, `score.csv` (every print) and `score.png`. To cite, use the line below a table, [CITATION.cff](../../CITATION.cff), and the papers of the plants.
+The run folder holds `score.md`, `score.tex`, `score.csv` (every print) and `score.png`. To cite, use the line below a
+table, [CITATION.cff](../../CITATION.cff), and the papers of the plants.
 
 | plant | the printer | the sensor |
 |---|---|---|
@@ -63,7 +65,8 @@ random layers printed on the plant. "Single droplet" is what one droplet leaves 
 geometric feedback, Cohen and Lipson 2010) adds it up. "Learning" also fits the three heights during the print
 (`adapt_ink = "full"`).
 
-With the scans of version 2 superposition, error diffusion and the paper's search pour ink on walls that are not where the scan shows them.
+With the scans of version 2 superposition, error diffusion and the paper's search pour ink on walls that are not where
+the scan shows them.
 """
 
 
