@@ -35,7 +35,7 @@ EXPLAINED = {
     "LayerEnv": "[Observation, action, reward](../how-to/learn-a-policy.md)",
     "LayerPlan": "[Fields](layer-plan.md#the-record)",
 }
-"""Class -> the page that explains its arguments; here stands the first paragraph of its docstring."""
+"""Class -> the page that explains its arguments; here stand their names and the first paragraph of its docstring."""
 BUILD_ON = (
     "A command, a study or a component of your own may also import these, as `inkloop_lab` does, and all modules of "
     "[the floor](../explanation/architecture.md#the-rooms)."
@@ -80,7 +80,8 @@ def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterato
             yield from (inspect.cleandoc(entry.__doc__ or ""), "")
             yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
         else:
-            yield from ("```text", _signature(name, entry), "```", "", _explained(name, entry), "")
+            signature = _signature(name, entry, is_typed=name not in EXPLAINED)
+            yield from ("```text", signature, "```", "", _explained(name, entry), "")
         if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
             members = list(_members(name, entry))
             yield from (*members, "") if members else ()
@@ -105,12 +106,12 @@ def _members(name: str, entry: type) -> Iterator[str]:
         if not inspect.isfunction(function):
             continue
         shown = f"{name}.{member}" if isinstance(value, staticmethod | classmethod) else member
-        signature = shown if isinstance(value, property) else _signature(shown, function, is_bound=True)
+        signature = shown if isinstance(value, property) else _signature(shown, function, is_bound=True, is_typed=False)
         yield f"- `{' '.join(signature.split())}`: {_first_paragraph(function)}"
 
 
-def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) -> str:
-    """A call with types and defaults, on several lines where it is long."""
+def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False, is_typed: bool = True) -> str:
+    """A call with defaults, on several lines where it is long and not of a member."""
     if getattr(entry, "_is_protocol", False):
         return f"class {name}(Protocol)"
     signature = inspect.signature(entry)
@@ -124,7 +125,7 @@ def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) 
         if parameter.kind is parameter.KEYWORD_ONLY and not keyword_only:
             shown.append("*")
         keyword_only |= parameter.kind is parameter.KEYWORD_ONLY
-        shown.append(_parameter(parameter, entry, is_typed=not is_bound))
+        shown.append(_parameter(parameter, entry, is_typed=is_typed))
     returned = signature.return_annotation
     arrow = "" if inspect.isclass(entry) or returned is signature.empty else f" -> {_annotation(returned)}"
     line = f"{name}({', '.join(shown)}){arrow}"
