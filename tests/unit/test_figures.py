@@ -63,7 +63,8 @@ def test_page_of_commands_names_every_option_and_explains_a_frequent_one_once() 
     assert section == "\n## inkloop weigh\n\nWeigh. Takes `--set`.\n\n- `PART`: a part\n"
     page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
     assert page.count("`--set KEY=VALUE`: override a key") == 1
-    explained = re.findall(r"^- (`.+`):", page.partition("<!-- often -->")[2].partition("<!-- end -->")[0], re.MULTILINE)
+    often_taken = page.partition("<!-- often -->")[2].partition("<!-- end -->")[0]
+    explained = re.findall(r"^- (`.+`):", often_taken, re.MULTILINE)
     assert len(explained) == len(set(explained)), "a command that takes one of these names it alone"
 
 
