@@ -117,7 +117,7 @@ void probe_memory(Bench *bench, int node, uint32_t sectors, uint32_t sector_byte
         bench->board[node].write_unit = write_unit;
 }
 
-/* What could not be read or written is as good as new. */
+/* Storage that failed to read or write is as good as new. */
 void probe_restore(Bench *bench, int node) {
     Board *board = &bench->board[node];
     memset(board->unreadable, 0, sizeof board->unreadable);

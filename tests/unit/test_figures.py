@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from benchmarks import RECORDED
 from tools.figures import can_protocol, command_line, gallery, house, performance, the_papers
@@ -61,6 +63,9 @@ def test_page_of_commands_names_every_option_and_explains_a_frequent_one_once() 
     assert section == "\n## inkloop weigh\n\nWeigh. Takes `--set`.\n\n- `PART`: a part\n"
     page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
     assert page.count("`--set KEY=VALUE`: override a key") == 1
+    often_taken = page.partition("<!-- often -->")[2].partition("<!-- end -->")[0]
+    explained = re.findall(r"^- (`.+`):", often_taken, re.MULTILINE)
+    assert len(explained) == len(set(explained)), "a command that takes one of these names it alone"
 
 
 def test_comments_of_frames_that_differ_by_their_node_are_one() -> None:

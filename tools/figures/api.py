@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from tools.figures.pages import DOCS, Texts, table
+from tools.figures.pages import DOCS, Texts
 
 import inkloop
 import inkloop_controller
@@ -35,7 +35,7 @@ EXPLAINED = {
     "LayerEnv": "[Observation, action, reward](../how-to/learn-a-policy.md)",
     "LayerPlan": "[Fields](layer-plan.md#the-record)",
 }
-"""Class -> the page that explains its arguments; here stands the first paragraph of its docstring."""
+"""Class -> the page that explains its arguments; here stand their names and the first paragraph of its docstring."""
 BUILD_ON = (
     "A command, a study or a component of your own may also import these, as `inkloop_lab` does, and all modules of "
     "[the floor](../explanation/architecture.md#the-rooms)."
@@ -57,17 +57,17 @@ def texts() -> Texts:
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
     lines += ["## The lab", "", "From `inkloop_lab`.", "", *_entries(inkloop_lab, inkloop_lab.__all__)]
-    lines += ["## For packages that build on inkloop", "", BUILD_ON, table(("module", "names"), _public_modules())]
+    lines += ["## For packages that build on inkloop", "", BUILD_ON, "", *_public_modules()]
     text = "\n".join(lines).rstrip("\n") + "\n"
     return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
 
 
-def _public_modules() -> Iterator[tuple[str, str]]:
-    """Modules of inkloop below its root with names that are public, which their `__all__` says."""
+def _public_modules() -> Iterator[str]:
+    """A line for each module of inkloop below its root that has an `__all__`: its public names."""
     for name in modules():
         names = public_names(name) if is_below(name, "inkloop") and name != "inkloop" else []
         if names and not is_below(name, "inkloop.geometry"):
-            yield f"`{name}`", ", ".join(f"`{one}`" for one in names)
+            yield f"- `{name}`: {', '.join(f'`{one}`' for one in names)}"
 
 
 def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterator[str]:
@@ -80,7 +80,8 @@ def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterato
             yield from (inspect.cleandoc(entry.__doc__ or ""), "")
             yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
         else:
-            yield from ("```text", _signature(name, entry), "```", "", _explained(name, entry), "")
+            signature = _signature(name, entry, is_typed=name not in EXPLAINED)
+            yield from ("```text", signature, "```", "", _explained(name, entry), "")
         if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
             members = list(_members(name, entry))
             yield from (*members, "") if members else ()
@@ -93,20 +94,24 @@ def _explained(name: str, entry: object) -> str:
 
 
 def _members(name: str, entry: type) -> Iterator[str]:
-    """A line for each public method and property that the class defines itself, without types of arguments."""
+    """A line for each public method and property that the class defines itself, without types of arguments.
+
+    Those of the protocol `Component` are explained there.
+    """
+    told = vars(inkloop.Component) if entry is not inkloop.Component and hasattr(entry, "do_step") else ()
     for member, value in vars(entry).items():
-        if member.startswith("_"):
+        if member.startswith("_") or member in told:
             continue
         function: Any = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
         if not inspect.isfunction(function):
             continue
         shown = f"{name}.{member}" if isinstance(value, staticmethod | classmethod) else member
-        signature = shown if isinstance(value, property) else _signature(shown, function, is_bound=True)
+        signature = shown if isinstance(value, property) else _signature(shown, function, is_bound=True, is_typed=False)
         yield f"- `{' '.join(signature.split())}`: {_first_paragraph(function)}"
 
 
-def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) -> str:
-    """A call with types and defaults, on several lines where it is long."""
+def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False, is_typed: bool = True) -> str:
+    """A call with defaults, on several lines where it is long and not of a member."""
     if getattr(entry, "_is_protocol", False):
         return f"class {name}(Protocol)"
     signature = inspect.signature(entry)
@@ -120,7 +125,7 @@ def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) 
         if parameter.kind is parameter.KEYWORD_ONLY and not keyword_only:
             shown.append("*")
         keyword_only |= parameter.kind is parameter.KEYWORD_ONLY
-        shown.append(_parameter(parameter, entry, is_typed=not is_bound))
+        shown.append(_parameter(parameter, entry, is_typed=is_typed))
     returned = signature.return_annotation
     arrow = "" if inspect.isclass(entry) or returned is signature.empty else f" -> {_annotation(returned)}"
     line = f"{name}({', '.join(shown)}){arrow}"

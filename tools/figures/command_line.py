@@ -21,13 +21,15 @@ def run() -> None:
 
 
 def texts() -> Texts:
-    """A section for each command, the options that all commands have, and those that many have."""
+    """A section for each command, the options that all commands have, and the arguments that several have."""
     shared = argparse.ArgumentParser(add_help=False)
     add_output(shared)
     own = {action.dest for action in shared._actions}
     commands = [(command.prog, meaning, list(_rows(command, own))) for command, meaning in _commands(parser())]
-    count = Counter(row for *_, rows in commands for row in rows if row[0].startswith("`--"))
+    count = Counter(row for *_, rows in commands for row in rows)
     often = [row for row, times in count.items() if times >= OFTEN]
+    named = Counter(name for name, _ in often)
+    often = [row for row in often if named[row[0]] == 1]
     return {
         PAGE: {
             "output": _listed(_rows(shared, set())),
@@ -37,14 +39,14 @@ def texts() -> Texts:
     }
 
 
-OFTEN = 3
-"""Number of commands from which on the page explains an option once."""
+OFTEN = 2
+"""Number of commands from which on the page explains an argument once."""
 
 
 def _section(prog: str, meaning: str, rows: Sequence[Row], often: Sequence[Row]) -> str:
-    """Heading, meaning and arguments of a command; of the options explained above the names alone."""
+    """Heading, meaning and arguments of a command; of the arguments explained above the names alone."""
     own = [row for row in rows if row not in often]
-    names = ", ".join(f"`{row[0].strip('`').split()[0]}`" for row in rows if row in often)
+    names = ", ".join(f"`{row[0].strip('`').replace(',', '').split()[0]}`" for row in rows if row in often)
     return f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{_listed(own)}"
 
 

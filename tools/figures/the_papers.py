@@ -35,16 +35,14 @@ SCORE_PAGE = """# The score board
     inkloop score env:module:Policy        # also a policy, e.g. a learned one
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) (several printers, sensors in register) or
-[plant-v2](../../lab/inkloop_lab/score/plant-v2) (scans that are shifted, blurred and incomplete), a scenario without a
-controller. Every controller prints a plant with the same three seeds. A version never changes and has a score of its
-own; tables with the same hash of its files (after "plants") can be compared. Your class is the same as [in a
+Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
+[plant-v2](../../lab/inkloop_lab/score/plant-v2) (displaced, incomplete scans). A version never changes: tables with the
+same hash (after "plants") can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
 run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, also with the ink that each controller assumes, `score.tex` (with booktabs),
-`score.csv` (every print) and `score.png`. To cite, use the last line of the table, inkloop as given in
-[CITATION.cff](../../CITATION.cff), and the papers of the plants.
+The run folder holds `score.md`, `score.tex`, `score.csv` (every print) and `score.png`. To cite, use the line below a
+table, [CITATION.cff](../../CITATION.cff), and the papers of the plants.
 
 | plant | the printer | the sensor |
 |---|---|---|
@@ -67,9 +65,8 @@ random layers printed on the plant. "Single droplet" is what one droplet leaves 
 geometric feedback, Cohen and Lipson 2010) adds it up. "Learning" also fits the three heights during the print
 (`adapt_ink = "full"`).
 
-With a sensor in register no controller leaves a larger rms error than printing open loop. With the scans of version 2
-superposition, error diffusion and the paper's search do: they pour ink on walls that are not where the scan shows them.
-Readings that are lost but right (`lu-dropout`) do little harm.
+With the scans of version 2 superposition, error diffusion and the paper's search pour ink on walls that are not where
+the scan shows them.
 """
 
 

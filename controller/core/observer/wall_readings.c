@@ -9,7 +9,10 @@
 
 static const double WALL = 0.1;  /* least variance by displacement that makes a wall, in that of droplet and sensor */
 static const double STEEP = 0.8; /* least slope of a steep wall, in layers per cell */
-enum { WALLS_MAX = 640 };
+/* log odds below which scans are surely in register: fewer walls show whether they move (assumed) */
+static const double IN_REGISTER = -5.0;
+static const double FAR_FROM_1 = 1e100; /* product of ratios whose logarithm is taken */
+enum { WALLS_MAX = 640, WALLS_WATCHED = 160 };
 
 void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
@@ -35,14 +38,15 @@ void mark_walls(const ScanEvidence *evidence, const double *slopes, const double
 /* Samples the walls at even distances, if there are many. */
 bool collect_walls(WallFit *fit) {
     const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny, cells = nx * ny;
-    const size_t most = cells < WALLS_MAX ? cells : WALLS_MAX;
+    const size_t limit = fit->evidence->known->registration.odds < IN_REGISTER ? WALLS_WATCHED : WALLS_MAX;
+    const size_t most = cells < limit ? cells : limit;
     size_t all = 0;
     fit->walls = take_raw_maps(most, sizeof(Wall) + sizeof(double));
     if (!fit->walls)
         return false;
     fit->values = (double *)(fit->walls + most);
     for (int is_counted = 0; is_counted < 2; is_counted++) {
-        const size_t distance = (all + WALLS_MAX - 1) / WALLS_MAX;
+        const size_t distance = (all + limit - 1) / limit;
         size_t found = 0;
         for (size_t cell = 0; cell < cells; cell++) {
             if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
@@ -151,14 +155,18 @@ double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
 
 double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     const ScanEvidence *evidence = fit->evidence;
-    double gained = 0.0, row[ROW_TERMS];
+    double gained = 0.0, ratio = 1.0, row[ROW_TERMS];
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
         datum_of_row(in_register->datum, wall->u, row);
         const double plain = evidence->scan[wall->cell] - evidence->predicted[wall->cell] -
                              share_change(evidence, in_register->share, wall->cell) - datum_in_row(row, wall->w);
         const double variance = NU * fmin(wall->variance, native_variance(evidence, wall->cell));
-        gained += log1p(plain * plain / variance) - log1p(wall->rest * wall->rest / variance);
+        ratio *= (variance + plain * plain) / (variance + wall->rest * wall->rest);
+        if (ratio > FAR_FROM_1 || ratio < 1.0 / FAR_FROM_1) {
+            gained += log(ratio);
+            ratio = 1.0;
+        }
     }
-    return 0.5 * (NU + 1.0) * gained;
+    return 0.5 * (NU + 1.0) * (gained + log(ratio));
 }

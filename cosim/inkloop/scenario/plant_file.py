@@ -64,7 +64,7 @@ class Plant:
 
     @property
     def unstated(self) -> list[str]:
-        """What the FMU does not state, and is assumed."""
+        """Assumptions that stand in for statements missing in the FMU."""
         found = []
         if _gain(self.pattern.unit)[1] == _UNSTATED:
             found.append(f"{self.pattern.variable} is 1 for a droplet")

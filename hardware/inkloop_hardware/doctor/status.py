@@ -84,7 +84,7 @@ def status(rig: Rig) -> Iterator[NodeReport | str]:
 
 
 def _overheard(rig: Rig, other: AnotherMaster) -> Iterator[str]:
-    """What the nodes say by themselves; `other` if their frames cannot be had beside those of its print."""
+    """Status frames of the nodes, nothing sent. Raises `other` where a second reader gets none beside its print."""
     settings = configured(rig.settings)
     check_second_reader(rig.settings, other)
     with closing(Adapter(settings)) as adapter:

@@ -71,7 +71,7 @@ class Services:
         }
 
     def of_all(self) -> None:
-        """What each node has."""
+        """Add the services of every node."""
         values = self._dictionary.values
         session = Part("session", Session, 1)
         times = (Part("p2", float, 2), Part("p2_star_in_10_ms", int, 2))
@@ -85,7 +85,7 @@ class Services:
             self._routine(routine)
 
     def of(self, node: Node) -> None:
-        """What this node has besides."""
+        """Add the services of this node alone."""
         for routine in ROUTINES[node]:
             self._routine(routine)
         if node is Node.HEAD:

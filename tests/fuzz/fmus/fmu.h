@@ -11,7 +11,7 @@ enum { OK, WARNING, DISCARD, ERROR }; /* the same numbers in both versions */
 typedef unsigned Status;              /* as gcc and clang count in enumerations */
 enum { NAME_SIZE = 64, TEXT_SIZE = 768, VARIABLES_MAX = 128 };
 
-/* What an instance has logged since `count` was set to 0. */
+/* Messages of an instance since `count` was set to 0. */
 typedef struct {
     unsigned count;
     char text[TEXT_SIZE];

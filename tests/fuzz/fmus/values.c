@@ -76,7 +76,7 @@ static Verdict worse(Verdict one, Verdict other) {
     return one > other ? one : other;
 }
 
-/* What the standard permits for setting a variable now. */
+/* Verdict of the standard on setting a variable now. */
 static Verdict settable(const Subject *s, const Variable *v) {
     switch (v->role) {
     case 'i':

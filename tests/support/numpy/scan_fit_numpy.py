@@ -248,6 +248,10 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     walls, fit = marked_walls(o, s, look, prior), deepcopy(in_register)
     fit.droplets = 0
     cells = look.valid & walls
+    if s.odds < c.IN_REGISTER:
+        chosen = np.flatnonzero(cells)
+        cells = np.zeros_like(cells)
+        cells.flat[chosen[:: max(1, -(-len(chosen) // c.WATCHED))]] = True
     view = View(o, look, cells, s.g[c.SPREAD], s.share)
     if cells.sum() < c.LEAST_CELLS:
         return fit, walls, view.with_spot
