@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from inkloop.exchange.ssp.structure import SSD, SSM, SSV, Structure, converts_units, flat_name, linear, units_in
+from inkloop.exchange.ssp.structure import SSD, SSM, SSV, XML_ERRORS, Structure, converts_units, flat_name, linear, units_in
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.fmu.variable import TEXT
 from inkloop.suggest import nearest
@@ -125,7 +125,7 @@ def _document(
         return None
     try:
         root = ET.fromstring(archive.read(member_of(source)))
-    except (KeyError, ET.ParseError) as error:
+    except XML_ERRORS as error:  # without the member, it is a LookupError
         errors.append(f"{what} {source!r} cannot be read: {error}")
         return None
     if root.tag != tag:

@@ -22,7 +22,7 @@ from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp import contents, wires
 from inkloop.exchange.ssp.contents import member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
-from inkloop.exchange.ssp.structure import SSD, Structure, flat_name, units_in
+from inkloop.exchange.ssp.structure import SSD, XML_ERRORS, Structure, flat_name, units_in
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import unpacked_error
@@ -97,7 +97,7 @@ def _parsed(archive: zipfile.ZipFile, member: str, errors: list[str]) -> ET.Elem
         return None
     try:
         return ET.fromstring(archive.read(member))
-    except ET.ParseError as error:
+    except XML_ERRORS as error:
         errors.append(f"{member} is no XML: {error}")
         return None
 

@@ -333,6 +333,13 @@ def test_file_that_is_no_parameter_set_is_reported() -> None:
     assert found == {"count": 4}
 
 
+@pytest.mark.parametrize("encoding", ["klingon", "utf-7", "cp932"])
+def test_encoding_that_cannot_be_read_is_an_error(encoding: str) -> None:
+    files = {"odd.ssv": f'<?xml version="1.0" encoding="{encoding}"?><a/>'}
+    (error,) = read(files=files, more='<ssd:ParameterBinding source="odd.ssv"/>')[1]
+    assert error.startswith("parameters 'odd.ssv' ")
+
+
 PORTS = {
     "a": described(2, scattered("y", "output", (2,), unit="mm"), variable("n", "Integer", "output")),
     "b": described(2, scattered("x", "input", (2,), unit="m"), variable("m", "Integer", "input")),
