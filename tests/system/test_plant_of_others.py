@@ -88,6 +88,8 @@ def test_names_padded_with_zeros_keep_them() -> None:
     found = plant_with(*described("input", "dose_{i:02}_{j:02}"), *described("output", "z{i:03}{j:02}", unit="mm"),
                        *described("output", "height_{i:02}_{j}", unit="mm"))  # fmt: skip
     assert (found.pattern.variable, found.height.variable) == ("dose_{i:02}_{j:02}", "height_{i:02}_{j}")
+    with pytest.raises(ScenarioError, match="inputs: none"):  # digits that a template does not write
+        plant_with(*(array("input", f"dose_{i}_{j}", ()) for i in "١٢" for j in "١٢"))
 
 
 def test_maps_in_two_orders_of_axes_are_one_grid() -> None:

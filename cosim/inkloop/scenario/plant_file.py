@@ -18,7 +18,7 @@ from inkloop.fmu import FmuDescription, Variable
 from inkloop.tables.shapes import Grid
 from inkloop.units import UNITS, conversion, is_defined
 
-_NUMBER = re.compile(r"\d+")
+_NUMBER = re.compile(r"[0-9]+")
 _ROWS = re.compile(r"row|line|zeile", re.IGNORECASE)
 """Names before an index that goes along y."""
 _LIKELY = {

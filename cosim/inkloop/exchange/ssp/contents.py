@@ -11,7 +11,17 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from inkloop.exchange.ssp.structure import SSD, SSM, SSV, XML_ERRORS, Structure, converts_units, flat_name, linear, units_in
+from inkloop.exchange.ssp.structure import (
+    SSD,
+    SSM,
+    SSV,
+    XML_ERRORS,
+    Structure,
+    converts_units,
+    flat_name,
+    linear,
+    units_in,
+)
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.fmu.variable import TEXT
 from inkloop.suggest import nearest

@@ -169,7 +169,7 @@ def test_every_error_is_named_at_once_with_its_key() -> None:
     expected = {
         "ports.pattern": "of type int32; a unit, gain or offset needs a real one",
         "ports.layer_command": "'comand', which is no input or output of the FMU; did you mean command",
-        "ports.drop_level": "'row' with 3 values; needs 2 x 3 values, as the grid; take the grid of the FMU, or make one that fits",
+        "ports.drop_level": "'row' with 3 values; needs 2 x 3 values, as the grid; take the grid of the FMU",
         "ports.height.variable": "'z' in [1]; needs a unit of the quantity [m]: write unit, one of um, mm",
         "ports.measured_height.unit": "'um', but the FMU declares x in [mm]; leave it out",
         "ports.status.gian": "is not a key of this table",
