@@ -62,7 +62,8 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         found = f"{path}: is not a readable FMU: {error}"
         raise FmuError(f"{found}; name an .fmu file, or export or copy it again") from error
     except Exception as error:  # the parser raises bare exceptions
-        reason = f"it refers to {error}, which it does not have" if isinstance(error, KeyError) else str(error)
+        is_reference = isinstance(error, KeyError) and str(error).isdecimal()
+        reason = f"no variable has the valueReference {error}" if is_reference else str(error).strip("\"'")
         raise FmuError(f"{path}: is not a readable FMU: {reason}") from error
     if model.fmiVersion[:1] not in ("2", "3"):
         raise FmuError(f"{path}: is FMI {model.fmiVersion}; inkloop takes FMI 2 and FMI 3")
