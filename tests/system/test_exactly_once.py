@@ -114,7 +114,7 @@ class Moment:
 @pytest.mark.long
 def test_master_killed_at_sixty_random_moments_prints_every_pass_once(looks: Path, tmp_path: Path) -> None:
     """From outside, at the same moments in every run: up to a layer after the last, anywhere in a pass or a cure."""
-    path, run, draw = part(tmp_path, RANDOM_KILLS // 2), tmp_path / "run", np.random.default_rng(48)
+    path, run, draw = part(tmp_path, RANDOM_KILLS), tmp_path / "run", np.random.default_rng(48)
     words: list[str | None] = []
     with powered(path, tmp_path / "nodes", looks, pass_ms=1e3 * RANDOM_PASS_S) as nodes:
         begin(path, run, nodes.channel)
