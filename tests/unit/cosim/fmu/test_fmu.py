@@ -192,7 +192,8 @@ _N = '<UInt64 name="n" valueReference="1" causality="structuralParameter" variab
          "x of 9999999999 x 9999999999 values needs about"),
         (3, ('"input" unit="m" start="0"><Dimension valueReference="1"/>',
              '"input" unit="m" start="0"><Dimension start="-3"/>'), "x has the dimensions -3"),
-        (3, ('<Dimension valueReference="1"/>', '<Dimension valueReference="77"/>'), "no variable has the valueReference 77"),
+        (3, ('<Dimension valueReference="1"/>', '<Dimension valueReference="77"/>'),
+         "no variable has the valueReference 77"),
         (3, ("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="0"/></Unit>'
              "</UnitDefinitions><TypeDefinitions>"), "unit 'm' has factor 0.0"),
     ],
