@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu import FmuComponent
-from inkloop.orientation import OWN, Orientation
+from inkloop.master.orientation import OWN, Orientation
 
 
 @dataclass(frozen=True)

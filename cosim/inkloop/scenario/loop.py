@@ -11,8 +11,8 @@ from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
 from inkloop.course.wiring import contract_connections, open_inputs
+from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, check
-from inkloop.orientation import Orientation
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
 from inkloop.tables.messages import read_quantities

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
-from inkloop.orientation import Mirrored, Transposed
+from inkloop.master.orientation import Mirrored, Transposed
 from inkloop.tables import bench_faults
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port
+from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, Transfer, check, feeds
-from inkloop.orientation import Orientation
 from inkloop.units import DefinedUnit
 from support.toys import FunctionComponent
 
