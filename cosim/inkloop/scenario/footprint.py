@@ -1,8 +1,7 @@
 """Resources of a print: memory, disk and processor time, estimated before anything of its size is allocated.
 
-The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Memory and disk: ten
-layers of 6000 x 6000 cells planned one ahead; for more layers ahead and other kinds the slope between grids of 300 x
-300 and 900 x 900. Memory does not grow with layers, which are on disk. Classes and FMUs of others are not included.
+The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Disk: ten layers of
+6000 x 6000 cells planned one ahead; memory: the slope between grids of 900 x 900 and 1300 x 1300. Memory does not grow with layers, which are on disk. Classes and FMUs of others are not included.
 Computing is processor time on one core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of 6000 x 6000
 and of ten layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, of which single ones take
 half or twice as much.
@@ -19,10 +18,10 @@ from inkloop.errors import ResultError
 from inkloop.limits import ROUNDED_CELLS, available_memory, duration_text, free_disk, memory_error, size_text
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 
-BYTES_OF_A_CELL = 185
-BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
+BYTES_OF_A_CELL = 285
+BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 60, 28
 """Additional memory of a cell if layers are planned: for the first, and for each further layer ahead."""
-MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
+MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 105}
 """Kind -> additional memory, if more than a hundred bytes per cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> bytes of its saved state in addition to STATE_BYTES_OF_A_CELL."""
