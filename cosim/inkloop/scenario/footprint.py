@@ -1,10 +1,10 @@
 """Resources of a print: memory, disk and processor time, estimated before anything of its size is allocated.
 
 The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Disk: ten layers of
-6000 x 6000 cells planned one ahead; memory: the slope between grids of 900 x 900 and 1300 x 1300. Memory does not grow with layers, which are on disk. Classes and FMUs of others are not included.
-Computing is processor time on one core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of 6000 x 6000
-and of ten layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, of which single ones take
-half or twice as much.
+6000 x 6000 cells planned one ahead; memory: the slope between grids of 900 x 900 and 1300 x 1300, which does not grow
+with layers, since these are on disk. Classes and FMUs of others are not included. Computing is processor time on one
+core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of 6000 x 6000 and of ten layers of 400 x 400; on
+grids of up to SMALL_CELLS that of the shipped scenarios, of which single ones take half or twice as much.
 """
 
 from __future__ import annotations
