@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Timed(NamedTuple, Generic[T]):
-    """What a call gave, and its processor and wall time [s]."""
+    """Result of a call, and its processor and wall time [s]."""
 
     answer: T
     processor_s: float

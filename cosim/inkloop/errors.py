@@ -44,7 +44,7 @@ class InkloopError(Exception):
     """Anything that inkloop reports to the user as a message without a traceback."""
 
     has_own_remedy = False
-    """Whether the message says how the print goes on, or that it does not: no general advice follows it then."""
+    """Whether the message gives its own remedy: the general advice to resume is then left out."""
 
     @property
     def remedy_is_said(self) -> bool:

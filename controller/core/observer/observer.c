@@ -149,11 +149,12 @@ static double take_ground(const EstimatorOptions *options, const SurfaceEstimate
 /* Cells with a droplet of each ink, as a share of the part. */
 static void count_printed(const EstimatorOptions *options, const int32_t *pattern, double printed[INKS_MAX]) {
     const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
-    size_t count[INKS_MAX + 1] = {0};
-    for (size_t cell = 0; cell < cells; cell++)
-        count[pattern[cell]]++;
-    for (size_t ink = 0; ink < INKS_MAX; ink++)
-        printed[ink] = fmin((double)count[ink + 1] / fmax((double)part, 1.0), 1.0);
+    for (size_t ink = 0; ink < INKS_MAX; ink++) {
+        size_t count = 0;
+        for (size_t cell = 0; cell < cells; cell++)
+            count += pattern[cell] == (int32_t)ink + 1;
+        printed[ink] = fmin((double)count / fmax((double)part, 1.0), 1.0);
+    }
 }
 
 static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate *before, int32_t number,

@@ -103,7 +103,7 @@ ENDINGS: dict[str, tuple[Happening, tuple[int, ...], tuple[str, int], int, int]]
     "contradiction": (lambda b, _: b.broken(CONTRADICTION), (HEAD, CURE), ("FAULT", Fault.GATE_NOT_CONFIRMED), 5, 5),
     "lamp comes on": (lambda b, _: b.broken(Broken.LAMP_STAYS_ON), (HEAD,), ("FAULT", Fault.LAMP_TIME), 5, 5),
 }
-"""What happens, in whose step, where it ends, and after how many milliseconds everything is off."""
+"""Event, the node in whose step it comes, the end, and the milliseconds until everything is off."""
 
 
 @pytest.mark.parametrize(("name", "node"), [(name, node) for name, ending in ENDINGS.items() for node in ending[1]])

@@ -1,4 +1,4 @@
-"""What a part stands on: the substrate, and the support of overhangs, which the file has to name."""
+"""Support of a part: the substrate, and below overhangs that of the file, which has to name it."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def encoded(node: EcuVariant, service: str, values: dict[str, Any]) -> bytes:
 
 
 def decoded(node: EcuVariant, service: str, request: bytes, answer: bytes) -> dict[str, Any]:
-    """What a tester reads in an answer to a service."""
+    """Values that a tester reads in an answer to a service."""
     (found,) = [one for one in node.decode_response(answer, request) if one.service.short_name == service]
     return {name: without_noise(value) for name, value in found.param_dict.items()}
 
