@@ -47,4 +47,3 @@ def _rows(parser: argparse.ArgumentParser, left_out: Container[str]) -> Iterator
         value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
         names = ", ".join(action.option_strings)
         yield f"`{f'{names} {value}'.strip()}`", str(action.help)
-

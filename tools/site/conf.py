@@ -25,7 +25,6 @@ from sphinx.addnodes import download_reference, pending_xref
 from sphinx.application import Sphinx
 from sphinx.builders.html import StandaloneHTMLBuilder
 from sphinx.util.osutil import relative_uri
-
 from tools.figures.pages import SITE, filled, writer
 
 ROOT = Path(__file__).parents[2]
