@@ -50,7 +50,15 @@ typedef struct {
 } Objective;
 
 enum { MOVE_FLIPS = 1, MOVE_SWAPS = 2, MOVE_SHIFTS = 4, MOVES_ALL = 7 };
-enum { CORE_DONE = 0, CORE_BUDGET = 1, CORE_TIME = 2, CORE_STOPPED = 3, CORE_NO_MEMORY = 4, CORE_NO_SCAN = 5, CORE_NO_DEVICE = 6 };
+enum {
+    CORE_DONE = 0,
+    CORE_BUDGET = 1,
+    CORE_TIME = 2,
+    CORE_STOPPED = 3,
+    CORE_NO_MEMORY = 4,
+    CORE_NO_SCAN = 5,
+    CORE_NO_DEVICE = 6
+};
 
 typedef struct {
     Objective objective; /* objective of the present plan, or of the one returned, evaluated from scratch */
