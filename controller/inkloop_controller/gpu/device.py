@@ -29,7 +29,7 @@ def devices() -> list[cl.Device]:
 
 def described(device: cl.Device) -> str:
     """Name, platform and memory."""
-    kind = cl.device_type.to_string(device.type)
+    kind = "GPU" if device.type & cl.device_type.GPU else "processor"
     return f"{device.name.strip()} ({kind}, {device.platform.name.strip()}, {device.global_mem_size / 2**30:.1f} GiB)"
 
 

@@ -101,7 +101,7 @@ class PlanOnDevice:
         self._awake, self._changed = self._buffer(tiles), self._buffer(tiles)
         self._sums, self._sums_after = (self._buffer(np.zeros(2, np.int64)) for _ in range(2))
         self._made = self._buffer(np.zeros(1, np.int32))
-        self._arguments = (
+        self._arguments: tuple[Any, ...] = (
             *(self._rules, self._droplets, self._buffer(moves), np.int32(0)),
             *(self._height, self._plan, self._chance),
             *(self._buffer(_framed(map_)) for map_ in (target, weight, ceiling)),

@@ -64,9 +64,9 @@ def best_plan(
     """The best plan found (controller/core/planner/shortest_plan.h); its first layer is not empty unless all are.
 
     step: its options say how much work it may take; layer: number of the last layer; last: (layers, nx, ny) the last
-    plan, of any number of layers; that of another grid is not used; seconds_max: guard by the clock; device: repairs plans in
-    place of the core, and what it raises is raised; after_sweep: sees
-    each sweep of a repair, True ends them, as does Ctrl-C.
+    plan, of any number of layers; that of another grid is not used; seconds_max: guard by the clock; device: repairs
+    plans in place of the core, and what it raises is raised; after_sweep: sees each sweep of a repair, True ends them,
+    as does Ctrl-C.
     """
     calls = Calls(after_sweep, device)
     how, droplets = _RELAX_HERE if isinstance(relaxed, str) else _RELAX_NOTHING, None

@@ -58,9 +58,9 @@ class LayerMpc:
     horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
     of it; relaxation: its engine, "gradient" of the core, by CasADi "slp" for any horizon, "ipopt" for small grids,
     "highs" for one layer and alpha = 1; device: that repairs plans, "cpu", "gpu" (by OpenCL; layers of one pass, one
-    drop size), or "auto", a GPU as long as there is one that can; certified: for one layer and alpha = 1, every plan comes with a bound;
-    after_sweep: sees each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it. Raises
-    ValueError for impossible options.
+    drop size), or "auto", a GPU as long as one can; certified: for one layer and alpha = 1, every plan comes with a
+    bound; after_sweep: sees each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it.
+    Raises ValueError for impossible options.
     """
 
     def __init__(
@@ -121,7 +121,8 @@ class LayerMpc:
         watch, problem = Stopwatch(self._time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
         find = partial(
-            *(best_plan, self._problems.step, layer, problem),
+            best_plan,
+            *(self._problems.step, layer, problem),
             relaxed=relaxed.droplets,
             last=last,
             after_sweep=self._after_sweep,
@@ -206,7 +207,8 @@ def _device(name: DeviceName, job: Job, choices: DropletChoices) -> Device | Non
         if reasons:
             raise InkloopError(f"{' and '.join(reasons)} are planned on the processor")
         require("pyopencl", "device = 'gpu'")
-        return import_module("inkloop_controller.gpu.search").DeviceSearch()
+        search: Device = import_module("inkloop_controller.gpu.search").DeviceSearch()
+        return search
     except InkloopError as error:
         if name == "gpu":
             raise ValueError(f"device is 'gpu', and {error}; set device = 'cpu' or 'auto'") from error
