@@ -33,6 +33,15 @@ def described(device: cl.Device) -> str:
     return f"{device.name.strip()} ({kind}, {device.platform.name.strip()}, {device.global_mem_size / 2**30:.1f} GiB)"
 
 
+def lines() -> list[str]:
+    """All devices, and the one that `device = "gpu"` takes."""
+    try:
+        taken = f'device = "gpu" takes {described(chosen_device())}'
+    except DeviceError as error:
+        taken = str(error)
+    return [*map(described, devices()), taken]
+
+
 @cache
 def chosen_device() -> cl.Device:
     """The GPU with the most memory, or the device that the environment names. Raises DeviceError for none."""
