@@ -98,7 +98,7 @@ class LayerMpc:
             job,
             replace(criterion, droplet_std=0.0) if has_bound else criterion,
             choices,
-            threads=work.threads,
+            threads=work.cores,
             finish=finish,
             horizon=given,
             sweeps_max=work.sweeps,
@@ -206,7 +206,7 @@ def _device(name: DeviceName, job: Job, choices: DropletChoices) -> Device | Non
     try:
         if reasons:
             raise InkloopError(f"{' and '.join(reasons)} are planned on the processor")
-        require("pyopencl", "device = 'gpu'")
+        require("pyopencl", "it")
         search: Device = import_module("inkloop_controller.gpu.search").DeviceSearch()
         return search
     except InkloopError as error:
