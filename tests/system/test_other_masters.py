@@ -26,12 +26,13 @@ NO_SCAN_0 = "its connections start at zero: the controller does not learn datum 
 
 
 def cases() -> Iterator[Any]:
-    for loop in (THREE_FMUS, ONE_BLOCK):
+    # the steps of a block are those of contract/test_layer_job_fmu.py: it learns from a layer at the end of its period
+    for loop, steps_s in ((THREE_FMUS, (min(STEPS_S), max(STEPS_S))), (ONE_BLOCK, (min(STEPS_S),))):
         for master in MASTERS:
             for number, (fmi, algorithm) in enumerate(master.forms_of(loop)):
-                for step_s in (min(STEPS_S), max(STEPS_S)):
+                for step_s in steps_s:
                     name = f"{loop.name} by {master.name} FMI {fmi} {algorithm} {step_s} s"
-                    # Maestro takes up to a minute; the steps of a block are those of contract/test_layer_job_fmu.py
+                    # Maestro takes up to a minute
                     is_first = number == 0 and step_s == min(STEPS_S)
                     is_long = master.program is MAESTRO or not is_first
                     marks = [pytest.mark.long] if is_long else []
