@@ -6,6 +6,7 @@ is too low.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,10 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SIGN", "surface_error"]
+__all__ = ["SIGN", "mean_of", "surface_error"]
 
 TOO_LOW, TOO_HIGH = "too low", "too high"
+MEAN_ERROR = "mean_error"
 SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
 """Meaning of the sign of an error, for labels and headings."""
 
@@ -52,6 +54,11 @@ def masked_error(height: FloatMap, target: FloatMap, mask: BoolMap) -> SurfaceEr
         min=float(error.min()),
         max=float(error.max()),
     )
+
+
+def mean_of(metric: str, values: Sequence[float]) -> float:
+    """Mean of a metric over prints; of `mean_error` that of the absolute values, whose signs would cancel."""
+    return float(np.mean(np.abs(values) if metric == MEAN_ERROR else values))
 
 
 def error_of(run: xr.Dataset) -> FloatMap:
