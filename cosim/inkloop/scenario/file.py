@@ -165,8 +165,8 @@ class Scenario:
 
     @property
     def footprint(self) -> Footprint:
-        """Memory and disk space of the print."""
-        return Footprint.of(self.tables, self.solid.shape.height)
+        """Memory, disk space and time of the print."""
+        return Footprint.of(self.tables, self.solid.shape.height, int(self.job().mask.sum()))
 
     @property
     def warnings(self) -> tuple[str, ...]:

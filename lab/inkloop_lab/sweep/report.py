@@ -192,7 +192,8 @@ def _picture(path: Path) -> str:
     if path.suffix not in SHOWN:
         return link.format(name)
     heading = HEADINGS[path.stem]
-    return f"<h2>{heading}</h2>{link.format(f'<img src="{name}" alt="{heading}">')}"
+    image = f'<img src="{name}" alt="{heading}">'
+    return f"<h2>{heading}</h2>{link.format(image)}"
 
 
 def _table(table: NumberTable) -> str:
