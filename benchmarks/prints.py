@@ -14,7 +14,7 @@ from rich.progress import track
 from rich.table import Table
 
 from inkloop.printing.run import print_part
-from inkloop.results.metrics import MEAN_ERROR
+from inkloop.results.metrics import MEAN_ERROR, without_sign
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import M_PER_UM, UM_PER_M
@@ -99,8 +99,7 @@ def figures(case: Case, metrics: Metrics) -> list[Figure]:
 
 def column(metrics: Metrics, case: Case, planner: str, metric: str) -> list[float]:
     """One metric of all prints of a case, in the unit of the tables; of mean errors the absolute values."""
-    values = [found[metric] * SHOWN[metric][1] for found in metrics.get((case.name, planner), [])]
-    return [abs(value) for value in values] if metric == MEAN_ERROR else values
+    return without_sign(metric, (found[metric] * SHOWN[metric][1] for found in metrics.get((case.name, planner), [])))
 
 
 def _figure(case: Case, wanted: Wanted, metrics: Metrics) -> Figure:

@@ -6,7 +6,7 @@ is too low.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SIGN", "mean_of", "surface_error"]
+__all__ = ["SIGN", "surface_error", "without_sign"]
 
 TOO_LOW, TOO_HIGH = "too low", "too high"
 MEAN_ERROR = "mean_error"
@@ -56,9 +56,9 @@ def masked_error(height: FloatMap, target: FloatMap, mask: BoolMap) -> SurfaceEr
     )
 
 
-def mean_of(metric: str, values: Sequence[float]) -> float:
-    """Mean of a metric over prints; of `mean_error` that of the absolute values, whose signs would cancel."""
-    return float(np.mean(np.abs(values) if metric == MEAN_ERROR else values))
+def without_sign(metric: str, values: Iterable[float]) -> list[float]:
+    """Values of a metric of several prints for their mean: of `mean_error`, whose signs would cancel, the absolute ones."""
+    return [abs(value) if metric == MEAN_ERROR else value for value in values]
 
 
 def error_of(run: xr.Dataset) -> FloatMap:

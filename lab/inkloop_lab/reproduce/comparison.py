@@ -67,7 +67,7 @@ class Row:
             self.unit,
             "-" if self.printed is None else number(self.printed),
             ours,
-            "-" if self.within is None else number(self.within),
+            "-" if self.within is None or self.printed is None else number(self.within),
             self.reproduced,
         )
 

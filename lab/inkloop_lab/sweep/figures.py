@@ -35,7 +35,7 @@ def label(metric: str) -> str:
 
 
 def heading(metric: str) -> str:
-    """The name of the mean of a metric over prints, see `mean_of`."""
+    """The name of the mean of a metric over prints, see `without_sign`."""
     return f"|{metric}|" if metric == MEAN_ERROR else metric
 
 

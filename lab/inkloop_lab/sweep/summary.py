@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inkloop.report.terminal import NumberTable, number_table
-from inkloop.results.metrics import mean_of
+from inkloop.results.metrics import without_sign
 from inkloop_lab.sweep.dataset import SEED, STATUSES
 from inkloop_lab.sweep.figures import METRICS, heading, label, scaled
 from inkloop_lab.sweep.plan import standard_error
@@ -44,7 +44,7 @@ def keys_of(study: Study) -> list[str]:
 def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
     """Every point as plain values: its keys, prints, and mean and standard error of each metric in people's units.
 
-    The mean of `mean_error` is that of its absolute values.
+    Of `mean_error` they are those of its absolute values.
     """
     keys, dims = keys_of(study), list(study.shape)
     metrics = [name for name in METRICS if name in sweep]
@@ -57,8 +57,9 @@ def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
         ended = [STATUSES[code] for code in status[place] if code]
         figures: dict[str, Any] = {}
         for name in metrics:
-            values = [scaled(name, float(value)) for value in arrays[name][place] if np.isfinite(value)]
-            figures[label(name)] = mean_of(name, values) if values else None
+            known = (scaled(name, float(value)) for value in arrays[name][place] if np.isfinite(value))
+            values = without_sign(name, known)
+            figures[label(name)] = float(np.mean(values)) if values else None
             figures[f"{label(name)}_standard_error"] = standard_error(values)
         found.append({"keys": setting, "prints": len(ended), "failed": ended.count("failed"), **figures})
     return found
