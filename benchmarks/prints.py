@@ -188,7 +188,6 @@ class Figure:
         counts = self._counting(values)
         return f"{counts:.4g}" if abs(counts) >= 10.0 else f"{counts:.3g}"
 
-
     def _counting(self, values: Sequence[float]) -> float:
         if self.worst:
             return float(np.max(values))

@@ -107,10 +107,8 @@ def require(module: str, user: str, error: type[InkloopError] = InkloopError) ->
 
 def damaged(path: Path) -> str:
     """A sentence on a file that the library of its format cannot read; the library's own words are of no help."""
-    return (
-        f"{path}: is damaged, or its suffix is wrong: it cannot be read as {path.suffix}; write it again, or correct the "
-        "suffix (--traceback shows where reading failed)"
-    )
+    found = f"is damaged, or its suffix is wrong: it cannot be read as {path.suffix}"
+    return f"{path}: {found}; write it again, or correct the suffix (--traceback shows where reading failed)"
 
 
 def message_of(error: Exception) -> str:

@@ -10,8 +10,8 @@
 
 #include "plan_change.h"
 
-/* `order` and `marked` hold layers * nx * ny each. A batch is an iteration; at most `iterations_max`. Sweeps count passes.
- * Returns CORE_DONE or CORE_BUDGET. */
+/* `order` and `marked` hold layers * nx * ny each. A batch is an iteration; at most `iterations_max`. Sweeps count
+ * passes. Returns CORE_DONE or CORE_BUDGET. */
 int32_t paper_search(PlanSurface *surface, size_t batch, int64_t iterations_max, uint64_t seed, size_t *order,
                      size_t *marked, Window *window, SearchReport *report);
 

@@ -57,7 +57,7 @@ def masked_error(height: FloatMap, target: FloatMap, mask: BoolMap) -> SurfaceEr
 
 
 def without_sign(metric: str, values: Iterable[float]) -> list[float]:
-    """Values of a metric of several prints for their mean: of `mean_error`, whose signs would cancel, the absolute ones."""
+    """Values of a metric of prints, for their mean: of `mean_error`, whose signs would cancel, the absolute values."""
     return [abs(value) if metric == MEAN_ERROR else value for value in values]
 
 

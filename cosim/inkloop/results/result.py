@@ -115,9 +115,7 @@ class Result:
         return (self.dataset["target_height"] - self.final_height).where(self.dataset["mask"])
 
     def metrics(self) -> dict[str, float]:
-        """Errors of the final surface over the part [m], layers and droplets, and the ink beside the part, `spill` [m3];
-        of a part in two inks its mismatch.
-        """
+        """Errors of the last surface over the part [m], `spill` beside it [m3], layers, droplets, mismatch of two inks."""
         height, target, mask = (a.values for a in (self.final_height, self.dataset.target_height, self.dataset.mask))
         error = masked_error(height, target, mask)
         beside = np.nansum((height - self.dataset["height"][0].values)[~mask.astype(bool)])

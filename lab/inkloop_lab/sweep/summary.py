@@ -86,10 +86,12 @@ def table_of_points(study: Study, found: Sequence[Mapping[str, Any]], rows_max: 
 def winner(study: Study, found: Sequence[Mapping[str, Any]]) -> str:
     """A sentence on the point with the smallest metric, and how many others may be as good; none of a single point.
 
-    A point may be as good where the difference is below twice its standard error.
+    A point may be as good where the difference is below twice its standard error. Points with failed prints, which lack
+    seeds, do not count.
     """
     own = label(study.tables.metric)
-    known = sorted((each for each in found if each[own] is not None), key=lambda each: abs(each[own]))
+    whole = [each for each in found if each[own] is not None and not each["failed"]]
+    known = sorted(whole, key=lambda each: abs(each[own]))
     if len(known) < 2:
         return ""
     best, *others = known

@@ -40,7 +40,7 @@ def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: p
         print_part(Scenario.load(CUBOID, {"run.layers_max": 2, "seed": seed})).save(Path(folder))
     picture = tmp_path / "both.png"
     assert main(["compare", *runs, "--out", str(picture)]) == 0
-    assert capsys.readouterr().out.count(runs[0][:20]) == 2  # the labels are the same
+    assert capsys.readouterr().out.count(runs[0][:20]) == 3  # the labels are the same; of the picture too
     assert picture.read_bytes().startswith(b"\x89PNG")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("inkloop.report.pictures.draw_comparison", lambda *_: [Path("both.png")])

@@ -48,7 +48,11 @@ def varied() -> list[dict[str, Any]]:
     ("stds", "error", "sentence"),
     [
         ([5.0, 3.0, 9.0], 0.3, "smallest std: alpha 0.8: 3.00 ± 0.30 µm"),
-        ([3.5, 3.0, 9.0], 0.3, "smallest std: alpha 0.8: 3.00 ± 0.30 µm; 1 of 2 others are not worse beyond the scatter"),
+        (
+            [3.5, 3.0, 9.0],
+            0.3,
+            "smallest std: alpha 0.8: 3.00 ± 0.30 µm; 1 of 2 others are not worse beyond the scatter",
+        ),
         ([None, 3.0, 9.0], np.nan, "smallest std: alpha 0.8: 3.00 µm"),
         ([None, 3.0, None], 0.3, ""),
     ],
@@ -57,7 +61,9 @@ def test_winner_is_the_point_with_the_smallest_metric(
     stds: list[float | None], error: float, sentence: str, tmp_path: Path
 ) -> None:
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8, 1.0]\n')
-    found = winner(own, [point(std, error=error, alpha=alpha) for std, alpha in zip(stds, (0.5, 0.8, 1.0), strict=True)])
+    found = winner(
+        own, [point(std, error=error, alpha=alpha) for std, alpha in zip(stds, (0.5, 0.8, 1.0), strict=True)]
+    )
     assert found.startswith(sentence)
     assert bool(found) == bool(sentence)
     assert ("others" in found) == ("others" in sentence)

@@ -19,7 +19,7 @@ from inkloop.report.page.curves import by_layer, distribution, final_error
 from inkloop.report.page.maps import Blocks, LayerMaps, block_for, final_errors, packed, step_um
 from inkloop.report.page.page import ENDS, LOG_LINES, state
 from inkloop.results.result import Result
-from support.pages import HEIGHT, MASK, TARGET, content_of, plate, shown, unpacked
+from support.pages import HEIGHT, MASK, PATTERN, TARGET, content_of, plate, shown, unpacked
 
 HALF_A_STEP: dict[str, Any] = {"rtol": 0.0, "atol": 0.0051}
 
