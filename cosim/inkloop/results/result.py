@@ -115,7 +115,7 @@ class Result:
         return (self.dataset["target_height"] - self.final_height).where(self.dataset["mask"])
 
     def metrics(self) -> dict[str, float]:
-        """Errors of the last surface over the part [m], `spill` beside it [m3], layers, droplets, mismatch of two inks."""
+        """Errors of the last surface over the part [m], layers, droplets, `spill`: ink beside it [m3], mismatch."""
         height, target, mask = (a.values for a in (self.final_height, self.dataset.target_height, self.dataset.mask))
         error = masked_error(height, target, mask)
         beside = np.nansum((height - self.dataset["height"][0].values)[~mask.astype(bool)])

@@ -136,7 +136,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
     "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),
     "binary solid": ("a.stl", meshes.binary_stl(WEDGE, b"solid")[:-7], {}, "begins with 'solid'.*but is binary"),
-    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "is damaged.*could not be read"),
+    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "damaged.*be read as .stl"),
     "facet lost": ("a.stl", meshes.ascii_stl(WEDGE) + b"facet normal 0 0 0", {}, "has 9 faces, of which 8 can be read"),
     "nan": ("a.stl", meshes.binary_stl(np.where(WEDGE == 4, np.nan, WEDGE)), {}, "nan or infinite, in 6 of"),
     "infinite": ("a.ply", meshes.ply(WEDGE).replace(b"4.0", b"inf"), {}, "nan or infinite, in 6 of"),
