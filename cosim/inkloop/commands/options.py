@@ -148,13 +148,10 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 @contextmanager
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
-    from inkloop.scenario import packaged
     from inkloop.scenario.file import Scenario
     from inkloop.scenario.packaged import classes_from
 
-    path = packaged.resolve(options.scenario)
-    if reason := packaged.hint(path):
-        raise ScenarioError(str(path), [reason])
+    path: Path = options.scenario
     job: Path | None = getattr(options, "job", None)
     overrides = overrides_of(options.overrides, str(path))
     with classes_from((job or path).parent):

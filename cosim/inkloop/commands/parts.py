@@ -91,7 +91,7 @@ def _add_geometry(commands: Any) -> argparse.ArgumentParser:
         "file",
         type=Path,
         metavar="FILE",
-        help="mesh (STL, OBJ, PLY, 3MF), height map, manifest of layers, or scenario (.toml)",
+        help="mesh (STL, OBJ, PLY, 3MF), height map, manifest of layers, or scenario (.toml, or a name of inkloop's)",
     )
     add_part_options(parser)
     parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
@@ -102,6 +102,9 @@ def _add_geometry(commands: Any) -> argparse.ArgumentParser:
 
 def _geometry(options: argparse.Namespace) -> int:
     """Show the figures and write the picture; the exit code, 1 where the part cannot be printed as it is."""
+    from inkloop.scenario import packaged
+
+    options.file = packaged.resolve(options.file)
     mesh, source = _mesh(options), str(options.file)
     data: dict[str, Any] = {"file": source, **(mesh.data() if mesh else {})}
     lines = [source, *(mesh.lines() if mesh else ())]

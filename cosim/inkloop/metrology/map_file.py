@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from inkloop.errors import HeightMapError, missing
+from inkloop.errors import HeightMapError, damaged, missing
 from inkloop.limits import memory_error, unpacked_error
 from inkloop.metrology import map_readers
 from inkloop.metrology.height_map import HeightMap
@@ -110,10 +110,7 @@ def _contents(path: Path) -> FileContents:
     except OSError as error:
         raise HeightMapError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
-        reason = (str(error).splitlines() or [""])[0]
-        raise HeightMapError(
-            f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {reason})"
-        ) from error
+        raise HeightMapError(damaged(path)) from error
 
 
 def _size_error(path: Path) -> str | None:

@@ -164,11 +164,6 @@ class PartReport:
         layers = [own["layer_duration_s"] for own in options if isinstance(own.get("layer_duration_s"), int | float)]
         return self.scenario.footprint.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
 
-    @property
-    def computing(self) -> float:
-        """Processor time of the print and its comparison runs, roughly [s]."""
-        return self.scenario.footprint.seconds_of_a_cell * int(self.scenario.job().mask.sum())
-
     def lines(self) -> Iterator[str]:
         """For a person."""
         grid, footprint = self.scenario.tables.grid, self.scenario.footprint
@@ -195,7 +190,7 @@ class PartReport:
         yield f"layers         about {footprint.layers}"
         if self.scan_time:
             yield f"time           about {duration_text(self.scan_time)} of layers and scans"
-        yield f"computing      about {duration_text(float(f'{self.computing:.1g}'))} on one core, half or twice as much"
+        yield f"computing      {footprint.computing.replace(' of computing', '')}"
         yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
 
     def data(self) -> dict[str, Any]:
@@ -216,7 +211,7 @@ class PartReport:
             "droplets": self.droplets,
             "layers": footprint.layers,
             "layers_and_scans_s": self.scan_time,
-            "computing_s": self.computing,
+            "processor_s": footprint.seconds,
             "memory_bytes": footprint.memory,
             "disk_bytes": footprint.disk,
         }
