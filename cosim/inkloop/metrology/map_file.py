@@ -90,11 +90,12 @@ def read(
     widest = max(z.shape[0] * dx, z.shape[-1] * dy)
     declared, factor = _unit(contents, unit, z, widest, errors)
     if not errors:
-        errors += filter(None, [_field_error(widest), _height_error(z * factor, widest)])
+        z *= factor
+        errors += filter(None, [_field_error(widest), _height_error(z, widest)])
     if errors:
         raise HeightMapError(f"{path}{contents.channel and f', {contents.channel}'}: " + "; ".join(errors))
     remark = ", ".join(filter(None, (contents.channel, f"stored in {declared}")))
-    return HeightMap(z * factor, dx, dy, source=str(path), remark=remark)
+    return HeightMap(z, dx, dy, source=str(path), remark=remark)
 
 
 def _heights(
@@ -122,7 +123,8 @@ def _heights(
         return np.full((1, 1), np.nan)
     z = values.astype(np.float64)
     for invalid in (invalid_value, contents.invalid):
-        z[values == invalid] = np.nan
+        if invalid is not None:
+            z[np.equal(values, values.dtype.type(invalid) if values.dtype.kind == "f" else invalid)] = np.nan
     z[~np.isfinite(z)] = np.nan
     z *= 1.0 if scale is None else scale
     return z[:, None] if z.ndim == 1 else z

@@ -216,7 +216,7 @@ class MapFolder:
         self._height = np.where(placed.valid, placed.height, self._height)
         self._valid, self._scanned, self._status = placed.valid, layer, Status.IDLE
         self._map_shape, self._digest, self._wait = map_.shape, digest, None
-        _LOG.info("layer %d: %s", layer, ", ".join(filter(None, (path.name, map_.remark, placed.words))))
+        _LOG.info("layer %d: %s", layer, f"{path.name}: {map_}; {placed.words}")
 
     def _checked(self, map_: HeightMap) -> bytes:
         """Fingerprint of a map, which must differ from the last one and have its size. Raises HeightMapError."""
