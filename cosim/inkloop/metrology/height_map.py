@@ -64,6 +64,8 @@ class HeightMap:
         """Size, range of heights and remark, for a person."""
         dx, dy, width, depth = (f"{size * UM_PER_M:.6g}" for size in (self.dx, self.dy, *self.field))
         pixels = f"{self.shape[0]} x {self.shape[1]} pixels of {dx} x {dy} µm, a field of {width} x {depth} µm"
+        if self.shape[1] == 1:
+            pixels = f"a profile of {self.shape[0]} points, {dx} µm apart, {width} µm long"
         heights = self.z[self.valid] * UM_PER_M
         between = f"heights from {heights.min():.6g} to {heights.max():.6g} µm" if heights.size else "no heights"
         return ", ".join(filter(None, (pixels, between, self.remark)))

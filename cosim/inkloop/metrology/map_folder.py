@@ -84,7 +84,7 @@ class MapFolder:
             limit = FIDUCIAL_SHARE * job.pitch if residual_max_um is None else residual_max_um * M_PER_UM
             on_map, on_grid = (np.array(points) * M_PER_UM for points in (fiducials_map_um, fiducials_grid_um))
             try:
-                placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit).registration
+                placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit)
             except HeightMapError as error:
                 errors.append(str(error))
         if errors:

@@ -31,14 +31,12 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
     mask: the name of the cells that count.
     """
     treatment, profiles = treatment_of(options), None
-    steps = f"{treatment} | form: {treatment.of('form')} | volume: {treatment.of('volume')}"
     if options.profile is None:
         values: Found = {
             symbol: value for group in GROUPS for symbol, value in found(subject, group, treatment).items()
         }
     else:
         values, profiles = found_on_profiles(subject, options.profile, treatment)
-        steps = f"{treatment}; {profiles}" if profiles else str(treatment)
     parameters = rows(values, subject.applicable)
     used = subject.cells & subject.map_.valid
     missing = int(subject.cells.sum() - used.sum())
@@ -48,6 +46,8 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
     for symbols, reason in reasons(parameters):
         console.sentence(f"{reason}: no {symbols if with_value else 'parameter'}")
     if with_value:
+        groups = dict.fromkeys(DEFINITIONS[parameter.symbol].group for parameter in with_value)
+        steps = " | ".join(f"{group}: {treatment.of(group)}" for group in groups) + (f"; {profiles}" if profiles else "")
         caption = f"{used.sum()} cells{lacking}; mask: {mask}; {steps}"
         table = number_table("parameter", "value", title="Surface", caption=caption)
         for parameter in with_value:
