@@ -219,8 +219,9 @@ def _height_error(z: FloatMap, widest: float) -> str | None:
     low, high = np.percentile(known, _NEARLY_ALL)
     if np.ptp(known) <= FIELD_MAX and high - low <= STEEPEST * widest:
         return None
+    lowest, highest = float(known.min()), float(known.max())  # of floats products overflow without a warning
     return (
-        f"its heights reach from {known.min() * UM_PER_M:g} to {known.max() * UM_PER_M:g} µm on a field "
+        f"its heights reach from {lowest * UM_PER_M:g} to {highest * UM_PER_M:g} µm on a field "
         f"{widest * UM_PER_M:g} µm wide; give unit (--unit), the right one, or invalid_value (--invalid-value), the "
         "number of a pixel without a height"
     )

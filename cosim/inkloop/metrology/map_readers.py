@@ -28,6 +28,7 @@ _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs w
 _NODATA = 42113  # the tag of GDAL
 _BYTE = 8  # bits; colour maps of TIFF have 16
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
+_SHOWN = 100  # characters of an error of tifffile, which may show what it could not unpack
 _PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
 Pixel: TypeAlias = tuple[float, float] | None
 
@@ -84,14 +85,16 @@ def read_array(path: Path, channel: str | None = None) -> FileContents:
     the key. Raises HeightMapError, OSError.
     """
     try:
-        loaded = np.load(path, allow_pickle=False)
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if isinstance(loaded, np.ndarray) and file.read(1):
+                raise ValueError("it holds more bytes than its header states")
+            arrays = {} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
     except (ValueError, EOFError, BadZipFile) as error:
         raise HeightMapError(f"{path}: is no array of numbers that NumPy saved ({error})") from error
     if isinstance(loaded, np.ndarray):
         chosen(path, ["the array"], channel)
         return FileContents(loaded, rows_along="y")
-    with loaded:
-        arrays = {name: loaded[name] for name in loaded.files}
     key, unit = _heights(path, arrays, channel)
     sizes = {
         name: float(arrays[f"{key}_{suffix}"]) * factor
@@ -180,7 +183,7 @@ def read_tiff(path: Path, channel: str | None = None) -> FileContents:
             unit = M_PER_CM if not imagej and page.resolutionunit == _CENTIMETRE else unit
             per_unit = tuple(float(count) for count in page.resolution)
     except (tifffile.TiffFileError, ValueError, IndexError) as error:
-        raise HeightMapError(f"{path}: is no TIFF picture that can be read ({error})") from error
+        raise HeightMapError(f"{path}: is no TIFF picture that can be read ({str(error)[:_SHOWN]})") from error
     pixel = None if unit is None or min(per_unit) <= 0.0 else (unit / per_unit[0], unit / per_unit[1])
     if {"vunit", "c0", "c1"} <= imagej.keys():
         values = float(imagej["c0"]) + float(imagej["c1"]) * np.asarray(values, np.float64)

@@ -44,6 +44,8 @@ def grey_pages(path: Path, *, indexed: bool = True) -> Iterator[NDArray[Any]]:
         with _quietly():
             picture = Image.open(path, formats=FORMATS)
         with picture:
+            if picture.format == "BMP" and (reason := _bmp_error(path)):
+                raise HeightMapError(f"{path}: {reason}")
             for number in count(1):
                 with _quietly():  # not while the caller has the page
                     page = _page(picture, number)
@@ -61,6 +63,12 @@ def grey_pages(path: Path, *, indexed: bool = True) -> Iterator[NDArray[Any]]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
+
+
+def _bmp_error(path: Path) -> str | None:
+    """The reason why rows may be shifted: a BMP has no checksum, but the size of the file in its bytes 2 to 5."""
+    stated, size = int.from_bytes(path.read_bytes()[2:6], "little"), path.stat().st_size
+    return None if stated == size else f"is damaged (it has {size} bytes and states {stated}); save it again"
 
 
 @contextmanager

@@ -38,6 +38,7 @@ def read_table(path: Path) -> FileContents:
     first, separator = _first_row(path, lines)
     values = _numbers(path, lines[first:], separator, first + 1)
     header, (rows, columns) = read_header(lines[:first]), values.shape
+    _check_rows(path, lines[:first], separator, columns, rows)
     if header.counts != {"dx": columns, "dy": rows} and columns < rows:
         if columns == len("xz") and _is_monotonic(values[:, 0]):
             return _listed(path, values, header, "x")
@@ -50,6 +51,19 @@ def read_table(path: Path) -> FileContents:
             "be cut off"
         )
     return FileContents(values, header.unit, header.pixel(columns, rows), invalid=header.invalid)
+
+
+def _check_rows(path: Path, above: Sequence[str], separator: str, columns: int, rows: int) -> None:
+    """Raises HeightMapError for a damaged or labelled row above the first one, and for a single row."""
+    for number, line in enumerate(above, start=1):
+        fields = _split(line, separator)
+        wrong = [k for k, field in enumerate(fields) if not _FIELD.fullmatch(field)]
+        heights = [field for k, field in enumerate(fields) if k not in wrong and field.strip()]
+        if not line.startswith("#") and columns < 2 * len(fields) < 3 * len(heights):
+            found = f"line {number}, column {wrong[0] + 1} is {fields[wrong[0]].strip()[:30]!r} among numbers"
+            raise HeightMapError(f"{path}: {found}; expected a row of heights without a label, or a # before it")
+    if rows == 1:
+        raise HeightMapError(f"{path}: has one row of {columns} numbers; a map needs two, the file may be cut off")
 
 
 def _is_monotonic(values: FloatMap) -> bool:

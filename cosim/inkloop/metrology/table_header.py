@@ -104,8 +104,8 @@ def read_header(lines: Sequence[str]) -> Header:
     if foreign and not steps and len(fields) < 2:
         fields = {name: _length(foreign[name], foreign[f"{name}_unit"]) for name in ("dx", "dy")}
         unit = foreign["unit"]
-    written = [line for line in lines if line.strip()]
-    return Header(unit, invalid, _TITLE.findall(written[-1]) if written else (), steps, fields, counts)
+    titles = [found for found in map(_TITLE.findall, lines) if len(found) > 1]
+    return Header(unit, invalid, titles[-1] if titles else (), steps, fields, counts)
 
 
 def _number(text: str) -> float:
