@@ -105,7 +105,9 @@ def _heights(
     values = np.asarray(contents.values)
     before = len(errors)
     if values.ndim == 1 and not profile:
-        errors.append(f"holds a profile of {values.size} heights and no map; `inkloop metrology --profile` evaluates it")
+        errors.append(
+            f"holds a profile of {values.size} heights and no map; `inkloop metrology --profile` evaluates it"
+        )
     elif values.ndim not in (1, 2):
         errors.append(f"holds an array of shape {values.shape}; expected rows and columns")
     elif values.dtype.kind not in "iuf":
@@ -121,7 +123,8 @@ def _heights(
         errors.append(f"holds {values.size:,} pixels: {reason}")
     if len(errors) > before:
         return np.full((1, 1), np.nan)
-    z = values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of NaN that signal
+        z = values.astype(np.float64)
     for invalid in (invalid_value, contents.invalid):
         if invalid is not None:
             z[np.equal(values, values.dtype.type(invalid) if values.dtype.kind == "f" else invalid)] = np.nan

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
-from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES, UM_PER_M
+from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES
 
 if TYPE_CHECKING:
     import tifffile
@@ -28,7 +28,7 @@ _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs w
 _NODATA = 42113  # the tag of GDAL
 _BYTE = 8  # bits; colour maps of TIFF have 16
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
-_SHOWN = 100  # characters of an error of tifffile, which may show what it could not unpack
+_SHOWN = 100  # characters of an error of a library, which may show what it could not unpack
 _PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
 Pixel: TypeAlias = tuple[float, float] | None
 
@@ -37,10 +37,10 @@ Pixel: TypeAlias = tuple[float, float] | None
 class FileContents:
     """Values as stored, with the statements of the file about them, None where it has none.
 
-    values: numbers in `unit`, NaN where nothing was measured, 2-D, or of a profile 1-D; pixel: (dx, dy) [m]; rows_along:
-    the coordinate that a stored row lies along: "x" where the first index goes along y, as in pictures and tables, "y"
-    where it goes along x, as inkloop's own arrays do; invalid: the stored number of a pixel without a height; channel:
-    which of several was read, for a person.
+    values: numbers in `unit`, NaN where nothing was measured, 2-D, or of a profile 1-D; pixel: (dx, dy) [m];
+    rows_along: the coordinate that a stored row lies along: "x" where the first index goes along y, as in pictures and
+    tables, "y" where it goes along x, as inkloop's own arrays do; invalid: the stored number of a pixel without a
+    height; channel: which of several was read, for a person.
     """
 
     values: NDArray[Any]
@@ -81,8 +81,8 @@ def pixel_of(sizes: Mapping[str, float]) -> Pixel:
 def read_array(path: Path, channel: str | None = None) -> FileContents:
     """An NPY file, or an NPZ file with `z_um` or `height_m` ... and `pixel_um`, or `dx_um` and `dy_um`.
 
-    In an NPZ the unit stands in the key; a key without one (`z`, or the only 2-D array) leaves it to the caller. channel:
-    the key. Raises HeightMapError, OSError.
+    In an NPZ the unit stands in the key; a key without one (`z`, or the only 2-D array) leaves it to the caller.
+    channel: the key. Raises HeightMapError, OSError.
     """
     try:
         with path.open("rb") as file:
@@ -91,7 +91,7 @@ def read_array(path: Path, channel: str | None = None) -> FileContents:
                 raise ValueError("it holds more bytes than its header states")
             arrays = {} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
     except (ValueError, EOFError, BadZipFile) as error:
-        raise HeightMapError(f"{path}: is no array of numbers that NumPy saved ({error})") from error
+        raise HeightMapError(f"{path}: is no array of numbers that NumPy saved ({str(error)[:_SHOWN]})") from error
     if isinstance(loaded, np.ndarray):
         chosen(path, ["the array"], channel)
         return FileContents(loaded, rows_along="y")
@@ -116,7 +116,9 @@ def _heights(path: Path, arrays: dict[str, np.ndarray], channel: str | None) -> 
     if len(found) == 1:
         return found[0]
     listed = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
-    raise HeightMapError(f"{path}: holds {listed}; expected one map, named z_um, height_um or z, or name it (--channel)")
+    raise HeightMapError(
+        f"{path}: holds {listed}; expected one map, named z_um, height_um or z, or name it (--channel)"
+    )
 
 
 def read_sdf(path: Path) -> FileContents:
@@ -191,12 +193,8 @@ def read_tiff(path: Path, channel: str | None = None) -> FileContents:
     return FileContents(values, height_unit, pixel, invalid=invalid, channel=words)
 
 
-def _page(
-    path: Path, file: tifffile.TiffFile, channel: str | None
-) -> tuple[NDArray[Any], tifffile.TiffPage, str]:
+def _page(path: Path, file: tifffile.TiffFile, channel: str | None) -> tuple[NDArray[Any], tifffile.TiffPage, str]:
     """The values of a page, the page that describes it, and which it is. Raises HeightMapError."""
-    import tifffile
-
     counts = [prod(series.shape[:-2]) if series.axes.endswith("YX") else 1 for series in file.series]
     pages = [(series, k) for series, count in zip(file.series, counts, strict=True) for k in range(count)]
     index = chosen(path, [str(number) for number in range(1, len(pages) + 1)], channel)
@@ -209,11 +207,12 @@ def _page(
     values = series.asarray()
     if series.axes.endswith("YX"):
         values = values.reshape(-1, *values.shape[-2:])[k]
-    if page.photometric == tifffile.PHOTOMETRIC.PALETTE and not file.is_imagej:  # in ImageJ a palette only shows values
-        red, green, blue = page.colormap[:, values]
+    palette = page.colormap
+    if palette is not None and not file.is_imagej:  # in ImageJ a palette only shows values
+        red, green, blue = palette[:, values]
         if not (np.array_equal(red, green) and np.array_equal(red, blue)):
             raise HeightMapError(f"{path}: has colours (palette); expected grey values: save it as greyscale")
-        values = (red >> (_BYTE if page.colormap.max() >> _BYTE else 0)).astype(np.uint8)
+        values = (red >> (_BYTE if palette.max() >> _BYTE else 0)).astype(np.uint8)
     return values, page, f"page {(index or 0) + 1} of {len(pages)}" if len(pages) > 1 else ""
 
 

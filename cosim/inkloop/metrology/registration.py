@@ -52,9 +52,7 @@ class Registration:
         return self.offset_x + a * x + b * y, self.offset_y + c * x + d * y
 
 
-def from_fiducials(
-    on_map: Points, on_grid: Points, *, mirror: Mirror = "none", residual_max: float
-) -> Registration:
+def from_fiducials(on_map: Points, on_grid: Points, *, mirror: Mirror = "none", residual_max: float) -> Registration:
     """The rigid registration that brings two or more points of the map next to those of the grid (least squares).
 
     on_map, on_grid: (k, 2) [m], in one order; residual_max: a fit that leaves a larger root mean square distance [m] is
@@ -86,7 +84,7 @@ def from_fiducials(
 
 
 def _rigid(source: FloatMap, target: FloatMap, mirror: Mirror) -> tuple[Registration, float]:
-    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1; and its rms [m]."""
+    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1; and the rms left."""
     u, v = (source * _signs(mirror)) @ [1, 1j], target @ [1, 1j]
     mean_u, mean_v = u.mean(), v.mean()
     product = np.vdot(u - mean_u, v - mean_v)

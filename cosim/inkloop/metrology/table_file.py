@@ -47,8 +47,7 @@ def read_table(path: Path) -> FileContents:
     stated = header.counts.get("dx", columns) * header.counts.get("dy", rows)
     if stated != values.size:
         raise HeightMapError(
-            f"{path}: has {rows} rows of {columns} heights, {values.size:,}, its header states {stated:,}; the file may "
-            "be cut off"
+            f"{path}: has {rows} rows of {columns} heights, its header states {stated:,} heights; it may be cut off"
         )
     return FileContents(values, header.unit, header.pixel(columns, rows), invalid=header.invalid)
 
@@ -76,16 +75,16 @@ def _listed(path: Path, table: FloatMap, header: Header, axes: str) -> FileConte
     units = [unit for _, unit in header.titles] if is_named else [None] * table.shape[1]
     if len(axes) > 1 and not (is_named or len(header.counts) == len(axes)):
         raise HeightMapError(
-            f"{path}: has {table.shape[0]} rows of 3 columns, which looks like a list of points x, y, z; name them above "
-            "the first row as x [mm], y [mm], z [um], state nx and ny there, or save the map as a matrix of heights"
+            f"{path}: has {table.shape[0]} rows of 3 columns, which looks like a list of points x, y, z; name them "
+            "above the first row as x [mm], y [mm], z [um], state nx and ny there, or save a matrix of heights"
         )
     found = [_places(path, table[:, k], axis, header, units[k]) for k, axis in enumerate(axes)]
     shape = [place.count for place in reversed(found)]
     flat = np.ravel_multi_index([place.index for place in reversed(found)], shape)
     if np.unique(flat).size < len(table) or prod(shape) > 2 * len(table):
         raise HeightMapError(
-            f"{path}: lists {len(table):,} points on a grid of {' x '.join(map(str, shape))}; expected each place once, "
-            "and at least half of them"
+            f"{path}: lists {len(table):,} points on a grid of {' x '.join(map(str, shape))}; expected each place "
+            "once, and at least half of them"
         )
     heights = np.full(shape, np.nan)
     heights.flat[flat] = table[:, -1]
@@ -112,7 +111,7 @@ def _places(path: Path, column: FloatMap, axis: str, header: Header, unit: str |
         raise HeightMapError(f"{path}: the steps of its column {axis} are not even; expected the places of a grid")
     if header.counts.get(name, count) != count:
         raise HeightMapError(
-            f"{path}: holds {count} places along {axis}, its header states {header.counts[name]}; the file may be cut off"
+            f"{path}: holds {count} places along {axis}, its header states {header.counts[name]}; it may be cut off"
         )
     stated = header.size(name, count)
     size = stated if unit is None else step * (length_factor(unit) or 0.0)

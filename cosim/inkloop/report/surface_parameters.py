@@ -47,8 +47,8 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
         console.sentence(f"{reason}: no {symbols if with_value else 'parameter'}")
     if with_value:
         groups = dict.fromkeys(DEFINITIONS[parameter.symbol].group for parameter in with_value)
-        steps = " | ".join(f"{group}: {treatment.of(group)}" for group in groups) + (f"; {profiles}" if profiles else "")
-        caption = f"{used.sum()} cells{lacking}; mask: {mask}; {steps}"
+        steps = [f"{group}: {treatment.of(group)}" for group in groups] + ([str(profiles)] if profiles else [])
+        caption = f"{used.sum()} cells{lacking}; mask: {mask}; {' | '.join(steps)}"
         table = number_table("parameter", "value", title="Surface", caption=caption)
         for parameter in with_value:
             table.add_row(_label(parameter), _value(parameter))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from inkloop.units import UM_PER_M
@@ -19,6 +19,7 @@ F_OPERATIONS: Mapping[FOperation, str] = {
 FilterOrder: TypeAlias = Literal[0, 1]
 Axis: TypeAlias = Literal["x", "y"]
 MISSING_MAX = 0.2  # assumed
+Need: TypeAlias = Literal["", "part", "target", "droplets"]
 Group: TypeAlias = Literal["areal", "profile", "form", "volume"]
 
 
@@ -33,7 +34,7 @@ class Definition:
     unit: str = "m"
     group: Group = "areal"
     shown: str = "um"
-    needs: Literal["", "part", "target", "droplets"] = ""
+    needs: Need = ""
 
 
 def _ratio(name: str) -> Definition:
@@ -43,9 +44,11 @@ def _ratio(name: str) -> Definition:
 def _form(name: str, unit: str = "m", shown: str = "um") -> dict[str, Definition]:
     """A quantity by least squares and by minimum zone, with the method in its symbol and name."""
     symbol = name.split(",")[0].replace(" ", "_")
-    methods, needs = {"ls": "least squares", "mz": "minimum zone"}, "" if symbol == "flatness" else "part"
+    methods = {"ls": "least squares", "mz": "minimum zone"}
+    needs: Need = "" if symbol == "flatness" else "part"
     return {
-        f"{symbol}_{key}": Definition(f"{name}, {method}", unit, "form", shown, needs) for key, method in methods.items()
+        f"{symbol}_{key}": Definition(f"{name}, {method}", unit, "form", shown, needs)
+        for key, method in methods.items()
     }
 
 
@@ -61,11 +64,9 @@ def _profile(letter: str, kind: str, z: str) -> dict[str, Definition]:
         "ku": "kurtosis",
         "sm": "mean element spacing",
     }
-    ratios = {"unit": "1", "shown": "1"}
-    return {
-        f"{letter}{key}": Definition(f"{name} of the {kind}", group="profile", **(ratios if key in ("sk", "ku") else {}))
-        for key, name in names.items()
-    }
+    lengths = {f"{letter}{key}": Definition(f"{name} of the {kind}", group="profile") for key, name in names.items()}
+    ratios = {letter + key: replace(lengths[letter + key], unit="1", shown="1") for key in ("sk", "ku")}
+    return lengths | ratios
 
 
 DEFINITIONS: Mapping[str, Definition] = {

@@ -71,8 +71,8 @@ def cells_refusal(used: BoolMap, mask: BoolMap, missing_max: float) -> Refusal |
         return Refusal(f"{count} cells have a height; needs {CELLS_MIN}: take a larger mask or map")
     if asked - count > missing_max * asked:
         return Refusal(
-            f"{asked - count} of {asked} cells ({1.0 - count / asked:.0%}) have no height; at most {missing_max:.0%} may "
-            "lack one: take a smaller mask, measure again, or allow more with `inkloop metrology --missing`"
+            f"{asked - count} of {asked} cells ({1.0 - count / asked:.0%}) have no height; at most {missing_max:.0%} "
+            "may lack one: take a smaller mask, measure again, or allow more with `inkloop metrology --missing`"
         )
     return None
 
