@@ -107,8 +107,9 @@ def read_array(path: Path, channel: str | None = None) -> FileContents:
 
 def _heights(path: Path, arrays: dict[str, np.ndarray], channel: str | None) -> tuple[str, str | None]:
     """Key of the heights and the unit in its name."""
-    if (index := chosen(path, list(arrays), channel)) is not None:
-        key = list(arrays)[index]
+    names = [name for name, array in arrays.items() if array.ndim]
+    if (index := chosen(path, names, channel)) is not None:
+        key = names[index]
         return key, next((suffix for suffix in SUFFIXES["m"] if key.endswith(f"_{suffix}")), None)
     keys = {f"{name}_{suffix}": suffix for name in _HEIGHTS for suffix in SUFFIXES["m"]} | dict.fromkeys(_HEIGHTS)
     named = [(key, unit) for key, unit in keys.items() if key in arrays]

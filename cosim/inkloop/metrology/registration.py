@@ -84,7 +84,7 @@ def from_fiducials(on_map: Points, on_grid: Points, *, mirror: Mirror = "none", 
 
 
 def _rigid(source: FloatMap, target: FloatMap, mirror: Mirror) -> tuple[Registration, float]:
-    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1; and the rms left."""
+    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1; and its rms."""
     u, v = (source * _signs(mirror)) @ [1, 1j], target @ [1, 1j]
     mean_u, mean_v = u.mean(), v.mean()
     product = np.vdot(u - mean_u, v - mean_v)

@@ -110,7 +110,7 @@ def evaluated(
     z = np.where(used, map_.z - map_.z[used].mean(), 0.0)
     if how.s_filter is not None:
         z = smooth(z, how.s_filter)
-    without = _without_form(z, used, how.f_operation, target)
+    without = _without_form(z, used, how.f_operation, target, axis)
     if isinstance(without, Refusal):
         return without
     z = without if how.l_filter is None else without - smooth(without, how.l_filter)
@@ -131,14 +131,17 @@ def s_filtered(map_: HeightMap, treatment: Treatment) -> HeightMap | Refusal:
     return HeightMap(np.where(map_.valid, z, np.nan), *steps, source=map_.source)
 
 
-def _without_form(z: FloatMap, used: BoolMap, operation: FOperation, target: FloatMap | None) -> FloatMap | Refusal:
+def _without_form(
+    z: FloatMap, used: BoolMap, operation: FOperation, target: FloatMap | None, axis: Axis | None
+) -> FloatMap | Refusal:
     """Heights after the F-operation: least squares of vertical distances over the used cells."""
     if operation == "none":
         return z
     if operation == "target" and target is not None:
         return z - np.where(used, target, 0.0)
     places = np.indices(z.shape) / max(z.shape)
-    linear = [places[axis] - places[axis][used].mean() for axis in (0, 1) if z.shape[axis] > 1]  # one of a profile
+    sides = [k for k in (0, 1) if axis is None or z.shape[k] > 1]  # of one profile its line is taken off
+    linear = [places[k] - places[k][used].mean() for k in sides]
     squares = [a * b for a, b in combinations_with_replacement(linear, 2)] if operation == "form" else []
     terms = [np.ones_like(z), *linear, *squares]
     columns = np.stack([term[used] for term in terms], axis=-1)
