@@ -107,16 +107,16 @@ def changed_heights(found: HeightMap, original: HeightMap, is_sized: bool) -> in
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("name", [*UNSIZED, *SIZED, *(f"written.{form}" for form in WRITTEN)])
 def test_altered_map_is_read_as_it_is_or_refused(name: str, tmp_path: Path) -> None:
-    path = tmp_path / name
+    path, options = tmp_path / name, dict[str, Any]()
     if name in UNSIZED:
-        whole, options = UNSIZED[name], {}
+        whole = UNSIZED[name]
     elif name in SIZED:
         whole, options = SIZED[name]
     else:
         if name.endswith("x3p"):
             pytest.importorskip("SurfaceTopography")
         write(path, HeightMap(Z * 1e-6, STEP * 1e-6, STEP * 1e-6), path.suffix[1:])
-        whole, options = path.read_bytes(), {}
+        whole = path.read_bytes()
     path.write_bytes(whole)
     original = read(path, **options)
     assert original.shape == (NX, NY)

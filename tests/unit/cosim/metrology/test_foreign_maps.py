@@ -27,7 +27,8 @@ GREY = np.array([[0, 100, 255], [100, 0, 255]], np.uint8)
     "header",
     [
         "# Kanal: H\u00f6he\n# Breite: 20 \u00b5m\n# H\u00f6he: 0,012 mm\n# Einheit: \u00b5m\n",
-        "# \u30c1\u30e3\u30cd\u30eb\uff1a Z\n# \u5e45\uff1a 20 \u00b5m\n# \u9ad8\u3055\uff1a 12 \u00b5m\n# \u5358\u4f4d\uff1a \u00b5m\n",
+        "# \u30c1\u30e3\u30cd\u30eb\uff1a Z\n# \u5e45\uff1a 20 \u00b5m\n# \u9ad8\u3055\uff1a 12 \u00b5m\n"
+        "# \u5358\u4f4d\uff1a \u00b5m\n",
         "# Channel: Height\n# Width: 20 \u00b5m\n# Height: 12 \u00b5m\n# Value units: \u00b5m\n",
     ],
     ids=["German", "Japanese", "English"],
@@ -76,7 +77,9 @@ def indexed(colours: list[tuple[int, int, int]], suffix: str, path: Path, transp
         return
     picture = Image.fromarray(indices, "P")
     picture.putpalette([value for colour in colours for value in colour])
-    picture.save(path, **({} if transparent is None else {"transparency": transparent}))
+    if transparent is not None:
+        picture.info["transparency"] = transparent
+    picture.save(path)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif"])
@@ -130,10 +133,16 @@ FAULTS: dict[str, tuple[str, str]] = {
     "points off the grid": (TITLES + POINTS.replace("14 ", "16 "), "the steps of its column x are not even"),
     "few points of a grid": (TITLES + "".join(f"{k} {k} 1\n" for k in range(9)), "lists 9 points on a grid of 9 x 9"),
     "points against a step": ("dx = 6 um\ndy = 4 um\n" + TITLES + POINTS, "x are 5 µm apart, its header states 6 µm"),
-    "a damaged first row": ("1 2 3 x4\n" + MATRIX, r"line 1, column 4 is 'x4' among numbers; expected a row of heights"),
+    "a damaged first row": (
+        "1 2 3 x4\n" + MATRIX,
+        r"line 1, column 4 is 'x4' among numbers; expected a row of heights",
+    ),
     "a row of labels": ("y/x 0 5 10 15\n0 1 2 3 4\n4 5 6 7 8\n", r"line 1, column 1 is 'y/x' among numbers"),
     "one row": ("1 2 3 4\n", "has one row of 4 numbers; a map needs two, the file may be cut off"),
-    "profile": ("0.0 1.5\n0.5 1.7\n1.0 1.9\n", "holds a profile of 3 heights and no map; `inkloop metrology --profile`"),
+    "profile": (
+        "0.0 1.5\n0.5 1.7\n1.0 1.9\n",
+        "holds a profile of 3 heights and no map; `inkloop metrology --profile`",
+    ),
     "uneven profile": ("0.0 1.5\n0.5 1.7\n1.7 1.9\n", "the steps of its column x are not even"),
 }
 
@@ -259,5 +268,5 @@ def test_heights_that_no_surface_has_are_refused(z: NDArray[Any], message: str, 
     if z is Z:
         np.testing.assert_allclose(read(tmp_path / "map.npz", unit="um").z, Z * UM, rtol=1e-12)
     else:
-        with pytest.raises(HeightMapError, match="declares heights in m|heights reach"):
+        with pytest.raises(HeightMapError, match=r"declares heights in m|heights reach"):
             read(tmp_path / "map.npz", unit="mm" if z.max() > 1.0 else "m")

@@ -73,7 +73,7 @@ def elements(z: Map, peak: float, pit: float) -> list[float]:
 
 
 def test_shape_and_spacing_of_known_waves() -> None:
-    """A rectangle of duty 1/4: Psk 2 / sqrt(3), Pku 7/3; a triangle: 0, 9/5; a sinusoid: 0, 3/2; each as long as it is."""
+    """A rectangle of duty 1/4: Psk 2 / sqrt(3), Pku 7/3; a triangle: 0, 9/5; a sinusoid: 0, 3/2."""
     n = np.arange(4000) + 0.5
     saw = np.abs((n / PERIOD) % 1.0 - 0.5)
     for row, skewness, kurtosis in (
