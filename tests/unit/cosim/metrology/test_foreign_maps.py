@@ -270,3 +270,18 @@ def test_heights_that_no_surface_has_are_refused(z: NDArray[Any], message: str, 
     else:
         with pytest.raises(HeightMapError, match=r"declares heights in m|heights reach"):
             read(tmp_path / "map.npz", unit="mm" if z.max() > 1.0 else "m")
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".bmp"])
+def test_bytes_beyond_what_a_header_states_are_refused(suffix: str, tmp_path: Path) -> None:
+    """A byte in the heights shifts all after it, as a transfer in text mode does."""
+    path, options = tmp_path / f"map{suffix}", {**GIVEN, "scale": 0.1}
+    if suffix == ".npy":
+        np.save(path, GREY)
+    else:
+        Image.fromarray(GREY).save(path)
+    whole = path.read_bytes()
+    assert read(path, **options).z.max() == pytest.approx(25.5 * UM, rel=1e-12, abs=0.0)
+    path.write_bytes(whole[:-5] + b"\r" + whole[-5:])
+    with pytest.raises(HeightMapError, match=r"more bytes than its header states|has \d+ bytes and states \d+"):
+        read(path, **options)
