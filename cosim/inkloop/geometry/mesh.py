@@ -22,7 +22,6 @@ from inkloop.units import MM_PER_M
 
 OPEN_MAX = 1e-3
 """Share of the occupied columns that may be open where neighbours fill them, or inside out (assumed)."""
-FINE = 1024
 _SHOWN = 3
 _SIDES = ((-1, 0), (0, -1), (0, 1), (1, 0))
 OpenColumns = Literal["refuse", "neighbours"]
@@ -58,17 +57,6 @@ def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> Mesh
     columns = Columns(nx, ny, pitch, *ends)
     overlap = report.wound_height * pitch**2 - columns.volume
     return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first, overlap)
-
-
-def filled_volume(bodies: Sequence[Body]) -> float:
-    """Volume of closed bodies, what they share counted once, as FINE columns along the longer side see it [m3]."""
-    low, high = bounds(bodies)
-    sides = (high - low)[:2]
-    pitch = float(sides.max()) / FINE
-    corner = np.array([low[0] - pitch / 2, low[1] - pitch / 2, 0.0])
-    moved = [replace(body, triangles=body.triangles - corner) for body in bodies]
-    nx, ny = (max(1, round(float(side) / pitch)) for side in sides)
-    return sum(body.volume for body in bodies) - mesh_columns(moved, nx, ny, pitch).overlap
 
 
 def load(

@@ -203,7 +203,8 @@ class PartReport:
             yield from wrap(remark, WIDTH, initial_indent="warning        ", subsequent_indent=" " * 15)
         droplets, volumes = self.droplets, self.volumes
         for name in volumes:
-            yield f"ink {name}          {plain_text(volumes[name] * NL_PER_M3, 5)} nl, about {droplets[name]:,} droplets"
+            volume_nl = plain_text(volumes[name] * NL_PER_M3, 5)
+            yield f"ink {name}          {volume_nl} nl, about {droplets[name]:,} droplets"
         to_try = "; to try it: a smaller scale, or run.layers_max = 20"
         yield f"layers         about {footprint.layers}" + (to_try if footprint.layers > MANY_LAYERS else "")
         if self.scan_time:

@@ -161,9 +161,10 @@ def _long_work(file: PartFile, sides_um: tuple[float, float], grid: Grid, is_cho
         raise PartError([f"file: {found} {reason}; {advice}"])
     if cells <= LARGE_CELLS:
         return None
-    work = f"{found} takes about {duration_text(SECONDS_OF_A_CELL * cells)}, {size_text(BYTES_OF_A_CELL * cells)}"
+    time, memory = duration_text(SECONDS_OF_A_CELL * cells), size_text(BYTES_OF_A_CELL * cells)
+    work = f"{found} takes about {time} and {memory} of memory"
     if not is_chosen:
-        raise PartError([f"file: {work}; {advice}, or this one"])
+        raise PartError([f"file: {work}; {advice}, or give this one to go on"])
     return work
 
 

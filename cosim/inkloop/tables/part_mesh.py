@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,13 +12,14 @@ from pydantic import Field
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, Placement, bounds, walls_on_centers
-from inkloop.geometry.mesh import MeshColumns, OpenColumns, bodies_by_ink, closed_columns, filled_volume, painted
+from inkloop.geometry.mesh import MeshColumns, OpenColumns, bodies_by_ink, closed_columns, mesh_columns, painted
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.units import UM_PER_M
 
 COARSE = 0.01
 """Share of the pitch beyond which rounded coordinates show in the part (assumed)."""
+FINE = 1024
 ROUNDED = 1e-9
 """Share of the volume that rounding lets bodies share."""
 _LISTED = 3
@@ -101,12 +103,24 @@ def _joined(by_ink: dict[str, Columns]) -> tuple[Columns, Columns | None]:
 
 
 def _volume(bodies: Sequence[Body], found: Collection[MeshColumns], whole: Columns) -> float | None:
-    """Volume that the bodies fill [m3], not on the grid; None where one is open. found, whole: on the grid."""
+    """Volume that the bodies fill [m3]; None where one is open. found, whole: on the grid.
+
+    What they share counts once, as FINE columns along their longer side see it.
+    """
     if any(each.open_cells.size for each in found):
         return None
     volume = sum(body.volume for body in bodies)
     shared = sum(each.overlap + each.columns.volume for each in found) - whole.volume
-    return filled_volume(bodies) if abs(shared) > ROUNDED * volume else volume
+    if abs(shared) <= ROUNDED * volume:
+        return volume
+    low, high = bounds(bodies)
+    pitch = float((high - low)[:2].max()) / FINE
+    nx, ny = (max(1, round(float(side) / pitch)) for side in (high - low)[:2])
+    first = low - [pitch / 2, pitch / 2, 0.0]
+    return (
+        volume
+        - mesh_columns([replace(body, triangles=body.triangles - first) for body in bodies], nx, ny, pitch).overlap
+    )
 
 
 def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
