@@ -14,7 +14,8 @@ from inkloop.commands.parts import SHAPES
 from inkloop.printing.run import print_part
 from inkloop.scenario import new, packaged
 from inkloop.scenario.file import Scenario
-from inkloop.scenario.part_file import PartFile, fit
+from inkloop.scenario.part_file import PartFile
+from inkloop.scenario.part_grid import fit
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.schema import ScenarioFile
 from support import meshes
