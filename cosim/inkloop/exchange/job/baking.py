@@ -56,7 +56,6 @@ def bake(scenario: Scenario) -> Bake:
         raise ScenarioError(scenario.source, obstacles)
     parts = {role: system.part(name) for name, role in roles.items()}
     values = {role: (parts[role].description.name, dict(parts[role].values)) for role in ROLES}
-    values[contract.CONTROLLER][1]["is_timed"] = np.asarray(False)  # so that a state repeats bit by bit
     durations = {
         "layer_duration": _value(parts[contract.PRINTER], "layer_duration"),
         "scan_duration": _value(parts[contract.PROFILER], "scan_duration"),
