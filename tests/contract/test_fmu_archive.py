@@ -159,7 +159,7 @@ def test_sources_compile_to_the_same_bits(model, form, tmp_path) -> None:
         "VolumeAreaDeposition": {"variation": 0.3, "passes": 4},
         "YoungLaplaceDeposition": {"variation": 0.3, "cells_per_pitch": 4},
         "ProfileSensor": {"noise_std": 1e-6, "spot_radius": 3e-4},
-        "LayerController": {"layers_scanned": 0, "is_timed": False},
+        "LayerController": {"layers_scanned": 0},
     }
     states = []
     for folder in (None, tmp_path):
