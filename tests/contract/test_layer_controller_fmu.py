@@ -57,6 +57,14 @@ def test_every_form_prints_the_same_layers_in_our_master(form: str) -> None:
 
 
 @EVERY_FORM
+@pytest.mark.parametrize("asked", [{}, {"is_timed": True}])
+def test_clock_is_read_only_where_it_is_asked_for(form: str, asked: dict[str, bool]) -> None:
+    with Driver("LayerController", form).start({"layers_scanned": 0, **asked}) as fmu:
+        assert fmu.step(0.0) == OK
+        assert (fmu.get("solve_time") > 0.0) == bool(asked)
+
+
+@EVERY_FORM
 def test_plan_that_ran_out_of_time_is_still_one(form: str) -> None:
     with Driver("LayerController", form, 12, 12).start({"layers_scanned": 0, "time_limit": 1e-9}) as fmu:
         assert fmu.step(0.0) == OK

@@ -12,7 +12,7 @@ from inkloop.units import BASE_UNITS, si_unit
 
 _DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
 _NOMINALS = {"1/m": "1e4", "m": "1e-6", "m3": "1e-15"}
-"""Unit -> typical value: an increase by height, a layer's height, a droplet; importers take their tolerances from it."""
+"""Unit -> typical value, for tolerances: a gain by height, the height of a layer, the volume of a droplet."""
 _FMI2_TYPES = {
     "real": "Real",
     "integer": "Integer",
