@@ -160,21 +160,21 @@ static Outcome do_step(Instance *instance, double start_time, double end_time) {
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cells_of(&step));
     StateHead *head = kept;
-    if (head->estimated == NO_SCAN && head->layer_command != *v.layers_printed) { /* the printer began elsewhere */
+    const int32_t shown = *v.layer_command;
+    if (head->estimated == NO_SCAN) /* commands count from the layers that the printer has */
         head->layer_command = *v.layer_command = *v.layers_printed;
-        return ACCEPTED;
-    }
     if (!step_is_due(&step, kept))
         return ACCEPTED;
     void *after = malloc(size);
-    if (!after)
-        return refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cells_of(&step));
-    Outcome outcome = answer(instance, &step, kept, after, began);
+    Outcome outcome = after ? answer(instance, &step, kept, after, began)
+                            : refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cells_of(&step));
     if (outcome == ACCEPTED && !keep_values(instance))
         outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");
     if (outcome == ACCEPTED) {
         memcpy(kept, after, size);
         step_outputs(&step, kept);
+    } else {
+        head->layer_command = *v.layer_command = shown;
     }
     free(after);
     return outcome;
