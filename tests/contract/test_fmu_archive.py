@@ -119,7 +119,7 @@ def test_variables_have_descriptions_units_and_display_units(model, form) -> Non
     assert all(variable.get("description") for variable in root.find("ModelVariables"))
     reals = [element for element in root.find("ModelVariables").iter() if element.get("unit")]
     assert len(reals) > 5
-    assert all(float(element.get("nominal", "1")) == NOMINALS.get(element.get("unit"), 1.0) for element in reals)
+    assert all(float(element.get("nominal", "1")) == NOMINALS.get(element.get("unit", ""), 1.0) for element in reals)
     assert all(element.get("unit") in units and element.get("displayUnit") for element in reals)
     for unit in root.iterfind("UnitDefinitions/*/DisplayUnit"):
         assert float(unit.get("factor", "1")) == pytest.approx(factors[unit.get("name", "")], rel=1e-12, abs=0.0)
