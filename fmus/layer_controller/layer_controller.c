@@ -25,8 +25,8 @@ static Outcome check_value(Instance *instance, size_t variable, const void *valu
     return variable == LAYER_CONTROLLER_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-/* Outputs before the first step; layer_command is 0 and not layers_printed, which the printer derives from this command:
- * that would be an algebraic loop. */
+/* Outputs before the first step; layer_command is 0 and not layers_printed, which the printer derives from this
+ * command: that would be an algebraic loop. */
 static void calculate(Instance *instance) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const LayerStep step = step_of(&v);
