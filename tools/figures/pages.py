@@ -79,6 +79,7 @@ WRITERS = (
     "options",
     "can_protocol",
     "house",
+    "diagrams",
     "gallery",
     "closed_loop",
     "lying_scans",
