@@ -44,7 +44,7 @@ class MeshColumns:
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
-    """All bodies as one: they may overlap. Parts outside the grid are cut off. Coordinates in metres, finite."""
+    """All bodies as one, without regard to `cut`: they may overlap. Parts outside the grid are cut off. Coordinates in metres, finite."""
     check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
     triangles /= (pitch, pitch, 1.0)
@@ -148,12 +148,16 @@ def _placed(
 def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
 ) -> Columns:
-    """Columns without an open one. Raises GeometryError for too many, and for bodies that are inside out."""
-    found = mesh_columns(bodies, nx, ny, pitch)
-    limit = OPEN_MAX * found.occupied
-    if found.inside_out > limit:
-        raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
-    if found.occupied == 0:
+    """Columns without an open one, and without what is cut away from a body. Raises GeometryError for too many of them,
+    and for bodies that are inside out.
+    """
+    grid = nx, ny, pitch, open_columns
+    columns = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
+    for body in bodies:
+        if len(body.cut):
+            cut = _closed(f"{source}, negative volume of {body.name!r}", [Body(body.cut)], *grid)
+            columns |= _closed(source, [body], *grid) - cut
+    if columns.tops.size == 0:
         low, high = bounds(bodies)
         size, room = (
             " x ".join(f"{MM_PER_M * each:.4g}" for each in box) for box in (high - low, (nx * pitch, ny * pitch))
@@ -162,6 +166,17 @@ def closed_columns(
             f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
             f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
+    return columns
+
+
+def _closed(
+    source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
+) -> Columns:
+    """Columns of bodies as they are, without regard to what is cut away."""
+    found = mesh_columns(bodies, nx, ny, pitch)
+    limit = OPEN_MAX * found.occupied
+    if found.inside_out > limit:
+        raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
     if found.open_cells.size == 0:
         return found.columns
     if open_columns == "neighbours" and found.open_cells.size <= limit:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, FloatMap
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
+from inkloop.geometry.mending import open_edges
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,8 @@ def holes(bodies: Sequence[Body]) -> list[Hole]:
     corners, index = np.unique(
         np.concatenate([body.triangles for body in bodies]).reshape(-1, 3), axis=0, return_inverse=True
     )
-    index = index.reshape(-1, 3)
-    directed = np.concatenate([index[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges, which = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
-    ways = np.bincount(which.ravel(), np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0), len(edges))
-    is_edge = edges[:, 0] != edges[:, 1]
-    rims = {False: is_edge & (ways % 2 == 1), True: is_edge & (ways % 2 == 0) & (ways != 0.0)}
+    edges, ways = open_edges(index.reshape(-1, 3))
+    rims = {False: ways % 2 == 1, True: ways % 2 == 0}
     found = [hole for is_seam, rim in rims.items() for hole in _chains(corners, edges[rim], is_seam)]
     return sorted(found, key=lambda hole: -hole.size)
 

@@ -64,7 +64,8 @@ class MeshTable(PlacedTable):
         except GeometryError as error:
             raise PartError([f"file: {error}"]) from error
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
-        remarks = [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
+        remarks = list(dict.fromkeys(remark for body in bodies for remark in body.remarks))
+        remarks += [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
         return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)))
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
