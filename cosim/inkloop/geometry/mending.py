@@ -86,10 +86,11 @@ def _count(ways: NDArray[np.int64]) -> int:
 def _joined(points: FloatMap, found: NDArray[np.int64], distance: float) -> NDArray[np.int64]:
     """For each point the one that it is joined to; found: those that may be.
 
-    Cells of twice the distance, shifted by half of one along each axis: any two near points share one of them.
+    Cells of twice the distance, shifted by half of one along each axis: any two near points share one of them. Decimals
+    are never at the edge of one.
     """
     to = np.arange(len(points))
-    for shift in product((0.0, 0.5), repeat=3):
+    for shift in product((0.25, 0.75), repeat=3):
         cells = np.floor(points[to[found]] / (2.0 * distance) + shift)
         _, first, which = np.unique(cells, axis=0, return_index=True, return_inverse=True)
         to[found] = to[found][first][which.ravel()]

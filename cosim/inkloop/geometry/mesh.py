@@ -169,9 +169,7 @@ def closed_columns(
     return columns
 
 
-def _closed(
-    source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
-) -> Columns:
+def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns) -> Columns:
     """Columns of bodies as they are, without regard to what is cut away."""
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied

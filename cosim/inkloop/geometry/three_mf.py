@@ -164,12 +164,12 @@ class _Model:
             elif entry.IsComponentsObject():
                 self._counts[key] = sum(self._count(part.GetObjectResource()) for part in _parts(entry))
             else:
-                raise GeometryError(f"{self._path}: {_called(entry)} is a level set, which is not read; save it as a mesh")
+                raise GeometryError(
+                    f"{self._path}: {_called(entry)} is a level set, which is not read; save it as a mesh"
+                )
         return self._counts[key]
 
-    def _placed(
-        self, entry: Any, matrix: NDArray[Any], shift: NDArray[Any], name: str, built: int
-    ) -> Iterator[Body]:
+    def _placed(self, entry: Any, matrix: NDArray[Any], shift: NDArray[Any], name: str, built: int) -> Iterator[Body]:
         if why := _no_part(entry):
             self._leave_out(entry, why)
             return

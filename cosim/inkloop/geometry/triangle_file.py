@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -116,11 +117,10 @@ def read_obj(path: Path) -> tuple[list[Body], None]:
                 x, y, z = map(float, words[:3])
                 vertices.extend((x, y, z))
             elif keyword == b"f":
-                first, second, *others = [_index(word, len(vertices) // 3) for word in words]
-                for other in others or [-1]:
-                    fans.extend((first, second, other))
+                first, second, third, *others = [_index(word, len(vertices) // 3) for word in words]
+                for one, other in pairwise((second, third, *others)):
+                    fans.extend((first, one, other))
                     lines.append(number)
-                    second = other
             elif keyword == b"surf":
                 raise ValueError
         except ValueError:
