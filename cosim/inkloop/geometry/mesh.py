@@ -44,7 +44,7 @@ class MeshColumns:
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
-    """All bodies as one, without regard to `cut`: they may overlap. Parts outside the grid are cut off. Coordinates in metres, finite."""
+    """All bodies as one, also where they overlap, without regard to `cut`, cut off at the grid; in metres, finite."""
     check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
     triangles /= (pitch, pitch, 1.0)
