@@ -99,8 +99,9 @@ def _joined(points: FloatMap, found: NDArray[np.int64], distance: float) -> NDAr
 
 def _is_flat(corner: NDArray[np.int64], points: FloatMap, distance: float) -> NDArray[np.bool_]:
     sides = points[corner] - points[np.roll(corner, 1, axis=1)]
-    longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
-    flat: NDArray[np.bool_] = np.linalg.norm(np.cross(sides[:, 1], sides[:, 2]), axis=1) <= distance * longest
+    with np.errstate(over="ignore", invalid="ignore"):  # of coordinates that no part has
+        longest = np.linalg.norm(sides, axis=2).max(axis=1)
+        flat: NDArray[np.bool_] = np.linalg.norm(np.cross(sides[:, 1], sides[:, 2]), axis=1) <= distance * longest
     return flat
 
 

@@ -148,9 +148,7 @@ def _placed(
 def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
 ) -> Columns:
-    """Columns without an open one, and without what is cut away from a body. Raises GeometryError for too many of them,
-    and for bodies that are inside out.
-    """
+    """Columns of bodies, without what is cut away. Raises GeometryError for bodies that are open or inside out."""
     grid = nx, ny, pitch, open_columns
     columns = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
     for body in bodies:
@@ -194,10 +192,7 @@ def _inside_out(found: MeshColumns, ny: int, pitch: float) -> str:
     place = _places(np.array([found.inside_out_cell]), ny, pitch)
     columns = f"{_share(found.inside_out, found.occupied)} are inside out, the first at {place}"
     if found.open_cells.size == 0:
-        return (
-            f"{columns}: faces point into the body; turn them round (flip normals), or save the mesh with "
-            "counterclockwise faces"
-        )
+        return f"{columns}: faces point into the body; turn them round (flip normals)"
     return (
         f"{columns}, and {found.open_cells.size:,} are open, the first at {_places(found.open_cells, ny, pitch)}: some "
         "faces point into the body, or are missing; make the normals consistent, and close the holes"

@@ -223,7 +223,7 @@ def _no_part(entry: Any) -> str:
     group = entry.GetMetaDataGroup()
     for data in (group.GetMetaData(n) for n in range(group.GetMetaDataCount())):
         if (name := data.GetName().rpartition(":")[2]) in NO_PART and data.GetValue().lower() in ("true", "1"):
-            return name
+            return str(name)
     return ""
 
 
