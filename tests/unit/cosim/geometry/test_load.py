@@ -143,7 +143,7 @@ AS_OTHERS_WRITE = {
     "carriage returns.stl": TEXT.replace(b"\n", b"\r"),
     "normals of zero area.stl": TEXT.replace(b"normal 0 0 0", b"normal -nan(ind) nan 1e999"),
     "on one line.stl": TEXT.replace(b"\n", b" ").replace(b"part", b"part\n", 1).replace(b"end", b"\nend"),
-    "one byte more.stl": BINARY + b"\n",
+    "one byte more.stl": BINARY + b"\7",
     "padded binary.stl": BINARY + bytes(1000),
     "relative.obj": "".join(
         "".join(f"v {x!r} {y!r} {z!r} 0.5 0.5 0.5\n" for x, y, z in corners) + "f -3 -2 -1\n"
