@@ -43,6 +43,17 @@ def rounding(triangles: NDArray[np.float64]) -> float:
     return _ROUNDINGS * spacing
 
 
+def welded(triangles: NDArray[np.float64]) -> tuple[FloatMap, NDArray[np.int64]]:
+    """Different corners of triangles (m, 3), and the indices of theirs (n, 3)."""
+    points = triangles.reshape(-1, 3)
+    order = np.lexsort(points.T)
+    is_new = np.ones(len(points), np.bool_)
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    index = np.empty(len(points), np.int64)
+    index[order] = np.cumsum(is_new) - 1
+    return points[order[is_new]], index.reshape(-1, 3)
+
+
 def open_edges(corner: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Edges (n, 2) of triangles that are passed more often one way than the other, and how often more.
 
@@ -62,8 +73,7 @@ def mended(triangles: NDArray[np.float64], distance: float) -> tuple[NDArray[np.
 
     distance: within which open corners are one [m], along each axis.
     """
-    points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
-    corner = corner.reshape(-1, 3)
+    points, corner = welded(triangles)
     edges, ways = open_edges(corner)
     left, done = _count(ways), list[str]()
     joined = _joined(points, np.unique(edges), distance)[corner]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -33,7 +33,8 @@ class MeshColumns:
 
     occupied: number of columns that meet the mesh. open_cells: i ny + j of those whose winding number is not 0 above
     the mesh, ascending, without intervals. inside_out: number of those with a winding number below 0 and none above 0;
-    inside_out_cell: the first of them, -1 without any.
+    inside_out_cell: the first of them, -1 without any. overlap: what bodies that overlap hold more than their union
+    [m3], as the columns see it.
     """
 
     columns: Columns
@@ -41,6 +42,7 @@ class MeshColumns:
     open_cells: NDArray[np.int64]
     inside_out: int
     inside_out_cell: int
+    overlap: float
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
@@ -53,7 +55,8 @@ def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> Mesh
     ends = intervals_by("columns_of_mesh", nx * ny, nx, ny, len(triangles), triangles, ctypes.byref(report))
     found = open_cells[: report.open_count].copy()
     columns = Columns(nx, ny, pitch, *ends)
-    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first)
+    overlap = report.wound_height * pitch**2 - columns.volume
+    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first, overlap)
 
 
 def load(
@@ -72,7 +75,7 @@ def load(
     that holes of the surface leave open, at most 0.1 % of those occupied. Raises GeometryError.
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
-    return closed_columns(str(path), bodies, nx, ny, pitch, open_columns)
+    return closed_columns(str(path), bodies, nx, ny, pitch, open_columns).columns
 
 
 def load_inks(
@@ -92,7 +95,7 @@ def load_inks(
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
     return {
-        ink: closed_columns(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns)
+        ink: closed_columns(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns).columns
         for ink, found in bodies_by_ink(str(path), bodies, inks).items()
     }
 
@@ -147,41 +150,39 @@ def _placed(
 
 def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
-) -> Columns:
+) -> MeshColumns:
     """Columns of bodies, without what is cut away. Raises GeometryError for bodies that are open or inside out."""
     grid = nx, ny, pitch, open_columns
-    columns = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
+    found = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
+    columns = found.columns
     for body in bodies:
         if len(body.cut):
             cut = _closed(f"{source}, negative volume of {body.name!r}", [Body(body.cut)], *grid)
-            columns |= _closed(source, [body], *grid) - cut
+            columns |= _closed(source, [body], *grid).columns - cut.columns
     if columns.tops.size == 0:
         low, high = bounds(bodies)
-        size, room = (
-            " x ".join(f"{MM_PER_M * each:.4g}" for each in box) for box in (high - low, (nx * pitch, ny * pitch))
-        )
+        size = " x ".join(f"{MM_PER_M * side:.4g}" for side in high - low)
+        room = " x ".join(f"{MM_PER_M * count * pitch:.4g}" for count in (nx, ny))
         raise GeometryError(
             f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
             f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
-    return columns
+    return replace(found, columns=columns)
 
 
-def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns) -> Columns:
+def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, mode: OpenColumns) -> MeshColumns:
     """Columns of bodies as they are, without regard to what is cut away."""
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied
     if found.inside_out > limit:
         raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
     if found.open_cells.size == 0:
-        return found.columns
-    if open_columns == "neighbours" and found.open_cells.size <= limit:
-        return _filled_by_neighbours(found.columns, found.open_cells)
-    remedy = (
-        f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
-        if found.open_cells.size > limit
-        else f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
-    )
+        return found
+    if mode == "neighbours" and found.open_cells.size <= limit:
+        return replace(found, columns=_filled_by_neighbours(found.columns, found.open_cells))
+    remedy = f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
+    if found.open_cells.size > limit:
+        remedy = f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
     raise GeometryError(
         f"{source}: {_share(found.open_cells.size, found.occupied)} are open: a line upwards enters the surface and "
         f"does not leave it, or the other way round; the first at {_places(found.open_cells, ny, pitch)}; {remedy}"

@@ -6,7 +6,10 @@ import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree import ElementTree
+
+from inkloop.errors import GeometryError
 
 SOLID, CUT, NOTHING = range(3)
 """Roles of a triangle: of a part, of a volume that is taken away from its object, of what does not print."""
@@ -33,39 +36,46 @@ class SlicerParts:
     """Entries of slicers in one file.
 
     ranges: object -> first and last triangle of each volume, and its kind; parts: (built object, part of it) -> kind;
-    skipped: for each item of the build whether it is not printed; painted: (model part, object) with painted triangles;
-    errors: what cannot be obeyed.
+    skipped: for each item of the build whether it is not printed; painted: (model part, object) with painted triangles.
     """
+
+    source: Path
 
     ranges: dict[int, list[tuple[int, int, str]]]
     parts: dict[tuple[int, int], str]
     skipped: list[bool]
     painted: set[tuple[str, int]]
-    errors: list[str]
 
     @classmethod
-    def of(cls, archive: zipfile.ZipFile) -> SlicerParts:
-        """Those of a package whose XML declares no entities."""
+    def of(cls, source: Path, archive: zipfile.ZipFile) -> SlicerParts:
+        """Those of a package whose XML declares no entities. Raises GeometryError for what cannot be obeyed."""
         members = {member: archive.read(member) for member in (_PRUSA, _BAMBU, _DRAINS) if member in archive.namelist()}
         ranges = dict(_ranges(members[_PRUSA])) if _PRUSA in members else {}
         parts = dict(_parts(members[_BAMBU])) if _BAMBU in members else {}
         kinds = {*parts.values(), *(kind for volumes in ranges.values() for *_, kind in volumes)}
-        errors = [f"has parts of the kind {kind!r}, which is not known; export it as STL" for kind in kinds - {*_ROLES}]
+        errors = [
+            f"has parts of the kind {kind!r}, which is not known; export it as STL"
+            for kind in sorted(kinds - {*_ROLES})
+        ]
         if b"object_id" in members.get(_DRAINS, b""):
             errors.append(f"has drain holes ({_DRAINS}), which are not read; export it as STL")
+        if errors:
+            raise GeometryError(f"{source}: {'; '.join(errors)}")
         models = [name for name in archive.namelist() if name.lower().endswith(".model")]
         painted = {found for name in models for found in _painted(name, archive.read(name))}
         skipped = [bool(_NOT_PRINTED.search(item)) for item in _ITEM.findall(_root(archive))]
-        return cls(ranges, parts, skipped, painted, sorted(errors))
+        return cls(source, ranges, parts, skipped, painted)
 
     def volumes(self, built: int, part: int, count: int) -> list[tuple[str, int, slice]]:
         """Kind, role and triangles of the volumes of object `part`, which is all or part of object `built`.
 
-        count: of its triangles. Raises ValueError if the volumes do not hold them all.
+        count: of its triangles. Raises GeometryError if the volumes do not hold them all.
         """
         ranges = self.ranges.get(part) or [(0, count - 1, self.parts.get((built, part), "ModelPart"))]
         if [first for first, *_ in ranges] + [count] != [0] + [last + 1 for _, last, _ in ranges]:
-            raise ValueError(f"the volumes of object {part} in {_PRUSA} do not hold its {count} triangles")
+            raise GeometryError(
+                f"{self.source}: the volumes of object {part} in {_PRUSA} do not hold its {count} triangles"
+            )
         return [(kind, _ROLES[kind], slice(first, last + 1)) for first, last, kind in ranges]
 
 

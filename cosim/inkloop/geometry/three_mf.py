@@ -50,9 +50,7 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
     if errors := list(_package_errors(path)):
         raise GeometryError(f"{path}: " + "; ".join(errors))
     with zipfile.ZipFile(path) as archive:
-        slicer = SlicerParts.of(archive)
-    if slicer.errors:
-        raise GeometryError(f"{path}: " + "; ".join(slicer.errors))
+        slicer = SlicerParts.of(path, archive)
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
     reader.SetStrictModeActive(False)  # slicers write attributes of their own

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, FloatMap
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.geometry.mending import open_edges
+from inkloop.geometry.mending import open_edges, welded
 
 
 @dataclass(frozen=True)
@@ -29,27 +29,40 @@ class Hole:
 
 def holes(bodies: Sequence[Body]) -> list[Hole]:
     """All holes and seams, the largest first; none of a watertight mesh, also where bodies touch or overlap."""
-    corners, index = np.unique(
-        np.concatenate([body.triangles for body in bodies]).reshape(-1, 3), axis=0, return_inverse=True
-    )
-    edges, ways = open_edges(index.reshape(-1, 3))
+    corners, index = welded(np.concatenate([body.triangles for body in bodies]))
+    edges, ways = open_edges(index)
     rims = {False: ways % 2 == 1, True: ways % 2 == 0}
     found = [hole for is_seam, rim in rims.items() for hole in _chains(corners, edges[rim], is_seam)]
     return sorted(found, key=lambda hole: -hole.size)
 
 
-def _chains(corners: FloatMap, rim: NDArray[np.int64], is_seam: bool) -> Iterator[Hole]:
-    """Edges by connected component; rim: indices of their two corners (n, 2)."""
+def solids(body: Body) -> int:
+    """Number of separate solids: surfaces without a common corner, those around cavities left out; at least 1."""
+    corners, index = welded(body.triangles)
+    labels = _connected(len(corners), index[:, [0, 1, 1, 2]].reshape(-1, 2))
+    a, b, c = np.moveaxis(body.triangles - corners.mean(axis=0), 1, 0)
+    volumes = np.bincount(labels[index[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return max(1, int((volumes > 0.0).sum()))
+
+
+def _connected(count: int, edges: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Number of the connected component of each of `count` points; edges: indices of two points (n, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    graph = coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(count, count))
+    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1]
+    return labels
+
+
+def _chains(corners: FloatMap, rim: NDArray[np.int64], is_seam: bool) -> Iterator[Hole]:
+    """Edges by connected component; rim: indices of their two corners (n, 2)."""
     if not len(rim):
         return
     used, ends = np.unique(rim, return_inverse=True)
     ends = ends.reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(used.size, used.size))
-    count, labels = connected_components(graph, directed=False)
-    for number in range(count):
+    labels = _connected(used.size, ends)
+    for number in range(labels.max() + 1):
         points = corners[used[labels == number]]
         low, high = points.min(axis=0), points.max(axis=0)
         x, y, z = (float(value) for value in (low + high) / 2)

@@ -192,7 +192,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),
     "partly turned": ("a.stl", meshes.binary_stl(partly_turned(WEDGE)), {}, "are open, the.*consistent"),
     "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(7\.\d%\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),
-    "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged, or its suffix is wrong"),
+    "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged.*: it cannot be read as .3mf; write it again"),
 }  # fmt: skip
 
 
