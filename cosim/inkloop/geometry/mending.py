@@ -83,7 +83,7 @@ def mended(triangles: NDArray[np.float64], distance: float) -> tuple[NDArray[np.
         left, corner = fewer, joined
     for kind, is_extra in (("without area", _is_flat), ("repeated", _is_repeated)):
         kept = corner[~is_extra(corner, points, distance)]
-        if (fewer := _count(open_edges(kept)[1])) < left:
+        if len(kept) and (fewer := _count(open_edges(kept)[1])) < left:
             done.append(f"triangles {kind} left out: {len(corner) - len(kept):,}")
             left, corner = fewer, kept
     return points[corner], done

@@ -54,7 +54,11 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
     reader.SetStrictModeActive(False)  # slicers write attributes of their own
-    reader.ReadFromFile(str(path))
+    try:
+        reader.ReadFromFile(str(path))
+    except lib3mf.ELib3MFException as error:
+        reason = str(error).rpartition(": ")[2]  # without the place, which lib3mf does not know
+        raise GeometryError(f"{path}: lib3mf refuses it: {reason}; save it again") from error
     warnings = dict(reader.GetWarning(n) for n in range(reader.GetWarningCount()))
     if texts := sorted({text for code, text in warnings.items() if code not in _OBEYED | _SHAPELESS}):
         raise GeometryError(f"{path}: holds what lib3mf would leave out: {' '.join(texts)} Save it as plain 3MF")
