@@ -107,7 +107,7 @@ static Outcome read_parameter(Instance *job, Instance *owner, Bytes *from) {
     Outcome outcome = ACCEPTED;
     for (size_t k = 0; k < whole.count && outcome == ACCEPTED; k++)
         if (definition->type == TYPE_COUNT ||
-            !store(definition->type, real_of(bytes + k * WORD), values + k * value_size(definition->type)))
+            !store(definition->type, real_of(bytes + k * WORD), values + k * value_size(definition)))
             outcome = refuse_damaged(job, "a value is not of the type of its parameter");
     if (outcome == ACCEPTED && check_values(owner, whole, values) != ACCEPTED)
         outcome = owner == job ? REFUSED : refuse(job, "%s: %s", table->model, owner->message);

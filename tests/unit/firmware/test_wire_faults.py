@@ -32,7 +32,7 @@ class Taken(ctypes.Structure):
 
 @cache
 def library() -> ctypes.CDLL:
-    own = [FIRMWARE / "host" / "hub.c", codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
+    own = [codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
     sources = [*CORE, *HOST, *KERNELS, *FAULTS, *WIRE, *own]
     loaded = firmware_library("wire_faults.so", sources)
     loaded.probe_taken.restype = ctypes.POINTER(Taken)
