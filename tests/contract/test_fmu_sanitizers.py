@@ -44,7 +44,7 @@ THREAD = ("-fsanitize=thread",)
 def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Library]:
     """Every library with the address and undefined-behaviour sanitizers."""
     folder = tmp_path_factory.mktemp("address")
-    return dict(zip(NAMES, fmu_library.all_rebuilt((*MODELS, JOB), folder, "gcc", ADDRESS), strict=True))
+    return dict(zip(NAMES, fmu_library.all_rebuilt(fmu_library.PAIRS, folder, "gcc", ADDRESS), strict=True))
 
 
 def test_contract_suite_is_clean_under_the_address_sanitizer(checked: dict[str, Library], tmp_path: Path) -> None:

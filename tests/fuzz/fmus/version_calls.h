@@ -69,6 +69,6 @@ static Status set_categories(void *it, size_t count, const char *const categorie
     {load,       instantiate, release,     kind,          value_size,          encode,                                 \
      decode,     get,         set,         enter,         exit_initialization, step,                                   \
      terminate,  reset,       configuring, get_state,     set_state,           free_state,                             \
-     state_size, serialize,   deserialize, set_categories}
+     state_size, serialize,   deserialize, set_categories, EVENTS}
 
 #endif
