@@ -4,9 +4,11 @@
 #include "bus_operations.h"
 #include "emulation.h"
 #include "fault_text.h"
-#include "storage.h"
+#include "parameter_file.h"
+#include "resources.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { BIT_RATE = 500000 };
@@ -82,6 +84,28 @@ static Outcome read_faults(Instance *instance, const char *text, Faults *faults)
             return refuse(instance, "faults: %s is a fault of an adapter, and there is none", one);
     }
     return ACCEPTED;
+}
+
+/* The FMU of a scenario has its start values in a file. */
+static Outcome read_file(Instance *instance) {
+    char message[400];
+    size_t size = 0;
+    ParameterSection own;
+    if (instance->is_resizable || *instance->mark == '\0')
+        return ACCEPTED;
+    unsigned char *bytes = read_resource(instance->resources, "bench.bin", &size, message, sizeof message);
+    ParameterFile from = {"bench.bin", "inkloop export bench", bytes, size};
+    if (!bytes)
+        return refuse(instance, "%s; inkloop export bench writes it", message);
+    Outcome outcome = check_head(instance, &from);
+    if (outcome == ACCEPTED)
+        outcome = check_end(instance, &from, take_section(&from, &own));
+    if (outcome == ACCEPTED)
+        outcome = check_section(instance, &own, instance->model, "bench");
+    if (outcome == ACCEPTED)
+        outcome = read_parameters(instance, instance, &own);
+    free(bytes);
+    return outcome;
 }
 
 static Outcome reserve(Instance *instance) {
@@ -239,7 +263,7 @@ static Outcome update(Instance *instance) {
 }
 
 const Model BENCH_BUS = {.table = &BENCH_BUS_VARIABLES,
-                         .open = NULL,
+                         .open = read_file,
                          .reserve = reserve,
                          .check_value = check_value,
                          .calculate = calculate,

@@ -187,7 +187,7 @@ static Outcome read_file(Instance *instance) {
     unsigned char *bytes = read_resource(instance->resources, "job.bin", &size, message, sizeof message);
     if (!bytes)
         return refuse(instance, "%s; what the FMU prints is written by inkloop export job", message);
-    Outcome outcome = read_job(instance, bytes, size, instance->mark, &parts);
+    Outcome outcome = read_job(instance, bytes, size, &parts);
     free(bytes);
     if (outcome == ACCEPTED)
         outcome = keep_parts(instance, &parts);

@@ -44,12 +44,12 @@ class Release:
 
 @dataclass(frozen=True)
 class Baked:
-    """Changes of an FMU's description by its resources: start values by name (texts: of strings), and its own texts.
+    """Changes of an FMU's description by its resources: start values by name (of a map one or each; texts: of strings), and its own texts.
 
     mark: see `ModelDefinition.token`; None: as in the model.
     """
 
-    starts: Mapping[str, float] = field(default_factory=dict)
+    starts: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     mark: str = ""
     description: str | None = None
@@ -97,7 +97,7 @@ def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
 
 
 def _fmi3(
-    model: ModelDefinition, starts: Mapping[str, float], token: str, release: Release, baked: Baked, *, is_fixed: bool
+    model: ModelDefinition, starts: Mapping[str, float | Sequence[float]], token: str, release: Release, baked: Baked, *, is_fixed: bool
 ) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
@@ -141,7 +141,7 @@ def _fmi3(
 
 
 def _fmi2(
-    model: ModelDefinition, starts: Mapping[str, float], guid: str, sources: Sequence[str], release: Release
+    model: ModelDefinition, starts: Mapping[str, float | Sequence[float]], guid: str, sources: Sequence[str], release: Release
 ) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="2.0", guid=guid)
@@ -271,10 +271,11 @@ def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
     }
 
 
-def _start(variable: VariableDefinition, value: float, count: int) -> str | None:
+def _start(variable: VariableDefinition, value: float | Sequence[float], count: int) -> str | None:
     if variable.causality in ("independent", "output") or variable.type in WITHOUT_NUMBER:
         return None
-    return " ".join([_number(variable, value)] * count)
+    values = [value] * count if isinstance(value, int | float) else value
+    return " ".join(_number(variable, each) for each in values)
 
 
 def _number(variable: VariableDefinition, value: float) -> str:

@@ -195,11 +195,13 @@ int bench_node_count(const Bench *bench) {
 void bench_power_up(Bench *bench, int node, uint32_t now) {
     const bool head = node == BENCH_HEAD;
     Board *board = &bench->board[node];
-    const NodeOptions options = {.roles = bench->options.one_node ? ALL_ROLES : ROLES[node],
-                                 .limits = bench->options.limits,
-                                 .pattern_memory = head ? pattern_memory(bench) : NULL,
-                                 .pattern_bytes = head ? bench->pattern_bytes : 0,
-                                 .by_watchdog = board->by_watchdog};
+    NodeOptions options;
+    memset(&options, 0, sizeof options); /* also between its members: equal benches are equal bytes */
+    options.roles = bench->options.one_node ? ALL_ROLES : ROLES[node];
+    options.limits = bench->options.limits;
+    options.pattern_memory = head ? pattern_memory(bench) : NULL;
+    options.pattern_bytes = head ? bench->pattern_bytes : 0;
+    options.by_watchdog = board->by_watchdog;
     world_tick(&bench->world, now);
     board->torn_at = -1;
     board->watched = board->by_watchdog = false;
