@@ -9,7 +9,8 @@
 static bool is_no_event_call(const Component *component, Call call, const char *function) {
     if (!component || FMU_MODEL->update)
         return fmi3_is_illegal(component, call, function);
-    misuse(component->core, "%s has no Event Mode (hasEventMode); Step Mode begins with the end of initialisation",
+    misuse(component->core, "%s has no Event Mode (hasEventMode in its modelDescription.xml); Step Mode begins with the "
+           "end of initialisation",
            FMU_MODEL->table->model);
     fmi3_report(component, function, fmi3Error);
     return true;
