@@ -157,7 +157,7 @@ static void publish(const Run *run) {
     const BenchBusVariables *v = &run->v;
     const World *world = &bench_of(run->kept)->world;
     if (*v->droplets != (int32_t)world->droplets)
-        memcpy(v->height, world->height, (size_t)(*v->nx * *v->ny) * sizeof *v->height);
+        memcpy(v->surface_height, world->height, (size_t)(*v->nx * *v->ny) * sizeof *v->surface_height);
     *v->droplets = (int32_t)world->droplets;
     *v->scans = world->scans;
     *v->lamp_on = world->lamp_driven;
@@ -168,7 +168,7 @@ static void publish(const Run *run) {
 
 static void calculate(Instance *instance) {
     const BenchBusVariables v = bench_bus_variables(instance);
-    memcpy(v.height, v.height_start, (size_t)(*v.nx * *v.ny) * sizeof *v.height);
+    memcpy(v.surface_height, v.height_start, (size_t)(*v.nx * *v.ny) * sizeof *v.surface_height);
 }
 
 static Outcome initialize(Instance *instance) {

@@ -1,4 +1,4 @@
-"""Buses of FMUs by FMI-LS-BUS (Network Abstraction, CAN): terminals, and the operations in their binaries.
+"""Operations of the bus CAN by FMI-LS-BUS (Network Abstraction), as binaries of FMUs hold them.
 
 An operation is its code and total length, 32 bits each, then its arguments; numbers are little-endian.
 """
@@ -6,41 +6,14 @@ An operation is its code and total length, 32 bits each, then its arguments; num
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import NamedTuple
-from xml.etree import ElementTree
 
-TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
-_KIND = "org.fmi-ls-bus.network-terminal"
-_CAN = "application/org.fmi-standard.fmi-ls-bus.can;"
-_MEMBERS = ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock")
-TRIGGERED, COUNTDOWN = "triggered", "countdown"
 FORMAT_ERROR, TRANSMIT, CONFIRM, CONFIGURATION, STATUS, WAKEUP = 0x01, 0x10, 0x20, 0x40, 0x41, 0x42
-_SILENT = (FORMAT_ERROR, CONFIRM, CONFIGURATION, STATUS, WAKEUP)
+_KNOWN = (FORMAT_ERROR, CONFIRM, 0x30, 0x31, CONFIGURATION, STATUS, WAKEUP)
+"""Operations besides frames; 0x30 Arbitration Lost, 0x31 Bus Error."""
 _HEAD = struct.Struct("<II")
 _FRAME = struct.Struct("<IBBH")
-
-
-class BusTerminal(NamedTuple):
-    """A bus terminal of an FMU: value references of its members, and the interval of the clock that it sends with."""
-
-    name: str
-    rx_data: int
-    rx_clock: int
-    tx_data: int
-    tx_clock: int
-    tx_interval: str
-
-
-@dataclass(frozen=True)
-class MemberVariable:
-    """What a terminal needs to know of a variable; interval: of a clock, mime_type: of a binary."""
-
-    reference: int
-    kind: str
-    interval: str | None = None
-    mime_type: str | None = None
 
 
 class BusFrame(NamedTuple):
@@ -72,7 +45,12 @@ class Operation(NamedTuple):
         """What an ideal bus answers to the sender: Confirm to a frame, Format Error to what it does not know."""
         if frame := self.frame:
             return operation(CONFIRM, struct.pack("<I", frame.identifier))
-        return b"" if self.code in _SILENT else format_error(self.content)
+        return b"" if self.is_known else format_error(self.content)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is an operation of the bus CAN."""
+        return self.frame is not None if self.code == TRANSMIT else self.code in _KNOWN
 
 
 def operation(code: int, arguments: bytes) -> bytes:
@@ -100,42 +78,3 @@ def operations(content: bytes) -> Iterator[Operation]:
             code, length = 0, len(content)
         yield Operation(code, content[:length])
         content = content[length:]
-
-
-def bus_terminals(xml: bytes, variables: Mapping[str, MemberVariable]) -> tuple[list[BusTerminal], dict[str, str]]:
-    """Bus terminals in terminalsAndIcons.xml that the master can serve; those that it cannot, and why.
-
-    Raises ElementTree.ParseError.
-    """
-    served: list[BusTerminal] = []
-    unserved: dict[str, str] = {}
-    for element in ElementTree.fromstring(xml).iter("Terminal"):
-        if element.get("terminalKind") != _KIND:
-            continue
-        name = element.get("name", "")
-        named = {m.get("memberName"): m.get("variableName", "") for m in element.findall("TerminalMemberVariable")}
-        members = {member: variables[named[member]] for member in _MEMBERS if named.get(member) in variables}
-        if reason := _obstacle(members):
-            unserved[name] = reason
-        else:
-            references = (members[member].reference for member in _MEMBERS)
-            served.append(BusTerminal(name, *references, members["Tx_Clock"].interval or ""))
-    return served, unserved
-
-
-def _obstacle(members: Mapping[str, MemberVariable]) -> str | None:
-    """The reason why the master cannot serve a terminal with these members."""
-    if lacking := [member for member in _MEMBERS if member not in members]:
-        return f"it has no {', '.join(lacking)}"
-    for member in _MEMBERS:
-        kind = "Binary" if member.endswith("Data") else "Clock"
-        if members[member].kind != kind:
-            return f"its {member} is a {members[member].kind}; expected a {kind}"
-    for member in ("Rx_Data", "Tx_Data"):
-        if not (members[member].mime_type or "").startswith(_CAN):
-            return f"its {member} is of type {members[member].mime_type}; this master knows the bus CAN"
-    if members["Rx_Clock"].interval != TRIGGERED:
-        return f"its Rx_Clock is {members['Rx_Clock'].interval}; expected {TRIGGERED}"
-    if members["Tx_Clock"].interval not in (TRIGGERED, COUNTDOWN):
-        return f"its Tx_Clock is {members['Tx_Clock'].interval}; this master serves {TRIGGERED} and {COUNTDOWN} ones"
-    return None

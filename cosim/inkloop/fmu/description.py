@@ -8,7 +8,7 @@ from pathlib import Path
 
 from inkloop.component import Port
 from inkloop.errors import FmuError
-from inkloop.fmu.bus import BusTerminal
+from inkloop.fmu.bus_terminals import BusTerminal
 from inkloop.fmu.variable import Variable, summary
 from inkloop.suggest import nearest
 
@@ -20,7 +20,8 @@ class FmuDescription:
     platforms: folders with binaries in the archive; unused: variables that the master does not exchange, and their
     kinds; notes: on reading it, one sentence each; is_single: a process takes one instance; needs_tool: it runs where
     the tool is installed that made it; buses: its bus terminals (FMI-LS-BUS); unserved: those that the master cannot
-    serve, and why; needs_events: it has clocks, and Event Mode.
+    serve, and why; needs_events: it has clocks, and Event Mode; is_bus_simulation: its buses
+    are joined in it.
     """
 
     path: Path
@@ -39,6 +40,7 @@ class FmuDescription:
     buses: tuple[BusTerminal, ...] = ()
     unserved: Mapping[str, str] = field(default_factory=dict)
     needs_events: bool = False
+    is_bus_simulation: bool = False
     description: str = ""
     version: str = ""
     license: str = ""

@@ -10,7 +10,7 @@ from fmpy import fmi3
 
 from inkloop.errors import ComponentError
 from inkloop.fmu.binding import Binding
-from inkloop.fmu.bus import COUNTDOWN, BusTerminal
+from inkloop.fmu.bus_terminals import COUNTDOWN, BusTerminal
 
 INSTANTS_MAX = 1000
 """Instants of Event Mode at one time; an FMU that asks for more never comes to an end."""

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 from inkloop.errors import FmuError
 from inkloop.files import reason_of, temporary_folder
-from inkloop.fmu.bus import TERMINALS, BusTerminal, MemberVariable, bus_terminals
+from inkloop.fmu.bus_terminals import read_buses
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
 from inkloop.limits import memory_error, size_text, unpacked_error
@@ -57,7 +57,7 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
             model = read_model_description(str(path), validate=False)
             has_offset = any(unit.baseUnit is not None and unit.baseUnit.offset for unit in model.unitDefinitions)
             differences = _differences(archive) if has_offset else frozenset[str]()
-            buses, unserved = _buses(archive, model)
+            buses = read_buses(archive, model)
     except (OSError, FmuError):
         raise
     except zipfile.BadZipFile as error:
@@ -74,7 +74,7 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         raise FmuError(f"{path}: offers {offered} only; export it for co-simulation")
     platforms = sorted({parts[1] for parts in names if parts[0] == "binaries" and len(parts) > 2})
     described = _translated(path, model, tuple(platforms), differences)
-    return replace(described, buses=tuple(buses), unserved=unserved)
+    return replace(described, **buses)
 
 
 def _description_error(archive: zipfile.ZipFile) -> str | None:
@@ -136,24 +136,6 @@ def _fault(variables: Sequence[Variable]) -> str | None:
         if variable.is_size and variable.start:
             sizes[variable.name] = int(variable.start[0])
     return None
-
-
-def _buses(archive: zipfile.ZipFile, model: Any) -> tuple[list[BusTerminal], dict[str, str]]:
-    if model.fmiVersion[:1] != "3" or TERMINALS not in archive.namelist():
-        return [], {}
-    binaries = _mime_types(archive)
-    members = {
-        v.name: MemberVariable(v.valueReference, v.type, v.intervalVariability, binaries.get(v.name))
-        for v in model.modelVariables
-    }
-    return bus_terminals(archive.read(TERMINALS), members)
-
-
-def _mime_types(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Of the binaries, which FMPy 0.3.32 does not read."""
-    with archive.open("modelDescription.xml") as file:
-        found = (element for _, element in ElementTree.iterparse(file) if element.tag == "Binary")
-        return {element.get("name", ""): element.get("mimeType", "") for element in found}
 
 
 def _differences(archive: zipfile.ZipFile) -> frozenset[str]:
