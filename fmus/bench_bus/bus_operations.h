@@ -1,5 +1,5 @@
-/* Operations of a CAN bus as FMI-LS-BUS (Network Abstraction, CAN 1.0.0) writes them into binaries, one after the other:
- * code and total length, 32 bits each, then the arguments; numbers are little-endian. */
+/* Operations of a CAN bus as FMI-LS-BUS (Network Abstraction, CAN 1.0.0) writes them into binaries, one after the
+ * other: code and total length, 32 bits each, then the arguments; numbers are little-endian. */
 #ifndef INKLOOP_BUS_OPERATIONS_H
 #define INKLOOP_BUS_OPERATIONS_H
 
@@ -8,11 +8,11 @@
 #include "can_frame.h"
 
 typedef enum {
-    BUS_FRAME,       /* CAN Transmit */
-    BUS_FRAME_LOST,  /* Arbitration Lost, Bus Error: a frame of this node did not arrive */
-    BUS_NOT_READ,    /* Format Error: a partner could not read an operation of this node */
-    BUS_NOTICE,      /* Confirm, Configuration, Status, Wakeup: nothing that a node acts upon */
-    BUS_MALFORMED    /* no operation, or one that a node of classic CAN does not know */
+    BUS_FRAME,      /* CAN Transmit */
+    BUS_FRAME_LOST, /* Arbitration Lost, Bus Error: a frame of this node did not arrive */
+    BUS_NOT_READ,   /* Format Error: a partner could not read an operation of this node */
+    BUS_NOTICE,     /* Confirm, Configuration, Status, Wakeup: nothing that a node acts upon */
+    BUS_MALFORMED   /* no operation, or one that a node of classic CAN does not know */
 } BusOperationKind;
 
 typedef struct {

@@ -1,4 +1,5 @@
-/* Event Mode (FMI 3): clocks tick in it, and only while its clock ticks a clocked input is set. Strings and binaries. */
+/* Event Mode (FMI 3): clocks tick in it, and only while its clock ticks a clocked input is set. Strings and binaries.
+ */
 #ifndef INKLOOP_EVENTS_H
 #define INKLOOP_EVENTS_H
 

@@ -9,7 +9,8 @@
 static bool is_no_event_call(const Component *component, Call call, const char *function) {
     if (!component || FMU_MODEL->update)
         return fmi3_is_illegal(component, call, function);
-    misuse(component->core, "%s has no Event Mode (hasEventMode in its modelDescription.xml); Step Mode begins with the "
+    misuse(component->core,
+           "%s has no Event Mode (hasEventMode in its modelDescription.xml); Step Mode begins with the "
            "end of initialisation",
            FMU_MODEL->table->model);
     fmi3_report(component, function, fmi3Error);
@@ -98,8 +99,8 @@ static Outcome set_binaries(Instance *instance, const fmi3ValueReference referen
     return outcome;
 }
 
-static Outcome get_strings(Instance *instance, const fmi3ValueReference references[], size_t count,
-                           fmi3String values[], size_t total) {
+static Outcome get_strings(Instance *instance, const fmi3ValueReference references[], size_t count, fmi3String values[],
+                           size_t total) {
     Outcome outcome = check_call(instance, references, count, values, total);
     for (size_t k = 0; k < count && outcome == ACCEPTED; k++) {
         const ByteString *value;

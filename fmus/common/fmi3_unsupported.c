@@ -1,4 +1,5 @@
-/* The functions of FMI 3.0 that these models do not support: other types, intervals of clocks, derivatives, other interfaces. */
+/* The functions of FMI 3.0 that these models do not support: other types, intervals of clocks, derivatives, other
+ * interfaces. */
 #include "fmi3_component.h"
 
 #include <stdio.h>

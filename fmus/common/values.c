@@ -111,8 +111,7 @@ Outcome check_values(Instance *instance, Span span, const void *values) {
 }
 
 static void *place_of(Instance *instance, Span span) {
-    return (unsigned char *)values_of(instance, span.variable) +
-           span.first * value_size(definition_of(instance, span));
+    return (unsigned char *)values_of(instance, span.variable) + span.first * value_size(definition_of(instance, span));
 }
 
 void write_values(Instance *instance, Span span, const void *values) {

@@ -17,8 +17,7 @@ import pytest
 
 from support.compiled import sanitizer_libraries
 from support.fmus import fmu_library
-from support.fmus.fmu_driver import MODELS
-from support.fmus.fmu_library import FORMS, JOB, NAMES, Library, drawn, feed
+from support.fmus.fmu_library import FORMS, NAMES, Library, drawn, feed
 from support.places import ROOT
 
 pytestmark = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +28,16 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
     emulation = emulation_of(scenario)
     members = unpack(find_fmu(MODEL, FORM))
     model = definition_in(members)
-    grid = scenario.tables.grid
     faults = "; ".join(map(str, emulation.faults))
-    starts: dict[str, float | list[float]] = {name: value for name, value in emulation.parameters.items() if name not in ("nx", "ny")}
+    starts: dict[str, float | Sequence[float]] = {**emulation.parameters}
+    sizes = {name: int(emulation.parameters[name]) for name in ("nx", "ny")}
+    for name in sizes:
+        del starts[name]
     if emulation.surface is not None:
         starts["height_start"] = emulation.surface.ravel().tolist()
     values = {name: np.asarray(value) for name, value in starts.items()}
     values["faults"] = np.frombuffer(faults.encode(), np.uint8)
-    content = to_bytes(grid.nx, grid.ny, [Section(model, values)])
+    content = to_bytes(sizes["nx"], sizes["ny"], [Section(model, values)])
     members |= {PARAMETERS: content, SCENARIO: scenario.text.encode()}
     baked = Baked(
         starts=starts,
@@ -42,12 +45,13 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
         mark=check_sum(content),
         description=f"{scenario.tables.title}: {model.description}",
     )
-    members = described(members, FORM, {"nx": grid.nx, "ny": grid.ny}, __version__, baked)
+    members = described(members, FORM, sizes, __version__, baked)
     if options.platforms is not None:
         members = with_platforms(members, "3", options.platforms)
     out = options.out or Path(f"{Path(scenario.source).stem}-bench.fmu")
     out.parent.mkdir(parents=True, exist_ok=True)
     pack(out, members)
-    console.sentence(f"wrote {out}: four nodes on one bus, {grid.nx} x {grid.ny} cells, ink and sensor of the scenario")
+    size = " x ".join(map(str, sizes.values()))
+    console.sentence(f"wrote {out}: four nodes on one bus, {size} cells, ink and sensor of the scenario")
     console.result(file=out)
     return 0

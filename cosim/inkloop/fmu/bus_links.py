@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from inkloop.component import Values
 from inkloop.errors import ComponentError
@@ -37,18 +37,12 @@ class BusLink:
     ideal: bool
 
 
-class HasBuses(Protocol):
-    """A component with buses."""
-
-    def exchange(self, received: Mapping[str, bytes]) -> dict[str, bytes]:
-        """Give operations to buses by name; what they have sent since."""
-        ...
-
-
 class BusLinks:
-    """An observer of the master that carries what the components of `links` send. Raises ComponentError."""
+    """An observer of the master that carries what the components of `links` send, which are FMUs. Raises
+    ComponentError.
+    """
 
-    def __init__(self, components: Mapping[str, HasBuses], links: Sequence[BusLink]) -> None:
+    def __init__(self, components: Mapping[str, Any], links: Sequence[BusLink]) -> None:
         self._links = links
         self._exchanges: dict[str, Callable[[Mapping[str, bytes]], dict[str, bytes]]] = {
             end.component: components[end.component].exchange for link in links for end in link.ends

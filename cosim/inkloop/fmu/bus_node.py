@@ -43,7 +43,8 @@ class BusNode:
     def _read(self, content: bytes) -> Iterable[BusFrame]:
         for found in operations(content):
             if found.code == FORMAT_ERROR:
-                raise FmuError(f"{self._bus}: the FMU could not read an operation of its partner: {found.content.hex()}")
+                wrong = found.content.hex()
+                raise FmuError(f"{self._bus}: the FMU could not read an operation of its partner: {wrong}")
             if frame := found.frame:
                 yield frame
             self._answers += found.answer

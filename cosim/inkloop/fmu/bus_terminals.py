@@ -79,8 +79,9 @@ def bus_terminals(xml: bytes, variables: Mapping[str, MemberVariable]) -> tuple[
         if reason := _obstacle(members):
             unserved[name] = reason
         else:
-            references = (members[member].reference for member in _MEMBERS)
-            served.append(BusTerminal(name, *references, members["Tx_Clock"].interval or ""))
+            rx_data, rx_clock, tx_data, tx_clock = (members[member].reference for member in _MEMBERS)
+            interval = members["Tx_Clock"].interval or ""
+            served.append(BusTerminal(name, rx_data, rx_clock, tx_data, tx_clock, interval))
     return served, unserved
 
 

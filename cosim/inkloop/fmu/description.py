@@ -127,7 +127,7 @@ class FmuDescription:
             for row in rows:
                 yield f"  {row.name:{width}}  {summary(row)}"
         if self.unused:
-            yield "not exchanged as values (numbers and truth values are, texts as parameters; clocks and binaries of a bus by it)"
+            yield "not exchanged (numbers and truth values are, texts as parameters, clocks and binaries of buses)"
             width = max(map(len, self.unused))
             for name, kind in self.unused.items():
                 yield f"  {name:{width}}  {kind}"

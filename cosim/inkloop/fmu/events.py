@@ -37,11 +37,13 @@ class Events:
             self._binding.call("enterEventMode")
         sent = {bus.name: b"" for bus in self._buses}
         for _ in range(INSTANTS_MAX):
+            counted = self._set(time, received)  # all inputs come before the first output
             for bus in self._buses:
-                if operations := received.get(bus.name):
-                    self._binding.call("setClock", [bus.rx_clock], [True])
-                    self._binding.call("setBinary", [bus.rx_data], [operations])
-                sent[bus.name] += self._taken(bus, time)
+                is_countdown = bus.tx_interval == COUNTDOWN
+                ticks = bus.tx_clock in counted if is_countdown else self._binding.call("getClock", [bus.tx_clock])[0]
+                if ticks:
+                    (content,) = self._binding.call("getBinary", [bus.tx_data])
+                    sent[bus.name] += content or b""
             received = {}
             (again, *_) = self._binding.call("updateDiscreteStates")
             self._count_down(time)
@@ -51,19 +53,17 @@ class Events:
                 return {name: content for name, content in sent.items() if content}
         raise ComponentError(f"Event Mode at {time:g} s does not end: {INSTANTS_MAX} instants")
 
-    def _taken(self, bus: BusTerminal, time: float) -> bytes:
-        """The operations of a bus whose clock ticks now."""
-        if bus.tx_interval == COUNTDOWN:
-            ticks = self._due[bus.tx_clock] <= time + _ROUNDING_S
-            if ticks:
-                self._due[bus.tx_clock] = math.inf
-                self._binding.call("setClock", [bus.tx_clock], [True])
-        else:
-            (ticks,) = self._binding.call("getClock", [bus.tx_clock])
-        if not ticks:
-            return b""
-        (content,) = self._binding.call("getBinary", [bus.tx_data])
-        return content or b""
+    def _set(self, time: float, received: Mapping[str, bytes]) -> set[int]:
+        """Set clocks and operations of an instant; the countdown clocks that tick."""
+        counted = {clock for clock, due in self._due.items() if due <= time + _ROUNDING_S}
+        given = {bus: received[bus.name] for bus in self._buses if received.get(bus.name)}
+        clocks = [*counted, *(bus.rx_clock for bus in given)]
+        if clocks:
+            self._binding.call("setClock", clocks, [True] * len(clocks))
+        for bus, content in given.items():
+            self._binding.call("setBinary", [bus.rx_data], [content])
+        self._due |= dict.fromkeys(counted, math.inf)
+        return counted
 
     def _count_down(self, time: float) -> None:
         for clock in self._due:

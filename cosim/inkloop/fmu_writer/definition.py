@@ -128,7 +128,7 @@ class ModelDefinition:
         ]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 
-    def sizes(self, given: Mapping[str, float]) -> dict[str, int]:
+    def sizes(self, given: Mapping[str, Any]) -> dict[str, int]:
         """The structural parameters, nx and ny first: the values given, else the start values."""
         return {v.name: int(given.get(v.name, v.start)) for v in self.variables if v.causality == "structural"}
 

@@ -6,6 +6,7 @@ import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 from inkloop.fmu_writer.definition import WITHOUT_NUMBER, ModelDefinition, VariableDefinition
 from inkloop.units import BASE_UNITS, si_unit
@@ -28,6 +29,8 @@ _FMI3_TYPES = {
     "string": "String",
     "binary": "Binary",
 }
+Starts: TypeAlias = Mapping[str, float | Sequence[float]]
+"""Start values by name, of a map one for all cells or each."""
 _LOG_CATEGORIES = {
     "logStatusDiscard": "Values and commands that were refused",
     "logStatusError": "Calls that were not allowed",
@@ -44,12 +47,12 @@ class Release:
 
 @dataclass(frozen=True)
 class Baked:
-    """Changes of an FMU's description by its resources: start values by name (of a map one or each; texts: of strings), and its own texts.
+    """Changes of an FMU's description by its resources: start values (texts: of strings), and its own texts.
 
     mark: see `ModelDefinition.token`; None: as in the model.
     """
 
-    starts: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
+    starts: Starts = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     mark: str = ""
     description: str | None = None
@@ -97,7 +100,7 @@ def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
 
 
 def _fmi3(
-    model: ModelDefinition, starts: Mapping[str, float | Sequence[float]], token: str, release: Release, baked: Baked, *, is_fixed: bool
+    model: ModelDefinition, starts: Starts, token: str, release: Release, baked: Baked, *, is_fixed: bool
 ) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
@@ -140,9 +143,7 @@ def _fmi3(
     return root
 
 
-def _fmi2(
-    model: ModelDefinition, starts: Mapping[str, float | Sequence[float]], guid: str, sources: Sequence[str], release: Release
-) -> ET.Element:
+def _fmi2(model: ModelDefinition, starts: Starts, guid: str, sources: Sequence[str], release: Release) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="2.0", guid=guid)
     interface = add(

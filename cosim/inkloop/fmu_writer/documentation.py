@@ -36,8 +36,8 @@ MANIFEST = "extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml"
 _LS_BUS = {
     "fmi-ls-name": "org.fmi-standard.fmi-ls-bus",
     "fmi-ls-version": "1.0.0",
-    "fmi-ls-description": "Layered Standard for the simulation of bus communication on a Physical Signal Abstraction or "
-    "Network Abstraction based level.",
+    "fmi-ls-description": "Layered Standard for the simulation of bus communication on a Physical Signal Abstraction "
+    "or Network Abstraction based level.",
 }
 
 
@@ -63,9 +63,7 @@ def terminals_xml(model: ModelDefinition) -> bytes:
     terminals = add(root, "Terminals")
     for name, description in {**model.terminals, **model.buses}.items():
         kind, rule = BUS_TERMINAL if name in model.buses else (None, "bus")
-        terminal = add(
-            terminals, "Terminal", name=name, matchingRule=rule, terminalKind=kind, description=description
-        )
+        terminal = add(terminals, "Terminal", name=name, matchingRule=rule, terminalKind=kind, description=description)
         for v in model.exposed:
             if v.terminal == name:
                 add(terminal, "TerminalMemberVariable", variableName=v.name, memberName=v.name, variableKind="signal")

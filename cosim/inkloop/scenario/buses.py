@@ -42,7 +42,7 @@ def _errors(place: str, ends: Sequence[str], known: Mapping[str, object], used: 
         if end not in known:
             yield f"{place}: {end} is no bus of an FMU; {nearest(end, known) if known else 'no component has one'}"
         elif end in used:
-            yield f"{place}: {end} is in buses.[{used[end]}] already; a bus simulation, an FMU of yours, joins more than two"
+            yield f"{place}: {end} is in buses.[{used[end]}] already; more than two are joined by a bus simulation"
 
 
 def _unlinked(end: str) -> str:

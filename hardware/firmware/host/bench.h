@@ -1,7 +1,7 @@
 /* The emulator: the four nodes of the bench on one world, and the HAL that joins them.
  *
- * All memory is one block of bench_size bytes. With a folder, journals and surface are files there that outlive the process:
- * journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
+ * All memory is one block of bench_size bytes. With a folder, journals and surface are files there that outlive the
+ * process: journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
 #ifndef INKLOOP_BENCH_H
 #define INKLOOP_BENCH_H
 
@@ -24,7 +24,7 @@ typedef struct {
     Board board[BENCH_NODES];
     Hal hal[BENCH_NODES];
     Node node[BENCH_NODES];
-    uint32_t pattern_bytes; /* of the memory of the head */
+    uint32_t pattern_bytes;               /* of the memory of the head */
     char surface_path[SURFACE_PATH_ROOM]; /* "": the surface is not kept */
 } Bench;
 

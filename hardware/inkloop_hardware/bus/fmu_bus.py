@@ -14,7 +14,6 @@ from typing import Any
 
 import can
 
-
 STEP_NS = 1_000_000
 """Step of the FMU: it takes and gives frames at its ends."""
 PAUSE_S = 0.0005
@@ -84,5 +83,3 @@ class FmuBus(can.BusABC):
 
 def _message(identifier: int, data: bytes, is_extended: bool, is_remote: bool) -> can.Message:
     return can.Message(time.time(), identifier, is_extended, is_remote, data=None if is_remote else data)
-
-

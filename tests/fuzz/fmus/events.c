@@ -67,7 +67,8 @@ static size_t operations(Input *input, uint8_t bytes[BINARY_MAX]) {
     for (unsigned frames = input_byte(input) % 4u; size + HEAD + 8 <= BINARY_MAX && frames > 0; frames--) {
         const uint8_t form = input_byte(input);
         const uint16_t id = IDS[form % 7];
-        const uint8_t head[HEAD] = {TRANSMIT, 0, 0, 0, HEAD + 8, 0, 0, 0, (uint8_t)id, (uint8_t)(id >> 8), 0, 0, 0, 0, 8};
+        const uint8_t head[HEAD] = {TRANSMIT,           0, 0, 0, HEAD + 8, 0, 0, 0, (uint8_t)id,
+                                    (uint8_t)(id >> 8), 0, 0, 0, 0,        8};
         memcpy(bytes + size, head, HEAD);
         for (int k = 0; k < 8; k++)
             bytes[size + HEAD + (size_t)k] = input_byte(input);

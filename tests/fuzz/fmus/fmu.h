@@ -19,9 +19,9 @@ typedef struct {
 
 enum { ONE_VALUE, MAP, MAPS }; /* shapes */
 
-/* type: r real, i integer, b Boolean, e enumeration, c count, and without numbers k clock, s string, y binary; role: i input, p parameter, t tunable parameter,
- * s structural parameter, - not settable. A map has nx * ny values, maps `depth` times as many; in FMI 2 each value has
- * a reference, from the first on. */
+/* type: r real, i integer, b Boolean, e enumeration, c count, and without numbers k clock, s string, y binary; role: i
+ * input, p parameter, t tunable parameter, s structural parameter, - not settable. A map has nx * ny values, maps
+ * `depth` times as many; in FMI 2 each value has a reference, from the first on. */
 typedef struct {
     char name[NAME_SIZE], type, role;
     int shape;

@@ -105,7 +105,8 @@ bool subject_exit(Subject *s) {
     subject_begin(s);
     const Mode next = s->fmu->has_events ? EVENT : STEP;
     s->waits = s->waits || (s->fmu->has_events && s->mode == INITIALIZATION);
-    return subject_to_mode(s, "exit", legal_in(s, INITIALIZATION, MAY_BE_TAKEN), version_of(s)->exit(s->instance), next);
+    return subject_to_mode(s, "exit", legal_in(s, INITIALIZATION, MAY_BE_TAKEN), version_of(s)->exit(s->instance),
+                           next);
 }
 
 bool subject_step(Subject *s, double start, double step) {
@@ -124,7 +125,8 @@ bool subject_step(Subject *s, double start, double step) {
 
 bool subject_terminate(Subject *s) {
     subject_begin(s);
-    return subject_to_mode(s, "terminate", legal_in(s, INITIALIZED, SUCCEEDS), version_of(s)->terminate(s->instance), TERMINATED);
+    return subject_to_mode(s, "terminate", legal_in(s, INITIALIZED, SUCCEEDS), version_of(s)->terminate(s->instance),
+                           TERMINATED);
 }
 
 bool subject_reset(Subject *s) {
@@ -192,10 +194,10 @@ bool subject_configure(Subject *s, bool enters) {
         return true;
     }
     return subject_to_mode(s, "configure",
-                   !is_legal ? IS_MISUSED
-                   : enters  ? SUCCEEDS
-                             : MAY_BE_TAKEN,
-                   status, enters ? CONFIGURATION : INSTANTIATED);
+                           !is_legal ? IS_MISUSED
+                           : enters  ? SUCCEEDS
+                                     : MAY_BE_TAKEN,
+                           status, enters ? CONFIGURATION : INSTANTIATED);
 }
 
 void subject_resize(Subject *s, double nx, double ny) {

@@ -57,8 +57,8 @@ static void on_message(fmi3InstanceEnvironment environment, fmi3Status status, f
 }
 
 static void *instantiate(const char *token, const char *resources, bool with_events, Log *log) {
-    return call.InstantiateCoSimulation("it", token, resources, false, false, with_events, false, NULL, 0, log, on_message,
-                                        NULL);
+    return call.InstantiateCoSimulation("it", token, resources, false, false, with_events, false, NULL, 0, log,
+                                        on_message, NULL);
 }
 
 static char kind(char type) {

@@ -63,4 +63,3 @@ class BusDriver(Driver):
         """The frames sent, of these identifiers if any are named."""
         found = [operation.frame for _, operation in self.sent]
         return [frame for frame in found if frame and (not identifiers or frame.identifier in identifiers)]
-

@@ -109,7 +109,7 @@ def rebuilt(model: str, form: str, folder: Path, compiler: str, flags: Sequence[
 def all_rebuilt(pairs: Sequence[tuple[str, str]], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
     """Each (model, form)."""
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags), pairs))
+        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags), pairs))  # type: ignore[call-arg]
 
 
 def packed(libraries: Sequence[Library], folder: Path) -> None:
