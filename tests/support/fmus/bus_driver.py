@@ -10,6 +10,7 @@ from inkloop.fmu.bus import BusFrame, Operation, operations, transmit
 from support.fmus.fmu_driver import OK, Driver
 
 MODEL = "BenchBus"
+INSTANTS_MAX = 10
 ARE_YOU_THERE = transmit(BusFrame(0x640, bytes.fromhex("023e00cccccccccc")))
 """TesterPresent, to the head."""
 
@@ -33,11 +34,14 @@ class BusDriver(Driver):
         if given:
             status = max(self.tick(), self.give(given))
         again = True
-        while again:
+        for _ in range(INSTANTS_MAX):
+            if not again:
+                break
             if self.fmu.getClock(self.references["Tx_Clock"])[0]:
                 (content,) = self.fmu.getBinary(self.references["Tx_Data"])
                 self.sent += [(self.now, found) for found in operations(content)]
             again, *_ = self.fmu.updateDiscreteStates()
+        assert not again, "Event Mode does not end"
         return max(status, self.call("enterStepMode"))
 
     def tick(self, name: str = "Rx_Clock", value: bool = True) -> int:
