@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from benchmarks import RECORDED
-from tools.figures import can_protocol, command_line, gallery, house, performance, the_papers
+from PIL import Image
+from tools.figures import can_protocol, command_line, diagrams, gallery, house, performance, the_papers
 from tools.figures.pages import ALONE, WRITERS, filled, marks, read_json, table, writer
 
+from inkloop.fmu_writer import definition
 from support.places import ROOT, SCENARIOS
 
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
@@ -108,3 +111,11 @@ def test_circle_of_rooms_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(house, "rooms", lambda: {"cellar": set(), "hall": {"stairs", "cellar"}, "stairs": {"hall"}})
     with pytest.raises(ValueError, match="in a circle: hall and stairs; move what they share to a room below"):
         house.storeys()
+
+
+@pytest.mark.parametrize("path", diagrams.DEFINITIONS, ids=lambda path: path.parent.name)
+def test_diagram_of_an_fmu_has_the_ports_of_its_definition(path: Path) -> None:
+    model = definition.load(path.read_text("utf-8"), path)
+    with Image.open(path.with_name("diagram.png")) as picture:
+        assert picture.info["Description"] == diagrams.text(model)
+    assert path.with_name("diagram.png").stat().st_size < 32_000
