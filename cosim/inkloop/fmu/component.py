@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.files import is_full, reason_of, temporary_folder
+from inkloop.fmu.bus_terminals import COUNTDOWN
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import UNREADABLE, describe
 from inkloop.limits import unpacked_error
@@ -231,6 +232,8 @@ class FmuComponent:
         return self._binding
 
     def _serializable(self) -> Binding:
+        if any(bus.tx_interval == COUNTDOWN for bus in self.description.buses):
+            raise ComponentError(f"{self.description.name} cannot save its state: a countdown clock of a bus is running")
         if not self.description.can_serialize:
             raise ComponentError(f"{self.description.name} cannot save its state (canSerializeFMUState is false)")
         return self._running()
