@@ -121,12 +121,12 @@ def test_nodes_configure_the_bus_report_and_answer() -> None:
     with in_step_mode() as fmu:
         assert [found.content[8:] for _, found in fmu.sent] == [b"\x01" + struct.pack("<I", 500_000), b"\x04\x01"]
         for turn in range(1000):
-            fmu.go(0.001, ARE_YOU_THERE if turn == 500 else b"")
+            fmu.go(0.001, ARE_YOU_THERE if turn == 501 else b"")
         assert len(fmu.frames(HEAD_STATUS)) == 10
         (answer,) = fmu.frames(HEAD_ANSWER)
         assert answer.data[:3] == ALIVE
         (at,) = (at for at, found in fmu.sent if found.frame == answer)
-        assert at == pytest.approx(0.501, abs=1e-9)
+        assert at == pytest.approx(0.502, abs=1e-9)
         assert (fmu.get("frames_received"), fmu.get("format_errors"), fmu.get("frames_lost")) == (1, 0, 0)
         assert fmu.get("frames_sent") == len(fmu.frames())
 

@@ -233,7 +233,7 @@ class FmuComponent:
 
     def _serializable(self) -> Binding:
         if any(bus.tx_interval == COUNTDOWN for bus in self.description.buses):
-            raise ComponentError(f"{self.description.name} cannot save its state: a countdown clock of a bus is running")
+            raise ComponentError(f"{self.description.name} cannot save its state: the clock of a bus counts down")
         if not self.description.can_serialize:
             raise ComponentError(f"{self.description.name} cannot save its state (canSerializeFMUState is false)")
         return self._running()

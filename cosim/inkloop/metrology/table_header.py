@@ -82,7 +82,7 @@ class Header:
 
 
 def read_header(lines: Sequence[str]) -> Header:
-    """What the lines above a table state."""
+    """Statements of the lines above a table."""
     unit, invalid = None, None
     steps: dict[str, float] = {}
     fields: dict[str, float] = {}

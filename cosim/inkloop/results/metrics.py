@@ -18,10 +18,11 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SIGN", "surface_error", "without_sign"]
+__all__ = ["MEAN_ERROR", "SIGN", "surface_error", "without_sign"]
 
 TOO_LOW, TOO_HIGH = "too low", "too high"
 MEAN_ERROR = "mean_error"
+"""The metric that has a sign."""
 SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
 """Meaning of the sign of an error, for labels and headings."""
 
