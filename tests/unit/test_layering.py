@@ -51,6 +51,7 @@ DOORS = {
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
+    "pyopencl": ("inkloop_controller.gpu",),
     "odxtools": tuple(f"inkloop_hardware.protocol.odx_{name}" for name in ("file", "services", "values")),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.sites",)),
