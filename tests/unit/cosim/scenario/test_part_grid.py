@@ -160,7 +160,7 @@ def test_pixels_far_larger_than_cells_are_refused_in_a_scenario_too(
     path.write_text(path.read_text().replace("pixel_um = 100.0", "pixel_um = 1.5e5"))
     monkeypatch.setattr(limits, "available_memory", lambda: limits.MIB)
     with pytest.raises(
-        ScenarioError, match=r"a pixel is 1.5e\+05 µm, a cell 100 µm: dividing it needs .* correct pixel_um"
+        ScenarioError, match=r"a pixel is 150000 µm, a cell 100 µm: dividing it needs .* correct pixel_um"
     ):
         Scenario.load(path)
 
