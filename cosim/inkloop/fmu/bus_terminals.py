@@ -29,7 +29,7 @@ class BusTerminal(NamedTuple):
 
 @dataclass(frozen=True)
 class MemberVariable:
-    """What a terminal needs to know of a variable; interval: of a clock, mime_type: of a binary."""
+    """A variable of a terminal; interval: of a clock, mime_type: of a binary."""
 
     reference: int
     kind: str
