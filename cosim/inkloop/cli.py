@@ -12,12 +12,13 @@ from collections.abc import Container, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError, message_of
 from inkloop.files import reason_of
+from inkloop.report import shown
 
 COMMANDS = (*prints.PARTS, *runs.PARTS, *parts.PARTS, export, bench)
 """inkloop's own commands, in the order of `inkloop --help`; packages add others."""
@@ -106,7 +107,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:
 
     words: where they begin with a command of inkloop, those of other packages are not looked for.
     """
-    whole = argparse.ArgumentParser(
+    whole = _Parser(
         prog="inkloop", description="Closed-loop ink-jet 3D printing as a co-simulation.", epilog=EXIT_CODES
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
@@ -141,6 +142,13 @@ def _add(commands: Any, module: Any) -> None:
     one.register("type", int, whole_number)
     one.register("type", float, number)
     one.set_defaults(command=module.run, parser=one)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors show control characters in file names as escapes."""
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        super().exit(status, message and shown(message))
 
 
 class _Version(argparse.Action):

@@ -24,12 +24,14 @@ from inkloop.errors import FmuError
 from inkloop.files import reason_of, temporary_folder
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
-from inkloop.limits import memory_error, size_text, unpacked_error
+from inkloop.limits import check_xml, memory_error, size_text, unpacked_error
 from inkloop.units import Conversion, defined_unit, unit_conversion
 
 PARSED_BYTES = 18
 """Memory that reading takes per byte of a description: 3.0 GiB for the 184 MB of an FMI 2 grid of 400 x 400 cells."""
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>-?\d+(?:,-?\d+)*)\]")
+_DESCRIPTIONS = {"modelDescription.xml", "sources/buildDescription.xml"}
+"""XML that FMPy reads."""
 _SHOWN = ("input", "output", "parameter", "structuralParameter")
 
 
@@ -53,6 +55,9 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
                 raise FmuError(f"{path}: its members are named with backslashes; pack it again, with / in the names")
             if reason := unpacked_error(archive) or _description_error(archive):
                 raise FmuError(f"{path}: {reason}")
+            for member in {*archive.namelist()} & _DESCRIPTIONS:
+                with archive.open(member) as file:
+                    check_xml(file)
             model = read_model_description(str(path), validate=False)
             has_offset = any(unit.baseUnit is not None and unit.baseUnit.offset for unit in model.unitDefinitions)
             differences = _differences(archive) if has_offset else frozenset[str]()

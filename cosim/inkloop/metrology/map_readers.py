@@ -6,17 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-from xml.etree import ElementTree
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
-from inkloop.limits import memory_error
+from inkloop.limits import XmlError, check_xml, memory_error, parsed_xml
 from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES, UM_PER_M
 
 if TYPE_CHECKING:
+    from xml.etree import ElementTree
+
     import tifffile
 
 _METRES = {**SUFFIXES["m"], "pm": M_PER_PM, "cm": M_PER_CM}
@@ -107,6 +108,9 @@ def read_instrument(path: Path) -> FileContents:
     from SurfaceTopography import open_topography
 
     try:
+        if is_zipfile(path):  # X3P
+            with ZipFile(path) as archive, archive.open("main.xml") as file:
+                check_xml(file)
         reader = open_topography(str(path))
         channel, topography = reader.default_channel, reader.topography()
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)
@@ -135,16 +139,20 @@ def read_tiff(path: Path) -> FileContents:
     import tifffile
 
     try:
-        with tifffile.TiffFile(path) as file:
+        with tifffile.TiffFile(path, _multifile=False) as file:  # OME may name other files, anywhere
+            text = file.pages.first.description
+            described = parsed_xml(text) if text.lstrip().startswith("<") else None
             if error := _size_error(file):
                 raise HeightMapError(f"{path}: {error}")
             values, page = file.series[0].asarray(), file.pages.first
-            if file.is_ome and file.ome_metadata:
-                return FileContents(values, pixel=_ome_pixel(file.ome_metadata))
+            if file.is_ome and described is not None:
+                return FileContents(values, pixel=_ome_pixel(described))
             imagej = dict(file.imagej_metadata or {}) if file.is_imagej else {}
             unit = length_factor(str(imagej.get("unit"))) if imagej else None
             unit = M_PER_CM if not imagej and page.resolutionunit == _CENTIMETRE else unit
             per_unit = tuple(float(count) for count in page.resolution)
+    except XmlError as error:
+        raise HeightMapError(f"{path}: its description {error}") from error
     except (tifffile.TiffFileError, ValueError, IndexError) as error:
         raise HeightMapError(f"{path}: is no TIFF picture that can be read ({error})") from error
     pixel = None if unit is None or min(per_unit) <= 0.0 else (unit / per_unit[0], unit / per_unit[1])
@@ -162,8 +170,8 @@ def _size_error(file: tifffile.TiffFile) -> str | None:
     return f"is damaged: declares {' x '.join(map(str, picture.shape))} pixels of {picture.dtype} in {length} bytes"
 
 
-def _ome_pixel(text: str) -> _Pixel:
-    pixels = next((node for node in ElementTree.fromstring(text).iter() if node.tag.endswith("}Pixels")), None)
+def _ome_pixel(root: ElementTree.Element) -> _Pixel:
+    pixels = next((node for node in root.iter() if node.tag.endswith("}Pixels")), None)
     stated = {} if pixels is None else pixels.attrib
     sizes: dict[str, float] = {}
     for axis in "XY":
