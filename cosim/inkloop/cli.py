@@ -50,8 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, `head` for example, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        show_error(InkloopError(f"{error.filename or 'a file'}: {reason_of(error)}"), options, error)
+    except (OSError, MemoryError) as error:
+        place = getattr(error, "filename", None) or "a file"
+        show_error(InkloopError(f"{place}: {reason_of(error)}"), options, error)
         return 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -122,6 +122,8 @@ def toml_tables(text: str) -> dict[str, Any]:
         elif reason == "Invalid value":
             reason = f'a value is a number, true, false, [...] or a text in quotes: {key} = "..."'
         raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; lists in lists in lists
+        raise TomlError(f"is not TOML that can be read: {error}") from error
 
 
 def reason_of(error: OSError | MemoryError) -> str:

@@ -8,6 +8,7 @@ import re
 import shutil
 import string
 import zipfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 UNPACKED_MAX = 4 * GIB
 """Bytes that an archive may unpack to (assumed: FMUs with the binaries and tables of large tools hold less)."""
+MEMBERS_MAX = 65_535
+"""Members of an archive: those that plain ZIP can count."""
 PLAIN_SIZE = 256 * MIB
 PACKED_AT_MOST = 200
 """Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noisy maps 2,
@@ -71,8 +74,13 @@ def memory_error(needed: float) -> str | None:
 
 
 def unpacked_error(archive: zipfile.ZipFile) -> str | None:
-    """The reason why an archive is not unpacked: the sizes in its directory, which unpacking does not exceed."""
+    """The reason why an archive is not unpacked: its directory, whose sizes unpacking does not exceed."""
     members = archive.infolist()
+    if len(members) > MEMBERS_MAX:
+        return f"holds {len(members):,} members; at most {MEMBERS_MAX:,} are taken"
+    names = Counter(archive.namelist())
+    if twice := next((name for name, count in names.items() if count > 1), None):
+        return f"holds {twice!r} twice, of which every reader takes another one; pack it again"
     unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)
     found = f"unpacks to {size_text(unpacked)}"
     if unpacked > UNPACKED_MAX:

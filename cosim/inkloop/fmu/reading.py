@@ -88,7 +88,11 @@ def _description_error(archive: zipfile.ZipFile) -> str | None:
 
 def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences: Container[str]) -> FmuDescription:
     """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
-    fmi = int(model.fmiVersion[0])
+    fmi, identifier = int(model.fmiVersion[0]), model.coSimulation.modelIdentifier
+    if not re.fullmatch(r"[A-Za-z_]\w*", identifier, re.ASCII):  # it names the file of the library
+        raise FmuError(
+            f"{path}: its modelIdentifier is {identifier!r}; FMI takes letters, digits and _; export it again"
+        )
     lengths = {v.valueReference: _length(v) for v in model.modelVariables}
     units = {unit.name: unit for unit in model.unitDefinitions}
     try:
@@ -104,7 +108,7 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences:
         path=path,
         name=model.modelName,
         fmi=fmi,
-        identifier=model.coSimulation.modelIdentifier,
+        identifier=identifier,
         token=model.guid,
         variables={variable.name: variable for variable in exchanged},
         unused={v.name: _kind(v) for v in model.modelVariables if v.causality in _SHOWN and not _is_exchanged(v)},

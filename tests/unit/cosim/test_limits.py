@@ -14,8 +14,9 @@ import pytest
 import tifffile
 
 from inkloop import limits
-from inkloop.errors import FmuError, HeightMapError, InkloopError, ScenarioError
+from inkloop.errors import FmuError, HeightMapError, InkloopError, ResultError, ScenarioError
 from inkloop.exchange.ssp.reading import scenario_of
+from inkloop.files import TomlError, toml_tables
 from inkloop.fmu import FmuComponent, archive_error, describe
 from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.archive import unpack
@@ -35,6 +36,7 @@ from inkloop.limits import (
 )
 from inkloop.metrology import map_file
 from inkloop.metrology.map_readers import read_instrument, read_tiff
+from inkloop.results.result import read_record
 from support.places import SCENARIOS
 from support.source_tree import modules
 
@@ -244,3 +246,30 @@ def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
     parsers = re.compile(r"\b(fromstring|iterparse|XMLParser|XMLPullParser|ParserCreate|minidom|lxml|etree\.parse)\b")
     found = {name for name, path in modules().items() if parsers.search(path.read_text(encoding="utf-8"))}
     assert found == {f"inkloop.{name}" for name in checked}
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        (["a"] * 2, "holds 'a' twice"),
+        ([str(number) for number in range(limits.MEMBERS_MAX + 1)], "holds 65,536 members; at most 65,535 are taken"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_archives_that_readers_take_differently_or_never_end_are_refused(
+    members: list[str], message: str, tmp_path: Path
+) -> None:
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as packed:
+        for name in members:
+            packed.writestr(name, "")
+    with zipfile.ZipFile(tmp_path / "a.fmu") as packed:
+        assert message in str(unpacked_error(packed))
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "a = " + "9" * 5_000])
+def test_texts_that_python_refuses_to_parse_are_errors_of_the_file(text: str, tmp_path: Path) -> None:
+    with pytest.raises(TomlError, match="is not TOML that can be read: "):
+        toml_tables(text)
+    (tmp_path / "run.json").write_text(text.removeprefix("a = "))
+    with pytest.raises(ResultError, match=f"{tmp_path}: cannot be read: "):
+        read_record(tmp_path)

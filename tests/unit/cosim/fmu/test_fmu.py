@@ -452,6 +452,13 @@ def test_archive_packed_with_backslashes_is_refused(folder: Path, tmp_path: Path
         describe(path)
 
 
+@pytest.mark.parametrize("name", ["../../../amplifier", "", "a/b", "1a", "größe"])
+def test_library_lies_in_the_archive(name: str, folder: Path, tmp_path: Path) -> None:
+    elsewhere = ('modelIdentifier="amplifier"', f'modelIdentifier="{name}"')
+    with pytest.raises(FmuError, match=f"its modelIdentifier is '{name}'; FMI takes letters, digits and _"):
+        describe(altered(build(folder, 3), tmp_path / "it.fmu", elsewhere))
+
+
 def test_model_exchange_only_is_reported(folder: Path, tmp_path: Path) -> None:
     def without(text: str) -> str:
         start, end = text.index("<CoSimulation"), text.index("<TypeDefinitions")

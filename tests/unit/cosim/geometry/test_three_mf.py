@@ -160,6 +160,19 @@ def test_entities_are_refused_before_they_are_read(tmp_path: Path) -> None:
             read_bodies(written(tmp_path, text))
 
 
+def test_part_of_any_name_is_checked(tmp_path: Path) -> None:
+    """The relations of a package say which part is the model, its suffix does not."""
+    model = model_xml(TWO, ITEMS, materials="stiff soft")
+    slices = model.replace("<model", '<model xmlns:s="urn:slices" requiredextensions="s"')
+    for text, reason in (
+        (slices, r"requires the extension s \(urn:slices\)"),
+        (f"<!DOCTYPE m>{model}", "declares a doc"),
+    ):
+        path = written(tmp_path, model, {"3D/other.part": text.encode()})
+        with pytest.raises(GeometryError, match=f"3D/other.part {reason}"):
+            read_bodies(path)
+
+
 def test_packages_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("inkloop.limits.PLAIN_SIZE", 1 << 20)
     path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"), {"Metadata/noise.bin": bytes(4 << 20)})
