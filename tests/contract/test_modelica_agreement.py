@@ -174,7 +174,7 @@ SET_UPS = [
     {
         "spot_radius": 200e-6,
         "shift_x": -90e-6,
-        "shift_y": 150e-6,  # towards the longer side the shorter one must end
+        "shift_y": 450e-6,  # beyond the end of the shorter side, before that of the longer one
         "shift_std": 30e-6,
         "slope_bias": 3e-6,
         "dropout_slope": 0.006,
