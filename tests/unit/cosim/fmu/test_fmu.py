@@ -18,7 +18,7 @@ from fmpy.fmi1 import FMICallException
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
-from inkloop.fmu.binding import Binding
+from inkloop.fmu.binding import ERROR, WARNING, Binding
 from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import altered, build
 
@@ -348,6 +348,14 @@ def bound(fmu: Any) -> Binding:
     binding._fmi, binding._messages, binding._fmu = 3, deque(), fmu
     binding._grouped, binding.worst = {}, 0
     return binding
+
+
+def test_warnings_of_an_fmu_are_logged_and_what_stops_it_is_in_the_error(caplog: pytest.LogCaptureFixture) -> None:
+    binding = bound(MagicMock(instanceName="lamp"))
+    for status, text in ((0, b"fine"), (WARNING, b" warm\n"), (ERROR, b"hot")):
+        binding._hear(status, text)
+    assert [record.getMessage() for record in caplog.records] == ["lamp: warm"]
+    assert binding._recent_messages() == ": hot"
 
 
 def test_step_that_returns_early_ends_where_it_was_to_end() -> None:
