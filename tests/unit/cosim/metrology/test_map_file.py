@@ -378,7 +378,7 @@ def test_a_map_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytes
 def test_picture_comes_from_the_file_alone(tmp_path: Path) -> None:
     """OME may place its pixels in other files."""
     tifffile.imwrite(tmp_path / "other.ome.tif", np.full((2, 3), 7.0, np.float32), ome=True, metadata={"axes": "YX"})
-    text = tifffile.TiffFile(tmp_path / "other.ome.tif").ome_metadata
+    text = str(tifffile.TiffFile(tmp_path / "other.ome.tif").ome_metadata)
     place = re.search(r"<TiffData[^>]*/>", text)
     assert place is not None
     there = '<TiffData IFD="0" PlaneCount="1"><UUID FileName="other.ome.tif">urn:uuid:1</UUID></TiffData>'
