@@ -1,7 +1,7 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
 # make check      format, types, and every unit test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
-# make test-long  the proofs that take minutes, and the properties with random examples
+# make test-long  the proofs that take minutes, the properties with random examples, and the FMUs in INKLOOP_REFERENCE_FMUS
 # make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
 # make peers      the loop in masters of others, the Modelica library in compilers of others, the nodes under scanners of
 #                 others; with OMSimulator on the PATH and JModelica in JMODELICA_HOME, where there are any

@@ -7,12 +7,27 @@ from math import nan
 
 from rich.table import Table
 
-from benchmarks.prints import OPEN_LOOP, OURS, SCENARIOS, Case, Figure, Metrics, Wanted, column, figures, printed, table
+from benchmarks.prints import (
+    FLIPS,
+    OPEN_LOOP,
+    OURS,
+    PAPERS,
+    SCENARIOS,
+    Case,
+    Figure,
+    Metrics,
+    Wanted,
+    column,
+    figures,
+    printed,
+    table,
+)
 from inkloop_lab.score import board
 
 PITCH_UM = 263.256
 IN_CELLS = ("shift_x", "shift_y", "shift_std", "spot_radius")
 WITH_OPEN_LOOP = (OURS, OPEN_LOOP)
+COMPARED = (OURS, FLIPS, PAPERS, OPEN_LOOP)
 CYLINDER, CYLINDER_40, R10 = (SCENARIOS / f"{name}.toml" for name in ("cylinder", "cylinder-40", "misaligned-scan"))
 LASER = {"components.profiler.preset": "laser"}
 VARIATION = {"components.printer.variation": 0.2, "components.printer.variation_kind": "per_droplet"}
@@ -41,7 +56,7 @@ def r10(name: str, wanted: tuple[Wanted, ...], **sensor: float) -> Case:
 
 CYLINDERS = (
     Case("cylinder, 20 %", CYLINDER,
-         (*flat((0.30, 0.24), (0.39, 0.31), "0.7", "4.1"), Wanted("layers", 73, 66)), planners=WITH_OPEN_LOOP),
+         (*flat((0.30, 0.24), (0.39, 0.31), "0.7", "4.1"), Wanted("layers", 73, 66)), planners=COMPARED),
     Case("cylinder, 40 %", CYLINDER_40,
          (*flat((0.52, 0.40), (0.64, 0.50), "1.9", "4.5"), Wanted("layers", 82, 74)), planners=WITH_OPEN_LOOP),
     Case("20 %, sensor 1 um + 0.1 um, ink unknown", CYLINDER, flat((0.50, 0.48), (0.44, 0.36), "-", "-"), LASER),

@@ -14,6 +14,7 @@ from rich.progress import track
 from rich.table import Table
 
 from inkloop.printing.run import print_part
+from inkloop.results.metrics import MEAN_ERROR, without_sign
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import M_PER_UM, UM_PER_M
@@ -22,11 +23,18 @@ SCENARIOS = Path(__file__).parents[1] / "scenarios"
 OURS = "LayerMpc"
 OPEN_LOOP = "open loop"
 """The comparison run of that name in a scenario, or the scenario itself if it has this label."""
+PAPERS, FLIPS = "paper's search", "flip search, five layers ahead, nominal ink"
+PLANNERS: Mapping[str, Mapping[str, Any]] = {
+    OURS: {"kind": OURS},
+    PAPERS: {"kind": "StochasticGreedy"},
+    FLIPS: {"kind": "StochasticGreedy", "horizon": 5, "batch": 1},
+}
+"""Name of a planner -> options of the controller that differ from those of the scenario."""
 SHIFTS = ("shift_x", "shift_y")
 LAYERS_KNOWN = 10  # scans of printed walls after which the shift must be known
 
 SHOWN = {
-    "mean_error": ("mean error, um", UM_PER_M),
+    MEAN_ERROR: ("distance of the mean from the target, um", UM_PER_M),
     "mae": ("mean absolute error, um", UM_PER_M),
     "std": ("standard deviation, um", UM_PER_M),
     "rms": ("rms error, um", UM_PER_M),
@@ -53,7 +61,7 @@ class Wanted:
 class Case:
     """A scenario with overrides, printed with several seeds by each planner, and what is wanted of it.
 
-    planners: kinds of controller, or `OPEN_LOOP`; they print on the same plant with the same droplets.
+    planners: of PLANNERS, or `OPEN_LOOP`; they print on the same plant with the same droplets.
     """
 
     name: str
@@ -78,7 +86,7 @@ def printed(cases: Iterable[Case], seeds_max: int) -> Metrics:
     ]
     metrics: Metrics = {}
     with ProcessPoolExecutor() as pool:
-        done = track(pool.map(_printed, prints), "prints", len(prints), transient=True)
+        done = track(pool.map(one_print, *zip(*prints, strict=True)), "prints", len(prints), transient=True)
         for (case, planner, _), found in zip(prints, done, strict=True):
             metrics.setdefault((case.name, planner), []).append(found)
     return metrics
@@ -90,8 +98,8 @@ def figures(case: Case, metrics: Metrics) -> list[Figure]:
 
 
 def column(metrics: Metrics, case: Case, planner: str, metric: str) -> list[float]:
-    """One metric of all prints of a case, in the unit of the tables."""
-    return [found[metric] * SHOWN[metric][1] for found in metrics.get((case.name, planner), [])]
+    """One metric of all prints of a case, in the unit of the tables; of mean errors the absolute values."""
+    return without_sign(metric, (found[metric] * SHOWN[metric][1] for found in metrics.get((case.name, planner), [])))
 
 
 def _figure(case: Case, wanted: Wanted, metrics: Metrics) -> Figure:
@@ -99,10 +107,9 @@ def _figure(case: Case, wanted: Wanted, metrics: Metrics) -> Figure:
     return Figure(SHOWN[wanted.metric][0], ours, wanted.must, wanted.aim, open_loop, wanted.printed, wanted.worst)
 
 
-def _printed(run: tuple[Case, str, int]) -> dict[str, float]:
+def one_print(case: Case, planner: str, seed: int) -> dict[str, float]:
     """Metrics of one print [m]."""
-    case, planner, seed = run
-    chosen = {} if planner == OPEN_LOOP else {"components.controller.kind": planner}
+    chosen = {f"components.controller.{key}": value for key, value in PLANNERS.get(planner, {}).items()}
     scenario = Scenario.load(case.scenario, {"seed": seed, **case.overrides, **chosen})
     if planner == OPEN_LOOP and scenario.tables.label != OPEN_LOOP:
         scenario = scenario.variant(OPEN_LOOP)
@@ -151,8 +158,8 @@ class Figure:
 
     @property
     def now(self) -> float:
-        """The figure of our controller that is compared."""
-        return float(np.max(self.ours) if self.worst else np.mean(self.ours))
+        """The figure of our controller that is compared. Raises ValueError for a mean whose signs cancel."""
+        return self._counting(self.ours)
 
     @property
     def reached(self) -> str:
@@ -178,8 +185,15 @@ class Figure:
     def _text(self, values: Sequence[float]) -> str:
         if not len(values):
             return "-"
-        counts = float(np.max(values) if self.worst else np.mean(values))
+        counts = self._counting(values)
         return f"{counts:.4g}" if abs(counts) >= 10.0 else f"{counts:.3g}"
+
+    def _counting(self, values: Sequence[float]) -> float:
+        if self.worst:
+            return float(np.max(values))
+        if min(values) < 0.0 < max(values):
+            raise ValueError(f"{self.name}: {values} have both signs, which cancel in their mean; take absolute values")
+        return float(np.mean(values))
 
 
 def table(title: str, cases: Mapping[str, Sequence[Figure]]) -> Table:

@@ -40,12 +40,12 @@ int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64
     *report = (SearchReport){0};
     if (!surface_open(&surface, problem, plan))
         return CORE_NO_MEMORY;
-    const size_t cells = problem->nx * problem->ny;
-    size_t *order = malloc(2 * cells * sizeof(size_t));
+    const size_t places = problem->layers * problem->nx * problem->ny;
+    size_t *order = malloc(2 * places * sizeof(size_t));
     Window window;
     int32_t status = CORE_NO_MEMORY;
     if (window_open(&window, &surface) && order)
-        status = paper_search(&surface, (size_t)batch, iterations_max, seed, order, order + cells, &window, report);
+        status = paper_search(&surface, (size_t)batch, iterations_max, seed, order, order + places, &window, report);
     report->incremental = objective(&surface.sums, &surface.weighting);
     window_close(&window);
     free(order);

@@ -40,8 +40,8 @@ INKLOOP_CORE_API int32_t inkloop_objective(const HorizonProblem *problem, const 
 INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
                                         SearchReport *report);
 
-/* The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C) with random batches of at most `batch` cells, for a
- * horizon of one layer with at most one choice on each cell. */
+/* The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C) with random batches of at most `batch` flips, for
+ * problems with at most one choice on each cell. */
 INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch,
                                               int64_t iterations_max, uint64_t seed, SearchReport *report);
 

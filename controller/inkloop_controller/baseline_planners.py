@@ -15,7 +15,7 @@ from inkloop_controller.model import DropletChoices, LayerModel, LayerProblems, 
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, full_layers, no_droplets
-from inkloop_controller.problem.options import Count, Length, Option
+from inkloop_controller.problem.options import Count, Length, Option, declared, errors_of, refuse
 
 
 class OpenLoop:
@@ -29,7 +29,7 @@ class OpenLoop:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
-        self._job, self._problems = job, one_layer(job, DropletChoices(job), alpha=1.0)
+        self._job, self._problems = job, plain_problems(job, DropletChoices(job), alpha=1.0)
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
@@ -41,12 +41,12 @@ class OpenLoop:
 
 
 class StochasticGreedy:
-    """The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C), one layer ahead, as literally as it can be run.
+    """The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C), as literally as it can be run.
 
     It starts from a droplet everywhere and takes a cell's ink from the measured surface itself. Two things that the
     paper leaves open: a batch that raises the objective is undone and batches are halved from then on, and the print
-    ends when nothing is the better layer. batch: flips tried together, the paper's M (it gives no number: 20 assumed);
-    iterations_max: batches per layer. Raises ValueError for invalid options.
+    ends when nothing is the better plan. batch: flips tried together, the paper's M (it gives no number: 20 assumed);
+    iterations_max: batches per layer; horizon: layers ahead, 1 in the paper. Raises ValueError for invalid options.
     """
 
     def __init__(
@@ -56,32 +56,34 @@ class StochasticGreedy:
         alpha: Annotated[float, Option()] = 0.8,
         batch: Annotated[int, Option(form=Count)] = 20,
         iterations_max: Annotated[int, Option(form=Count)] = 100_000,
+        horizon: Annotated[int, declared("horizon")] = 1,
     ) -> None:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
+        refuse(errors_of(horizon=horizon))
         check_single_pass(job)
         self._model = LayerModel.of(job)
-        self._problems = one_layer(job, DropletChoices(job, region_test="surface"), alpha)
+        self._problems = plain_problems(job, DropletChoices(job, region_test="surface"), alpha, horizon)
         self._batch, self._iterations_max = batch, iterations_max
         self._seed = job.seed % 2**32 << 32
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
-        """The pattern that the search ends with; DONE if printing nothing is better."""
+        """The first layer of the plan that has a droplet; DONE if printing nothing is better."""
         problem, key = self._problems.problem(estimate, layer), self._seed + layer
         found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
         idle = bindings.objective(problem, no_droplets(problem))
-        if found.objective.value >= idle.value:
+        if not found.plan.any() or found.objective.value >= idle.value:
             return LayerPlan.of_pattern(no_droplets(problem)[0], idle, estimate.height, PlanStatus.DONE, "nothing")
-        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
+        pattern = next(each for each in found.plan if each.any())
+        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
         status = PlanStatus.REPAIRED if found.is_done else PlanStatus.BUDGET
-        sweeps = found.progress.sweeps
-        return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", sweeps)
+        return LayerPlan.of_pattern(pattern, found.objective, predicted, status, "full layer", found.progress.sweeps)
 
 
-def one_layer(job: Job, choices: DropletChoices, alpha: float) -> LayerProblems:
-    """Problems of the next layer alone, by the mean error and the deviation of the predicted surface."""
+def plain_problems(job: Job, choices: DropletChoices, alpha: float, horizon: int = 1) -> LayerProblems:
+    """Problems of so many layers ahead, by the mean error and the deviation of the predicted surface."""
     plain = Criterion(alpha=alpha, overshoot=1.0, droplet_std=0.0)
-    return LayerProblems(job, plain, choices, horizon=1)
+    return LayerProblems(job, plain, choices, horizon=horizon)
 
 
 def nominal_layer_height(job: Job) -> float:
@@ -126,7 +128,7 @@ class CohenLipson:
         if threshold is not None and not threshold >= 0.0:
             raise ValueError(f"threshold is {threshold}; needs a height of at least 0")
         self._job, self._threshold = job, threshold
-        self._problems = one_layer(job, DropletChoices(job, region_test=region_test), alpha=1.0)
+        self._problems = plain_problems(job, DropletChoices(job, region_test=region_test), alpha=1.0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """All droplets that the greedy choice drops on the surface; DONE if that is none."""
@@ -163,7 +165,7 @@ class ErrorDiffusion:
 
     def __init__(self, job: Job, *, region_test: Annotated[RegionTest, Option()] = "middle") -> None:
         self._job = job
-        self._problems = one_layer(job, DropletChoices(job, region_test=region_test), alpha=1.0)
+        self._problems = plain_problems(job, DropletChoices(job, region_test=region_test), alpha=1.0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """Droplets as dense as the share of a layer that is lacking; DONE if that is none."""

@@ -32,12 +32,13 @@ class LayerController:
     It goes by sequence numbers only, so any master may step it in any order and step size. From a layer that its
     printer calls unknown it takes the scan and learns nothing. A print that it has stopped goes on in the step in which
     `looked_at` is true. The step is that of controller/core/step/layer_step.h; inputs and outputs are those of
-    LayerController.fmu, and what a bound is worth.
+    LayerController.fmu, what a bound is worth, and of a planner of several layers `planned_droplets`: droplets of the
+    plan on each cell, those of the commanded layer among them.
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator, on_doubt: OnDoubt = "stop") -> None:
         refuse(errors_of(on_doubt=on_doubt))
-        self._planner, self._estimator = planner, estimator
+        self._planner, self._estimator, self._layers = planner, estimator, getattr(planner, "horizon", 1)
         self._state: Block
         self._outputs: Values | None
         self._step = LayerStep(job, on_doubt=on_doubt, **estimator.options)
@@ -47,6 +48,7 @@ class LayerController:
             *(_without_bound(each.port(shape)) for each in variables().values() if each.causality == "output"),
             Port("bound_confidence", start=1.0),
             Port("gap", start=nan),
+            *([Port("planned_droplets", shape=shape, dtype="int8")] if self._layers > 1 else []),
         )
         self._begin_again(0)
 
@@ -90,8 +92,7 @@ class LayerController:
         self._state, self._outputs = state, None
 
     def _begin_again(self, layers_printed: int) -> None:
-        layers = getattr(self._planner, "horizon", 1)
-        self._state, self._outputs = self._step.new_state(layers, layers_printed), None
+        self._state, self._outputs = self._step.new_state(self._layers, layers_printed), None
 
     def _answer(self, inputs: Mapping[str, Any]) -> None:
         scanned, scan = perf_counter(), int(inputs[LAYERS_SCANNED])
@@ -115,6 +116,8 @@ class LayerController:
                 outputs["bound"] = np.asarray(nan)
             outputs["bound_confidence"] = np.asarray(figures.bound_confidence)
             outputs["gap"] = np.asarray(gap_of(figures.objective.value, figures.bound))
+            if self._layers > 1:
+                outputs["planned_droplets"] = np.count_nonzero(self._step.plan_in(self._state), axis=0).astype(np.int8)
             self._outputs = outputs
         return dict(self._outputs)
 

@@ -13,7 +13,7 @@
 #define COLUMNS_API __attribute__((visibility("default")))
 #endif
 
-enum { COLUMNS_INTERFACE = 1 }; /* counts up with every change of a signature or struct of this folder */
+enum { COLUMNS_INTERFACE = 2 }; /* counts up with every change of a signature or struct of this folder */
 
 enum { COLUMNS_DONE = 0, COLUMNS_NO_MEMORY = 1 };
 

@@ -141,8 +141,10 @@ static int32_t hit_band(size_t nx, size_t ny, const Triangle *triangles, Bands *
     return COLUMNS_DONE;
 }
 
-static void count_column(ColumnState state, size_t cell, MeshReport *report) {
+static void count_column(ColumnState state, size_t cell, const Hit *hits, size_t count, MeshReport *report) {
     report->occupied += 1;
+    for (size_t n = 0; state != COLUMN_OPEN && n < count; n++)
+        report->wound_height -= hits[n].step * hits[n].z;
     if (state == COLUMN_OPEN) {
         if ((size_t)report->open_count < report->room)
             report->open[report->open_count] = (int64_t)cell;
@@ -163,7 +165,8 @@ static int32_t close_band(size_t first, size_t cells, Workspace *work, int64_t *
     for (size_t cell = 0; cell < cells; cell++) {
         const size_t begin = work->begin[cell], count = work->begin[cell + 1] - begin;
         if (count > 0) {
-            count_column(column_close(&work->sorted.hit[begin], count, list), first + cell, report);
+            Hit *hits = &work->sorted.hit[begin];
+            count_column(column_close(hits, count, list), first + cell, hits, count, report);
         }
         offsets[first + cell + 1] = (int64_t)list->count;
     }
@@ -189,6 +192,7 @@ int32_t columns_of_mesh(size_t nx, size_t ny, size_t count, const Triangle *tria
     Workspace work = {0};
     report->occupied = report->open_count = report->inside_out_count = 0;
     report->inside_out_first = -1;
+    report->wound_height = 0.0;
     int32_t result = start_bands(nx, ny, count, triangles, &bands);
     work.begin = malloc((bands.rows * ny + 1) * sizeof *work.begin);
     if (result == COLUMNS_DONE)

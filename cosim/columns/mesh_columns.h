@@ -26,6 +26,7 @@ typedef struct {
     int64_t open_count;       /* columns with another winding number than 0 above all hits; they have no interval */
     int64_t inside_out_count; /* columns with a winding number below 0 and none above 0 */
     int64_t inside_out_first; /* the first of these, -1 if there is none */
+    double wound_height;      /* winding number times height, over all columns that are not open [m] */
 } MeshReport;
 
 /* Columns of a mesh, without its parts outside the grid; count < 2^32. offsets: nx * ny + 1 of the result. COLUMNS_DONE

@@ -105,6 +105,12 @@ def require(module: str, user: str, error: type[InkloopError] = InkloopError) ->
     return import_module(module)
 
 
+def damaged(path: Path) -> str:
+    """A sentence on a file that the library of its format cannot read; the library's own words are of no help."""
+    found = f"is damaged, or its suffix is wrong: it cannot be read as {path.suffix}"
+    return f"{path}: {found}; write it again, or correct the suffix (--traceback shows where reading failed)"
+
+
 def message_of(error: Exception) -> str:
     """The message of an InkloopError; for any other exception its type, message and line in the user's own code."""
     return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}{own_line(error)}"

@@ -51,18 +51,22 @@ def free_disk(folder: Path) -> int | None:
 
 def size_text(count: float) -> str:
     """A number of bytes for a person, "1.4 GiB"."""
-    for unit, size in (("TiB", GIB * KIB), ("GiB", GIB), ("MiB", MIB)):
-        if count >= size:
-            number = count / size
-            return f"{number:.3g} {unit}" if number < 100 else f"{number:,.0f} {unit}"
-    return f"{count / KIB:.3g} KiB"
+    unit, size = next(
+        ((unit, size) for unit, size in (("TiB", GIB * KIB), ("GiB", GIB), ("MiB", MIB)) if count >= size), ("KiB", KIB)
+    )
+    return f"{plain_text(count / size)} {unit}"
 
 
 def duration_text(seconds: float) -> str:
     """A time for a person, "3.5 min"."""
     if seconds < 120.0:
         return f"{seconds:.3g} s"
-    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
+    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{plain_text(seconds / 3600.0)} h"
+
+
+def plain_text(number: float, digits: int = 3) -> str:
+    """At least so many digits, and no exponent of ten for a large number."""
+    return f"{number:.{digits}g}" if number < 10.0 ** (digits - 1) else f"{number:,.0f}"
 
 
 def memory_error(needed: float) -> str | None:

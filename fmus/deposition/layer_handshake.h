@@ -12,7 +12,8 @@ typedef struct {
     const int32_t *pattern, *drop_level, *layer_command;
     const double *volume_factor;
     double *height;
-    int32_t *layers_printed, *status, *droplets_a, *droplets_b;
+    int32_t *layers_printed, *droplets_a, *droplets_b;
+    int64_t *status;
     double *height_mean;
     const double *height_start, *layer_duration, *layer_period;
     int32_t *reference;                 /* the last accepted command */

@@ -25,8 +25,8 @@ static Outcome check_value(Instance *instance, size_t variable, const void *valu
     return variable == LAYER_CONTROLLER_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-/* Outputs before the end of initialisation; layer_command is 0 and not layers_printed, which the printer derives from
- * this command: that would be an algebraic loop. */
+/* Outputs before the first step; layer_command is 0 and not layers_printed, which the printer derives from this
+ * command: that would be an algebraic loop. */
 static void calculate(Instance *instance) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const LayerStep step = step_of(&v);
@@ -47,7 +47,7 @@ static Outcome initialize(Instance *instance) {
     void *kept = kept_memory(instance, kept_size(&step));
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cells_of(&step));
-    state_start(&step, horizon_of(&step, false), *v.layers_printed, kept);
+    state_start(&step, horizon_of(&step, false), 0, kept);
     step_outputs(&step, kept);
     return ACCEPTED;
 }
@@ -159,17 +159,22 @@ static Outcome do_step(Instance *instance, double start_time, double end_time) {
     (void)start_time, (void)end_time;
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cells_of(&step));
+    StateHead *head = kept;
+    const int32_t shown = *v.layer_command;
+    if (head->estimated == NO_SCAN) /* commands count from the layers that the printer has */
+        head->layer_command = *v.layer_command = *v.layers_printed;
     if (!step_is_due(&step, kept))
         return ACCEPTED;
     void *after = malloc(size);
-    if (!after)
-        return refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cells_of(&step));
-    Outcome outcome = answer(instance, &step, kept, after, began);
+    Outcome outcome = after ? answer(instance, &step, kept, after, began)
+                            : refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cells_of(&step));
     if (outcome == ACCEPTED && !keep_values(instance))
         outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");
     if (outcome == ACCEPTED) {
         memcpy(kept, after, size);
         step_outputs(&step, kept);
+    } else {
+        head->layer_command = *v.layer_command = shown;
     }
     free(after);
     return outcome;

@@ -135,7 +135,7 @@ static Outcome begin_layer(Instance *job, const LayerJobVariables *v, const JobP
         outcome = step_part(job, parts, CONTROLLER, time);
     if (outcome != ACCEPTED)
         return outcome;
-    if (part_integer(parts, CONTROLLER, "status") == CONTROLLER_DONE) {
+    if (*(const int64_t *)read_part(parts, CONTROLLER, "status") == CONTROLLER_DONE) {
         course->stage = OVER;
         return ACCEPTED;
     }

@@ -87,7 +87,7 @@ static void check_mesh(bool is_closed) {
                 triangles[n + k].corner[whole(3)] = corner(nx, ny, false);
     }
     IntervalList list = {0};
-    MeshReport report = {open, 3, 0, 0, 0, 0};
+    MeshReport report = {open, 3, 0, 0, 0, 0, 0.0};
     if (columns_of_mesh(nx, ny, count, triangles, &report, offsets, &list))
         fail("a mesh finds memory");
     if (is_closed && report.open_count > 0)

@@ -13,17 +13,23 @@ import pytest
 from fmpy.build import build_platform_binary
 from lxml import etree
 
-from inkloop.fmu_writer.archive import unpack
+from inkloop.component import Status
+from inkloop.fmu.reading import describe
+from inkloop.fmu_writer import definition
+from inkloop.fmu_writer.archive import read_definition, unpack
 from inkloop.fmu_writer.export import export_fmu, find_fmu
+from inkloop.results.attributes import LEFT_OUT, MEANINGS
 from support.fmus.fmu_checkers import by_fmpy
 from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 from support.fmus.fmu_library import HEADERS, described
 from support.fmus.fmu_life import EVERY_MODEL
 from support.fmus.library_symbols import assert_of_the_standard
 from support.long_proofs import rest_is_long
+from support.places import ROOT
 from support.source_tree import c_files
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+NOMINALS = {"1/m": 1e4, "m": 1e-6, "m3": 1e-15}
 SHORT = ("LayerDeposition", "fmi2")
 COMPILED = [SHORT, *((m, form) for m in MODELS for form in ("fmi3", "fmi2") if (m, form) != SHORT)]
 """FMUs compiled again; the sources of the others are those of the build (below)."""
@@ -72,6 +78,8 @@ def test_archive_holds_what_people_and_tools_look_for(model, form) -> None:
     platform = fmpy.platform if form == "fmi2" else fmpy.platform_tuple
     assert f"binaries/{platform}/{model}{fmpy.sharedLibraryExtension}" in names
     assert icon.startswith(b"\x89PNG")
+    assert "documentation/diagram.png" in names
+    assert 'src="diagram.png"' in index
     for variable in ("seed", "layers_printed", "nx"):
         assert f"<td>{variable}</td>" in index
 
@@ -111,9 +119,34 @@ def test_variables_have_descriptions_units_and_display_units(model, form) -> Non
     assert all(variable.get("description") for variable in root.find("ModelVariables"))
     reals = [element for element in root.find("ModelVariables").iter() if element.get("unit")]
     assert len(reals) > 5
+    assert all(float(element.get("nominal", "1")) == NOMINALS.get(element.get("unit", ""), 1.0) for element in reals)
     assert all(element.get("unit") in units and element.get("displayUnit") for element in reals)
     for unit in root.iterfind("UnitDefinitions/*/DisplayUnit"):
         assert float(unit.get("factor", "1")) == pytest.approx(factors[unit.get("name", "")], rel=1e-12, abs=0.0)
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_status_has_the_words_of_the_layer_contract(model, form) -> None:
+    items = describe(find_fmu(model, form)).variables["status"].items
+    assert items == {status.name.lower(): status for status in Status}
+    if form != "fmi2":  # FMPy 0.3.20 reads no type with a description
+        assert all(set(t.attrib) == {"name"} for t in described(find_fmu(model, form)).find("TypeDefinitions"))
+
+
+def test_codes_of_the_controller_have_the_words_of_results() -> None:
+    model = read_definition(find_fmu("LayerController"))
+    for name, output in (("PlanStatus", "plan_status"), ("Transform", "stop_transform")):
+        items = {number: word for word, number in model.types[name].items.items() if number}
+        assert items == {number: MEANINGS[output].flags[number] for number in items}
+    reasons = {word: 1 << bit for bit, word in enumerate(MEANINGS["untrusted_reasons"].masks)}
+    stops = {word: number for word, number in reasons.items() if number >= 64}
+    assert model.types["StopReason"].items == {"none": 0, **stops}
+    about = {v.name: v.description for v in model.exposed}
+    assert all(f"{number} {word}" in about["untrusted_reasons"] for word, number in reasons.items())
+    assert all(f"{1 << bit} {word}" in about["left_out"] for bit, word in enumerate(LEFT_OUT[:4]))
+    job = {v.name: v for v in definition.load((ROOT / "fmus/layer_job/variables.toml").read_text(), "").exposed}
+    assert all(f"{number} {word}" in job["untrusted_reasons"].description for word, number in reasons.items())
 
 
 @EVERY_MODEL
@@ -159,7 +192,7 @@ def test_sources_compile_to_the_same_bits(model, form, tmp_path) -> None:
         "VolumeAreaDeposition": {"variation": 0.3, "passes": 4},
         "YoungLaplaceDeposition": {"variation": 0.3, "cells_per_pitch": 4},
         "ProfileSensor": {"noise_std": 1e-6, "spot_radius": 3e-4},
-        "LayerController": {"layers_scanned": 0, "is_timed": False},
+        "LayerController": {"layers_scanned": 0},
     }
     states = []
     for folder in (None, tmp_path):

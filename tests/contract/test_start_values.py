@@ -8,10 +8,12 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import fmpy
+import numpy as np
 import pytest
 
 from inkloop.fmu_writer.export import find_fmu
-from support.fmus.fmu_driver import DEPOSITION_MODELS, EVERY_FORM, OK, Driver
+from support.fmus import layer_jobs
+from support.fmus.fmu_driver import DEPOSITION_MODELS, EVERY_FORM, MODELS, OK, Driver, equal
 
 SYSTEM = ("LayerController", "ProfileSensor")
 """Models connected to a deposition model; outputs and inputs of one name are connected."""
@@ -19,8 +21,8 @@ SYSTEM = ("LayerController", "ProfileSensor")
 
 def dependencies(path: Path) -> dict[str, set[str]]:
     """Each output -> the variables that its value at the start depends on; of maps in FMI 2 the name of the whole."""
-    with zipfile.ZipFile(path) as archive:
-        root = ET.fromstring(archive.read("modelDescription.xml"))
+    folder = path if path.is_dir() else zipfile.Path(path)
+    root = ET.fromstring((folder / "modelDescription.xml").read_text("utf-8"))
     variables = list(root.iterfind("ModelVariables/*"))
     is_fmi2 = root.get("fmiVersion") == "2.0"
     names = {
@@ -67,13 +69,48 @@ def test_outputs_of_a_system_can_be_calculated_one_after_another(plant: str, for
 
 
 @EVERY_FORM
-def test_command_follows_the_layers_printed_from_the_end_of_initialisation_on(form: str) -> None:
-    """As the description says: while initialising no input changes the command."""
-    with Driver("LayerController", form) as fmu:
-        assert fmu.set("mask", 1) == OK
+@pytest.mark.parametrize("model", [*MODELS, layer_jobs.MODEL])
+def test_outputs_at_the_start_depend_on_what_the_description_says_and_stay(model: str, form: str) -> None:
+    """While initialising, each output answers to what it lists and to nothing else; the end of it changes none."""
+    job = None
+    if model == layer_jobs.MODEL:
+        form = "fmi2" if form == "fmi2" else "fmi3-fixed"
+        job = layer_jobs.unpacked(form, "cuboid", *layer_jobs.CUBOID)
+    with Driver(model, form, 3, 2, job) as fmu:
         assert fmu.enter() == OK
-        before = fmu.get("layer_command")
-        assert fmu.set("layers_printed", 12) == OK
-        assert fmu.get("layer_command") == before == 0
-        assert fmu.exit() == OK
+        names = [name for name, role in fmu.roles.items() if role in ("input", "parameter")]
+        found: dict[str, set[str]] = {name: set() for name, role in fmu.roles.items() if role == "output"}
+        before = {name: fmu.get(name) for name in found}
+        for name in names:
+            start = fmu.get(name)
+            change(fmu, name)
+            for output, value in before.items():
+                if not np.array_equal(fmu.get(output), value):
+                    found[output].add(name)
+            assert fmu.set(name, start) == OK
+        assert found == dependencies(job or find_fmu(model, form))
+        for name in names:
+            change(fmu, name)
+        shown = {name: fmu.get(name) for name in found}
+        assert fmu.exit() == OK, fmu.messages
+        assert equal({name: fmu.get(name) for name in found}, shown)
+
+
+def change(fmu: Driver, name: str) -> None:
+    """Set another value; of a map in its first cell, so that a mask still marks some."""
+    present = np.atleast_1d(fmu.get(name))
+    for other in (present / 2, present + 1e-6, present + 1, present - 1, present + 3, present - 3):
+        value = present.copy()
+        value.flat[0] = not present.flat[0] if present.dtype == bool else other.flat[0]
+        if value.flat[0] != present.flat[0] and fmu.set(name, value.reshape(fmu.shape(name))) == OK:
+            return
+    raise AssertionError(f"{name} takes no other value: {fmu.messages[-1]}")
+
+
+@EVERY_FORM
+def test_command_follows_the_layers_printed_from_the_first_step_on(form: str) -> None:
+    """As the description says: while initialising no input changes the command."""
+    with Driver("LayerController", form).start({"layers_printed": 12}) as fmu:
+        assert fmu.get("layer_command") == 0
+        assert fmu.step(0.0) == OK
         assert fmu.get("layer_command") == 12

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks import closed_loop
-from benchmarks.prints import LAYERS_KNOWN, Case
+from benchmarks.prints import LAYERS_KNOWN, Case, one_print
+from tools.figures import closed_loop as page
 
 from inkloop.component import Job, Status
 from inkloop.components.fmu_parameters import PRESETS
@@ -51,6 +52,15 @@ def printed(job: Job, variation: float, sensor: dict[str, Any], seed: int) -> tu
         factor = lu_numpy.factors(height.shape, number + 1, seed=seed, variation=variation)
         height, _ = lu_numpy.layer(height, outputs[-1]["pattern"], factor=factor)
     raise AssertionError(f"not done after {LAYERS_MAX} layers")
+
+
+@pytest.mark.parametrize("planner", closed_loop.COMPARED)
+def test_first_print_of_each_row_of_readme_has_the_digits_of_the_record(planner: str) -> None:
+    case = closed_loop.CYLINDERS[0]
+    recorded, *_ = page.kept(page.RUNS)[case.name, planner]
+    found = one_print(case, planner, 1)
+    for metric in ("mean_error", "mae", "std", "layers"):
+        assert found[metric] == pytest.approx(recorded[metric], rel=1e-3, abs=0.0), metric
 
 
 @pytest.mark.parametrize("case", rest_is_long([ALL_AT_ONCE, SHIFTED, BLURRED, *OTHERS], 1), ids=lambda case: case.name)

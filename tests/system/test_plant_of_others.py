@@ -16,6 +16,7 @@ from inkloop.scenario.plant_file import Plant, plant_of, text_for_plant
 from inkloop.units import defined_unit
 from support.fmus import amplifier, rows_plant
 
+TEMPLATE = "[grid]\nnx = 16\nny = 16\n# {part}\n[components.printer]\n[components.profiler]\n"
 pytestmark = [pytest.mark.system, pytest.mark.compiled, pytest.mark.usefixtures("without_pictures")]
 
 
@@ -46,7 +47,7 @@ def test_plant_with_rows_from_the_top_prints_after_one_edit(desk: Path) -> None:
     assert main(["run", "theirs.toml", "--out", "run", "--quiet", "--no-compare"]) == 0
     result = Result.load(desk / "run")
     assert result.dataset["height"].isel(layer=-1).shape == (rows_plant.COLUMNS, rows_plant.ROWS)
-    assert result.metrics()["mae"] < 2e-6
+    assert result.metrics()["mae"] < 1.1e-6  # 1.01e-6 at best: a droplet is 6.08 um high
 
 
 def test_what_an_fmu_does_not_state_is_assumed_and_said(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,7 +61,8 @@ def test_what_an_fmu_does_not_state_is_assumed_and_said(desk: Path, capsys: pyte
 
 
 def test_fmu_without_maps_is_refused_with_what_it_has(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["new", "theirs", "--plant", str(amplifier.build(desk, 3))]) != 0
+    one = amplifier.altered(amplifier.build(desk, 3), desk / "one.fmu", ('start="3"', 'start="1"'))
+    assert main(["new", "theirs", "--plant", str(one)]) != 0
     told = " ".join(capsys.readouterr().err.split())
     assert "no input and output that are maps of one grid (inputs: none; outputs: none)" in told
     assert not Path("theirs.toml").exists()
@@ -99,11 +101,39 @@ def test_maps_in_two_orders_of_axes_are_one_grid() -> None:
         plant_with(array("input", "dose", (4, 3)), array("output", "height", (2, 6), "mm"))
 
 
+@pytest.mark.parametrize(
+    ("dose", "height", "found"),
+    [
+        (described("input", "Drop_{j}", (1, 5)), described("output", "row0.Level_{j:02}", (1, 5), "mm"),
+         ("Drop_{i}", "row0.Level_{i:02}")),
+        ([array("input", "dose", (5,))], [array("output", "z", (5,), "mm")], ("dose", "z")),
+        ([array("input", "dose", (5, 1))], [array("output", "z", (1, 5), "mm")], ("dose", "z")),
+    ],
+)  # fmt: skip
+def test_one_row_is_a_profile(dose: list[Variable], height: list[Variable], found: tuple[str, str], desk: Path) -> None:
+    plant = plant_with(*dose, *height)
+    assert (plant.pattern.variable, plant.height.variable) == found
+    assert (plant.pattern.grid, plant.height.grid) in (((5, 1), (5, 1)), ((1, 5), (1, 5)))
+    written = tomllib.loads(text_for_plant(desk / "x.toml", TEMPLATE, plant))
+    assert sorted(written["grid"].values()) == [1, 5]
+    assert plant_with(*dose, *height, array("input", "jets", (2, 3)), array("output", "bed", (2, 3))).pattern.grid == (
+        2,
+        3,
+    )  # a map before a profile
+
+
+def test_other_maps_of_the_grid_are_listed(desk: Path) -> None:
+    more = (array("input", "heat", (2, 3), "K"), array("output", "cured", (2, 3)), array("input", "wide", (4, 3)))
+    plant = plant_with(*described("input", "dose_{i}_{j}"), *described("output", "z_{i}_{j}", unit="mm"), *more)
+    assert (plant.pattern.variable, plant.height.variable) == ("dose_{i}_{j}", "z_{i}_{j}")
+    (line,) = (row for row in text_for_plant(desk / "x.toml", TEMPLATE, plant).splitlines() if "more of these" in row)
+    assert line == "# more of these maps: heat of 2 x 3 [K], cured of 2 x 3 [1]"
+
+
 def test_dose_as_a_thickness_is_that_of_a_droplet(desk: Path) -> None:
     found = plant_with(array("input", "dose", (4, 3), "um"), array("output", "height", (4, 3), "mm"))
     assert not found.unstated
-    template = "# {part}\nnx = 16\nny = 16\n[components.printer]\n[components.profiler]\n"
-    assert "gain = 7.6}   # [um] of a droplet of the default ink" in text_for_plant(desk / "x.toml", template, found)
+    assert "gain = 7.6}   # [um] of a droplet of the default ink" in text_for_plant(desk / "x.toml", TEMPLATE, found)
 
 
 def test_map_of_another_quantity_is_no_surface() -> None:

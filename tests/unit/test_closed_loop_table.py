@@ -60,6 +60,16 @@ def test_highest_cell_of_the_worst_print_counts() -> None:
     assert Figure("mean", (1.0, 3.0), must=2.0, aim=1.0).reached == "must"
 
 
+def test_means_of_both_signs_are_refused_and_mean_errors_are_distances() -> None:
+    with pytest.raises(ValueError, match=r"highest: \(-2.0, 3.0\) have both signs, which cancel in their mean"):
+        print(Figure("highest", (-2.0, 3.0)).now)
+    assert Figure("highest", (-2.0, -3.0)).now == -2.5
+    case, found = closed_loop.CYLINDERS[0], metrics()
+    found[case.name, OURS] = [{**found[case.name, OURS][0], "mean_error": error} for error in (-2e-6, 3e-6)]
+    assert closed_loop.rows(found)[case.name][0].now == pytest.approx(2.5, rel=1e-9, abs=0.0)
+    assert next(closed_loop_page.readme_rows(found))[1] == "2.50"
+
+
 def test_prints_are_kept_as_they_were(tmp_path: Any) -> None:
     prints = metrics(highest=6e-6, shift_error=0.0123, layers=29.0)
     closed_loop_page.keep(prints, tmp_path / "prints.csv")

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks import RECORDED
-from tools.figures import can_protocol, command_line, gallery, house, lying_scans, performance, the_papers
+from PIL import Image
+from tools.figures import can_protocol, command_line, diagrams, gallery, house, lying_scans, performance, the_papers
 from tools.figures.pages import ALONE, WRITERS, filled, marks, read_json, table, writer
 
+from inkloop.fmu_writer import definition
 from support.lying_scans.rig import Outcome
 from support.places import ROOT, SCENARIOS
 
@@ -122,3 +124,11 @@ def test_prints_of_lying_scans_are_kept_as_they_ended(tmp_path: Path) -> None:
     figures = {"mae": "0.29", "highest": "4.5", "lowest": "-3.25", "layers": "7"}
     expected = [{"case": "a", "seed": "2", **figures, "ending": ending, "untrusted_from": at} for ending, _, at in ends]
     assert lying_scans.kept(tmp_path / "prints.csv") == {"a": expected}
+
+
+@pytest.mark.parametrize("path", diagrams.DEFINITIONS, ids=lambda path: path.parent.name)
+def test_diagram_of_an_fmu_has_the_ports_of_its_definition(path: Path) -> None:
+    model = definition.load(path.read_text("utf-8"), path)
+    with Image.open(path.with_name("diagram.png")) as picture:
+        assert picture.info["Description"] == diagrams.text(model)
+    assert path.with_name("diagram.png").stat().st_size < 32_000

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import isnan
 from pathlib import Path
 
+import numpy as np
 from benchmarks import closed_loop
-from benchmarks.prints import OURS, SHOWN, Figure, Metrics, printed
-from tools.figures.pages import DOCS, Texts, table
+from benchmarks.prints import FLIPS, OPEN_LOOP, OURS, PAPERS, SHOWN, Figure, Metrics, column, printed
+from tools.figures.pages import DOCS, ROOT, Texts, table
 
 from inkloop.files import replaced
 
@@ -22,6 +23,15 @@ COLUMNS = {
     "layers": "layers", "shift_error_cells": "shift_error", "untrusted_layers": "untrusted",
 }  # fmt: skip
 """Metrics of a print, by the name of their column in the file."""
+README = ROOT / "README.md"
+ROWS = {
+    OURS: "inkloop, five layers ahead",
+    FLIPS: FLIPS,
+    PAPERS: "the paper's search, one layer ahead, nominal ink",
+    OPEN_LOOP: "open loop, 53 full layers",
+}
+"""Planner -> its row of README."""
+README_HEADS = ("same plant, same droplets", "distance of the mean", "mean absolute error", "standard deviation")
 ON_PAGE = ("mae", "std", "rms", "highest", "layers", "shift_error")
 HEADS = ("case", "mean absolute error", "std", "rms", "highest", "layers", "shift")
 
@@ -54,7 +64,16 @@ def run() -> None:
 
 def texts() -> Texts:
     """The table, and how many prints ran away unnoticed."""
-    return {PAGE: texts_of(kept(RUNS))}
+    metrics = kept(RUNS)
+    return {PAGE: texts_of(metrics), README: {"cylinder": table(README_HEADS, readme_rows(metrics))}}
+
+
+def readme_rows(metrics: Metrics) -> Iterator[list[str]]:
+    """A line for each planner on the first cylinder: means over the seeds, of mean errors those of absolute values."""
+    case = closed_loop.CYLINDERS[0]
+    for planner, words in ROWS.items():
+        figures = (np.mean(column(metrics, case, planner, metric)) for metric in ("mean_error", "mae", "std"))
+        yield [words, *(f"{figure:.2f}" for figure in figures)]
 
 
 def texts_of(metrics: Metrics) -> dict[str, str]:

@@ -81,6 +81,7 @@ WRITERS = (
     "command_line",
     "can_protocol",
     "house",
+    "diagrams",
     "gallery",
     "closed_loop",
     "lying_scans",

@@ -6,7 +6,7 @@ typedef struct {
     uint64_t seed, drawn;
 } Draw;
 
-/* A new random order of the cells (Fisher, Yates). */
+/* A new random order of the places, cells of the layers of a plan (Fisher, Yates). */
 static void shuffle(size_t *order, size_t count, Draw *draw) {
     for (size_t left = count; left > 1; left--) {
         const size_t picked = (size_t)random_below(draw->seed, draw->drawn++, left);
@@ -16,14 +16,15 @@ static void shuffle(size_t *order, size_t count, Draw *draw) {
     }
 }
 
-/* Flip of a cell: removes its droplet, or adds one of the first kind allowed there. */
-static Change flip_of(const PlanSurface *surface, size_t cell) {
-    Change flip = {0, cell / surface->ny, cell % surface->ny, 0};
-    if (surface_layer(surface, 0)[surface_cell(surface, flip.i, flip.j)])
+/* Flip of a place: removes its droplet, or adds one of the first kind allowed there. */
+static Change flip_of(const PlanSurface *surface, size_t place) {
+    const size_t cells = surface->nx * surface->ny, cell = place % cells;
+    Change flip = {place / cells, cell / surface->ny, cell % surface->ny, 0};
+    if (surface_layer(surface, flip.layer)[surface_cell(surface, flip.i, flip.j)])
         return flip;
     do
         flip.value++;
-    while (!surface_allows(surface, 0, flip.i, flip.j, flip.value));
+    while (!surface_allows(surface, flip.layer, flip.i, flip.j, flip.value));
     return flip;
 }
 
@@ -36,7 +37,7 @@ static void flip_all(PlanSurface *surface, const size_t *marked, size_t marks, W
     }
 }
 
-/* Marks the cells of the batch whose flip alone lowers the objective; returns how many. */
+/* Marks the places of the batch whose flip alone lowers the objective; returns how many. */
 static size_t mark(const PlanSurface *surface, const size_t *batch, size_t count, size_t *marked, Window *window,
                    SearchReport *report) {
     size_t marks = 0;
@@ -50,7 +51,7 @@ static size_t mark(const PlanSurface *surface, const size_t *batch, size_t count
     return marks;
 }
 
-/* Flips all marked cells; undoes it and returns false if together they do not lower the objective. */
+/* Flips all marked places; undoes it and returns false if together they do not lower the objective. */
 static bool flip_together(PlanSurface *surface, const size_t *marked, size_t marks, Window *window) {
     const double before = objective(&surface->sums, &surface->weighting);
     flip_all(surface, marked, marks, window);
@@ -63,9 +64,9 @@ static bool flip_together(PlanSurface *surface, const size_t *marked, size_t mar
 int32_t paper_search(PlanSurface *surface, size_t batch, int64_t iterations_max, uint64_t seed, size_t *order,
                      size_t *marked, Window *window, SearchReport *report) {
     size_t count = 0;
-    for (size_t cell = 0; cell < surface->nx * surface->ny; cell++)
-        if (surface->problem->choices[cell])
-            order[count++] = cell;
+    for (size_t place = 0; place < surface->problem->layers * surface->nx * surface->ny; place++)
+        if (surface->problem->choices[place])
+            order[count++] = place;
     Draw draw = {seed, 0};
     int64_t iterations = 0;
     for (bool improved = true; improved;) {

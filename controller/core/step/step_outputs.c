@@ -47,7 +47,7 @@ static void publish_figures(const LayerStep *step, const EstimateFigures *figure
     *v->scan_rotation = figures->rotation;
     *v->scan_magnification = figures->magnification;
     *v->stop_layer = (int32_t)figures->stop_layer;
-    *v->stop_transform = (int32_t)figures->transform;
+    *v->stop_transform = figures->transform;
     *v->stop_figure = figures->stop_figure;
 }
 
@@ -67,7 +67,7 @@ static void publish_plan(const LayerStep *step, const PlanFigures *plan) {
 static void publish_status(const LayerStep *step, const StateHead *head, int64_t stop) {
     const LayerControllerVariables *v = step->values;
     *v->layer_command = (int32_t)head->layer_command;
-    *v->stop_reason = (int32_t)stop;
+    *v->stop_reason = stop;
     *v->status = head->plan.status == PLAN_DONE ? DONE : *v->untrusted_reasons > 0 ? UNTRUSTED : IDLE;
 }
 

@@ -40,18 +40,16 @@ def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
 
 
 def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations_max: int, seed: int) -> SearchResult:
-    """Improve a plan of one layer by the stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C).
+    """Improve a plan by the stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C), who plan one layer.
 
     batch: flips tried before those that help are made together, >= 1 (their M); iterations_max: batches; seed >= 0.
-    Raises ValueError for a longer horizon, and where a cell may choose between kinds of droplets.
+    Raises ValueError where a cell may choose between kinds of droplets.
     """
     if batch < 1 or seed < 0:
         raise ValueError(f"batch is {batch} and seed {seed}; needs a batch of at least 1 cell and a seed >= 0")
-    if problem.layers > 1 or (problem.choices & (problem.choices - 1)).any():
-        raise ValueError(
-            f"choices holds {problem.layers} layers with up to {np.bitwise_count(problem.choices).max()} kinds on a "
-            "cell; the paper's search needs 1 layer and at most 1 kind"
-        )
+    kinds = np.bitwise_count(problem.choices).max()
+    if kinds > 1:
+        raise ValueError(f"choices holds up to {kinds} kinds on a cell; the paper's search needs at most 1 kind")
     plan, report = droplets_of(problem, start), ReportStruct()
     code = library().inkloop_paper_search(problem_struct(problem), pointer(plan), batch, iterations_max, seed, report)
     return SearchResult(plan, objective_of(report.objective), answered(code) == _DONE, progress_of(report))

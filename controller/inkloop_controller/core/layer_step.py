@@ -144,7 +144,7 @@ class LayerStep:
         library().inkloop_step_outputs(self.struct, pointer(state))
         if (found[DROP_LEVEL] == 1).all():  # of most prints: a map without memory of its own
             found[DROP_LEVEL] = np.broadcast_to(np.int32(1), self.shape)
-        return found
+        return {name: value.astype(np.int32) if variables()[name].items else value for name, value in found.items()}
 
     def _room(self, layers: int) -> Block:
         return np.empty(library().inkloop_state_size(self.shape[0] * self.shape[1], layers), np.uint8)
@@ -168,4 +168,5 @@ def _of_job(job: Job) -> dict[str, Any]:
         "pass_order": job.pass_order,
         "pass_rotation": job.pass_rotation,
         "seed": np.uint32(job.seed % 2**32).astype(np.int32),
+        "is_timed": True,
     }

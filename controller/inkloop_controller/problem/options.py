@@ -58,7 +58,7 @@ class Variable:
 
     @property
     def dtype(self) -> str:
-        """NumPy's name of the type of a value."""
+        """NumPy's name of the type of a value in C."""
         return _DTYPES[self.type]
 
     @property
@@ -103,7 +103,8 @@ class Variable:
         """An input or output on a grid of (nx, ny) cells; a signal of the layer contract as that states it."""
         if self.name in SIGNALS:
             return SIGNALS[self.name].port(shape)
-        return Port(self.name, self.unit, shape if self.shape == "grid" else (), self.dtype, self.start)
+        dtype = "int32" if self.items else self.dtype
+        return Port(self.name, self.unit, shape if self.shape == "grid" else (), dtype, self.start)
 
     def _range(self) -> str:
         if self.items:

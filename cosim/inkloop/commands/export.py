@@ -10,15 +10,13 @@ from typing import Any
 from inkloop.commands import Part
 from inkloop.commands.options import (
     add_overrides,
-    add_part_options,
     add_platforms,
-    no_part_options,
     overrides_of,
     scenario_of,
-    scenario_of_part,
     screen,
     show_written,
 )
+from inkloop.commands.part_options import add_part_options, no_part_options, scenario_of_part
 from inkloop.errors import ResultError, require
 from inkloop.exchange.layers import BITMAP_FORMATS, DROP_SPLITS, MAP_FORMATS, MESH_FORMATS
 from inkloop.exchange.ssp import FORMATS, VERSIONS

@@ -6,7 +6,7 @@ import argparse
 import shutil
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,6 @@ from inkloop.report import FORMATS, PNG, picture_formats, shown, wrapped
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
     from inkloop.scenario.file import Scenario
-    from inkloop.scenario.part_file import PartFile
 
 __all__ = ["add_overrides", "add_pictures", "formats_of", "overrides_of", "screen"]
 
@@ -103,43 +102,6 @@ def add_platforms(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_part_options(parser: argparse.ArgumentParser) -> None:
-    """Options for values that the file of a part may omit, and the pitch of a grid for it."""
-    parser.add_argument("--pitch-um", type=float, metavar="P", help="size of a cell (default: by the size of the part)")
-    parser.add_argument(
-        "--unit", metavar="U", help="unit of the file: um, mm ... (default: its own; of a mesh else mm)"
-    )
-    parser.add_argument("--pixel-um", type=float, metavar="D", help="pixel spacing of a height map that states none")
-    parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
-
-
-def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
-    """The file of a part as the command line describes it. Raises InkloopError."""
-    from inkloop.scenario.part_file import PartFile
-
-    if options.pitch_um is not None and not 0.0 < options.pitch_um < float("inf"):
-        raise InkloopError(f"--pitch-um is {options.pitch_um:g}; expected a length above 0")
-    return PartFile(path, options.unit, options.pixel_um, options.count_scale)
-
-
-def no_part_options(options: argparse.Namespace) -> None:
-    """Raises InkloopError if options describe a part although the scenario or the run has its own."""
-    names = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
-    if names:
-        given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
-        raise InkloopError(f"{given}: goes with the file of a part; leave it out, or name that file")
-
-
-def scenario_of_part(options: argparse.Namespace, path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """The scenario that `inkloop new` writes for the file of a part. Raises InkloopError."""
-    from inkloop.scenario import new
-    from inkloop.scenario.file import Scenario
-    from inkloop.scenario.part_file import fit
-
-    file, place = part_file_of(options, path), Path(path.name)
-    return Scenario.of_text(new.text_for_part(place, file, fit(file, options.pitch_um)), str(place), overrides)
-
-
 def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
     """Whether to print in a subprocess: as chosen, else if a component runs an FMU of others."""
     return bool(scenario.foreign_fmus) if options.isolate is None else bool(options.isolate)
@@ -148,13 +110,10 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 @contextmanager
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
-    from inkloop.scenario import packaged
     from inkloop.scenario.file import Scenario
     from inkloop.scenario.packaged import classes_from
 
-    path = packaged.resolve(options.scenario)
-    if reason := packaged.hint(path):
-        raise ScenarioError(str(path), [reason])
+    path: Path = options.scenario
     job: Path | None = getattr(options, "job", None)
     overrides = overrides_of(options.overrides, str(path))
     with classes_from((job or path).parent):

@@ -8,15 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.commands import Part
-from inkloop.commands.options import (
-    add_part_options,
-    add_pictures,
-    formats_of,
-    no_part_options,
-    part_file_of,
-    scenario_of_part,
-    screen,
-)
+from inkloop.commands.options import add_pictures, formats_of, screen
+from inkloop.commands.part_options import add_part_options, no_part_options, part_file_of, scenario_of_part
 from inkloop.errors import InkloopError, ScenarioError
 
 SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
@@ -69,10 +62,13 @@ def _new(options: argparse.Namespace) -> int:
     elif options.part is None:
         path = templates.write(options.name, options.shape)
     else:
-        path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
+        file = part_file_of(options, options.part)
+        path, part = templates.write_for_part(options.name, file, options.pitch_um, terminal.sentence)
         size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
         terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
+        if part.to_try:
+            terminal.sentence(part.to_try)
     terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
     terminal.result(file=path)
     return 0
@@ -91,7 +87,7 @@ def _add_geometry(commands: Any) -> argparse.ArgumentParser:
         "file",
         type=Path,
         metavar="FILE",
-        help="mesh (STL, OBJ, PLY, 3MF), height map, manifest of layers, or scenario (.toml)",
+        help="mesh (STL, OBJ, PLY, 3MF), height map, manifest of layers, or scenario (.toml, or a name of inkloop's)",
     )
     add_part_options(parser)
     parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
@@ -102,6 +98,9 @@ def _add_geometry(commands: Any) -> argparse.ArgumentParser:
 
 def _geometry(options: argparse.Namespace) -> int:
     """Show the figures and write the picture; the exit code, 1 where the part cannot be printed as it is."""
+    from inkloop.scenario import packaged
+
+    options.file = packaged.resolve(options.file)
     mesh, source = _mesh(options), str(options.file)
     data: dict[str, Any] = {"file": source, **(mesh.data() if mesh else {})}
     lines = [source, *(mesh.lines() if mesh else ())]
@@ -113,7 +112,9 @@ def _geometry(options: argparse.Namespace) -> int:
     from inkloop.report.part_report import PartReport
     from inkloop.units import M_PER_UM
 
-    report = PartReport.of(scenario, None if options.nozzle_um is None else options.nozzle_um * M_PER_UM)
+    nozzle = None if options.nozzle_um is None else options.nozzle_um * M_PER_UM
+    with screen(options).progress(transient=True) as progress:
+        report = PartReport.of(scenario, nozzle, lambda heights: progress.track(heights, description="walls and gaps"))
     pictures: list[Path] = []
     if formats := formats_of(options):
         from inkloop.report.part_picture import draw
@@ -134,16 +135,15 @@ def _show(options: argparse.Namespace, lines: list[str], data: dict[str, Any]) -
 
 def _mesh(options: argparse.Namespace) -> MeshReport | None:
     """The mesh in the file or of the scenario, if its part is one. Raises InkloopError."""
-    from inkloop.geometry.mesh_file import read_bodies
     from inkloop.report.part_report import MeshReport
-    from inkloop.scenario.part_file import ASSUMED_UNIT, mesh_of_scenario
+    from inkloop.scenario.part_file import ASSUMED_UNIT, mesh_of_file, mesh_of_scenario
 
     if options.file.suffix == ".toml":
         found = mesh_of_scenario(options.file)
         return None if found is None else MeshReport.of(found)
     file = part_file_of(options, options.file)
-    assumed_unit = ASSUMED_UNIT if file.assumes_unit else ""
-    return MeshReport.of(read_bodies(file.path, file.mesh_unit), assumed_unit) if file.is_mesh else None
+    found = mesh_of_file(file)
+    return None if found is None else MeshReport.of(found, ASSUMED_UNIT if file.assumes_unit else "")
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:

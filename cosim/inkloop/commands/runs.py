@@ -11,7 +11,7 @@ from inkloop.commands import Part
 from inkloop.commands.options import add_pictures, formats_of, screen
 from inkloop.errors import InkloopError, require
 from inkloop.metrology import UNITS
-from inkloop.metrology.evaluation.definitions import F_OPERATIONS
+from inkloop.metrology.evaluation.definitions import F_OPERATIONS, MISSING_MAX
 from inkloop.results import SURFACES
 
 
@@ -202,7 +202,21 @@ def _add_metrology(commands: Any) -> argparse.ArgumentParser:
         help="taken off the heights: nothing but their mean, the least-squares plane (default), a polynomial of second "
         "order, or the target of the run",
     )
-    parser.add_argument("--profile", choices=("x", "y"), help="profile parameters of the rows along this axis instead")
+    parser.add_argument(
+        "--profile",
+        nargs="?",
+        const="x",
+        choices=("x", "y"),
+        help="profile parameters instead: of a file with one profile, or of the rows along this axis (default: x)",
+    )
+    parser.add_argument(
+        "--missing",
+        type=float,
+        default=MISSING_MAX,
+        metavar="MAX",
+        help=f"share of the cells that may lack a height (default: {MISSING_MAX:g})",
+    )
+    parser.add_argument("--channel", metavar="NAME", help="name or number of one of several maps in a file")
     parser.add_argument("--unit", choices=UNITS, help="of the heights of a map that does not give it")
     parser.add_argument("--pixel-um", type=float, metavar="P", help="pixel spacing of a map that does not give it")
     parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
@@ -221,7 +235,7 @@ def _metrology(options: argparse.Namespace) -> int:
     from inkloop.results.surface import subject_of
 
     source, is_run = options.source, options.source.is_dir()
-    alien = ("unit", "pixel_um", "count_scale", "invalid_value") if is_run else ("layer", "map")
+    alien = ("channel", "unit", "pixel_um", "count_scale", "invalid_value") if is_run else ("layer", "map")
     if given := [f"--{name.replace('_', '-')}" for name in alien if getattr(options, name) is not None]:
         raise HeightMapError(f"{source}: is a {'run' if is_run else 'map'}; leave {' and '.join(given)} out")
     mask = options.mask or ("part" if is_run else "all")

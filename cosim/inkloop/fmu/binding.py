@@ -24,6 +24,7 @@ from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.value_group import Accessor, ValueGroup, is_large
+from inkloop.fmu.variable import DTYPES
 
 WARNING, ERROR, FATAL = 1, 3, 4
 _STATUS = ("OK", "a warning", "discard", "an error", "a fatal error", "pending")
@@ -237,7 +238,7 @@ class Binding:
     def _group(self, function: str, ports: Sequence[Port]) -> ValueGroup:
         variables = [self._description.variables[port.name] for port in ports]
         references = [reference for variable in variables for reference in variable.references]
-        dtype = _FMI2_WIRE[variables[0].type] if self._fmi == 2 else ports[0].dtype
+        dtype = (_FMI2_WIRE if self._fmi == 2 else DTYPES)[variables[0].type]
         setter, getter = (Accessor.of(self._fmu.dll, f"fmi{self._fmi}{verb}{function}") for verb in ("Set", "Get"))
         return ValueGroup(ports, dtype, references, setter, getter)
 

@@ -51,8 +51,9 @@ class Variable:
 
     @property
     def dtype(self) -> str:
-        """NumPy dtype of the values in memory."""
-        return DTYPES[self.type]
+        """NumPy dtype of the values in memory: int32 for an enumeration whose numbers fit."""
+        is_short = self.items and all(-(2**31) <= number < 2**31 for number in self.items.values())
+        return "int32" if is_short else DTYPES[self.type]
 
     @property
     def is_settable(self) -> bool:

@@ -94,6 +94,7 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
     members[DEFINITION] = options.definition.read_bytes()
     members |= _binaries(model.name, options)
     members["documentation/index.html"] = documentation.index_html(model, options.readme.read_text("utf-8"))
+    members["documentation/diagram.png"] = options.diagram.read_bytes()
     members["documentation/licenses/license.txt"] = options.license.read_bytes()
     if options.form == "fmi2":
         members["model.png"] = options.icon.read_bytes()
@@ -160,7 +161,7 @@ def _parser() -> argparse.ArgumentParser:
     packing.add_argument("--binary", type=Path, nargs="+", required=True)
     packing.add_argument("--version", required=True)
     packing.add_argument("--sources", type=Path, nargs="+", required=True)
-    for name in ("readme", "icon", "license"):
+    for name in ("readme", "icon", "diagram", "license"):
         packing.add_argument(f"--{name}", type=Path, required=True)
     several = commands.add_parser("each", help="run the commands of a file in one process")
     several.set_defaults(command=_each)

@@ -11,6 +11,8 @@ from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.units import BASE_UNITS, si_unit
 
 _DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
+_NOMINALS = {"1/m": "1e4", "m": "1e-6", "m3": "1e-15"}
+"""Unit -> typical value, for tolerances: a gain by height, the height of a layer, the volume of a droplet."""
 _FMI2_TYPES = {
     "real": "Real",
     "integer": "Integer",
@@ -110,7 +112,7 @@ def _fmi3(
     if model.types:
         types = add(root, "TypeDefinitions")
         for name, enumeration in model.types.items():
-            element = add(types, "EnumerationType", name=name, description=enumeration.description)
+            element = add(types, "EnumerationType", name=name)  # FMPy 0.3.20 takes no description
             for item, number in enumeration.items.items():
                 add(element, "Item", name=item, value=number)
     _add_experiment(root, model)
@@ -250,6 +252,7 @@ def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
     return {
         "unit": variable.unit if has_unit else None,
         "displayUnit": _DISPLAY_UNITS[variable.unit] if has_unit else None,
+        "nominal": _NOMINALS.get(variable.unit),
         "min": None if variable.min is None else _number(variable, variable.min),
         "max": None if variable.max is None else _number(variable, variable.max),
     }

@@ -27,7 +27,7 @@ pre {{ background: #eee; padding: 0.5em }}
 </html>
 """
 
-_VARIABLES = "<h2>Variables</h2>"
+_VARIABLES = '<h2>Variables</h2>\n<p><img src="diagram.png" alt="Inputs and outputs; thick arrows are maps"></p>'
 
 
 def index_html(model: ModelDefinition, readme: str) -> bytes:

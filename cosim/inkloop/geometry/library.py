@@ -15,7 +15,7 @@ from inkloop.component import FloatMap
 from inkloop.files import c_library
 
 VARIABLE = "INKLOOP_COLUMNS_LIB"
-_INTERFACE = 1  # COLUMNS_INTERFACE of columns.h
+_INTERFACE = 2  # COLUMNS_INTERFACE of columns.h
 _SIZE, _POINTER = ctypes.c_size_t, ctypes.c_void_p
 _INDICES = ndpointer(np.int64, flags="C_CONTIGUOUS")
 _REALS = ndpointer(np.float64, flags="C_CONTIGUOUS")
@@ -49,6 +49,7 @@ class MeshReportStruct(ctypes.Structure):
         ("open_count", ctypes.c_int64),
         ("inside_out_count", ctypes.c_int64),
         ("inside_out_first", ctypes.c_int64),
+        ("wound_height", ctypes.c_double),
     )
 
 

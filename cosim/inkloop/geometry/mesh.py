@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -33,7 +33,8 @@ class MeshColumns:
 
     occupied: number of columns that meet the mesh. open_cells: i ny + j of those whose winding number is not 0 above
     the mesh, ascending, without intervals. inside_out: number of those with a winding number below 0 and none above 0;
-    inside_out_cell: the first of them, -1 without any.
+    inside_out_cell: the first of them, -1 without any. overlap: what bodies that overlap hold more than their union
+    [m3], as the columns see it.
     """
 
     columns: Columns
@@ -41,6 +42,7 @@ class MeshColumns:
     open_cells: NDArray[np.int64]
     inside_out: int
     inside_out_cell: int
+    overlap: float
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
@@ -53,7 +55,8 @@ def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> Mesh
     ends = intervals_by("columns_of_mesh", nx * ny, nx, ny, len(triangles), triangles, ctypes.byref(report))
     found = open_cells[: report.open_count].copy()
     columns = Columns(nx, ny, pitch, *ends)
-    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first)
+    overlap = report.wound_height * pitch**2 - columns.volume
+    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first, overlap)
 
 
 def load(
@@ -72,7 +75,7 @@ def load(
     that holes of the surface leave open, at most 0.1 % of those occupied. Raises GeometryError.
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
-    return closed_columns(str(path), bodies, nx, ny, pitch, open_columns)
+    return closed_columns(str(path), bodies, nx, ny, pitch, open_columns).columns
 
 
 def load_inks(
@@ -92,7 +95,7 @@ def load_inks(
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
     return {
-        ink: closed_columns(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns)
+        ink: closed_columns(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns).columns
         for ink, found in bodies_by_ink(str(path), bodies, inks).items()
     }
 
@@ -147,8 +150,8 @@ def _placed(
 
 def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
-) -> Columns:
-    """Columns without an open one. Raises GeometryError for too many, and for bodies that are inside out."""
+) -> MeshColumns:
+    """Columns, the open ones filled. Raises GeometryError for too many, and for bodies that are inside out."""
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied
     if found.inside_out > limit:
@@ -163,9 +166,9 @@ def closed_columns(
             f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
     if found.open_cells.size == 0:
-        return found.columns
+        return found
     if open_columns == "neighbours" and found.open_cells.size <= limit:
-        return _filled_by_neighbours(found.columns, found.open_cells)
+        return replace(found, columns=_filled_by_neighbours(found.columns, found.open_cells))
     remedy = (
         f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
         if found.open_cells.size > limit

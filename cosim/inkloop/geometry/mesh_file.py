@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from inkloop.errors import GeometryError, require
+from inkloop.errors import GeometryError, damaged, require
 from inkloop.files import reason_of
 from inkloop.geometry.body import Body
 from inkloop.limits import memory_error, unpacked_error
@@ -75,8 +75,7 @@ def _contents(path: Path) -> Contents:
     except OSError as error:
         raise GeometryError(f"{path}: cannot be read: {reason_of(error)}") from error
     except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
-        reason = (str(error).splitlines() or [""])[0]
-        raise GeometryError(f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {reason})") from error
+        raise GeometryError(damaged(path)) from error
 
 
 def _size_error(path: Path) -> str | None:

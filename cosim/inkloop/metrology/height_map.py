@@ -9,6 +9,7 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
+from inkloop.units import UM_PER_M
 
 __all__ = ["HeightMap", "Mirror"]
 
@@ -20,8 +21,8 @@ class HeightMap:
     """Heights of a regular grid of pixels in the coordinates of the profiler.
 
     z: (m, n) [m], i along x, j along y, NaN where nothing was measured (infinities become NaN); dx, dy: size of a pixel
-    [m]; x0, y0: centre of pixel (0, 0) [m]; source: its name in messages; remark: what a library took from its file.
-    Raises HeightMapError.
+    [m]; x0, y0: centre of pixel (0, 0) [m]; source: its name in messages; remark: what its file states. Raises
+    HeightMapError.
     """
 
     z: FloatMap
@@ -53,3 +54,18 @@ class HeightMap:
     def valid(self) -> BoolMap:
         """(m, n), true where a height was measured."""
         return np.isfinite(self.z)
+
+    @property
+    def field(self) -> tuple[float, float]:
+        """Width and depth of all pixels [m]."""
+        return self.shape[0] * self.dx, self.shape[1] * self.dy
+
+    def __str__(self) -> str:
+        """Size, range of heights and remark, for a person."""
+        dx, dy, width, depth = (f"{size * UM_PER_M:.6g}" for size in (self.dx, self.dy, *self.field))
+        pixels = f"{self.shape[0]} x {self.shape[1]} pixels of {dx} x {dy} µm, a field of {width} x {depth} µm"
+        if self.shape[1] == 1:
+            pixels = f"a profile of {self.shape[0]} points, {dx} µm apart, {width} µm long"
+        heights = self.z[self.valid] * UM_PER_M
+        between = f"heights from {heights.min():.6g} to {heights.max():.6g} µm" if heights.size else "no heights"
+        return ", ".join(filter(None, (pixels, between, self.remark)))

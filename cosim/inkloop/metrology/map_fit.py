@@ -37,14 +37,13 @@ Move: TypeAlias = NDArray[np.float64]
 class SurfaceFit:
     """residual: rms of the relief less the known surface [m]; explained: share of the relief's variance.
 
-    offset_std, rotation_std: standard deviations of the shift [m] and of the rotation [rad], 0 if it was not fitted.
+    offset_std: standard deviation of the shift [m].
     """
 
     registration: Registration
     residual: float
     explained: float
     offset_std: float
-    rotation_std: float
 
 
 def fit_to_surface(
@@ -89,8 +88,7 @@ def fit_to_surface(
         )
     count = 3 if rotation_reach > 0.0 else 2
     deviations = rms * np.sqrt(np.diag(np.linalg.pinv(_normal(fine, move, pitch)[:count, :count])))
-    turn_std = float(deviations[2]) * pitch / fine.radius if count > 2 else 0.0
-    return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch, turn_std)
+    return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +113,7 @@ class _Relief:
     def of(
         cls, map_: HeightMap, surface: FloatMap, pitch: float, start: Registration, per_cell: int, points_max: int
     ) -> _Relief:
-        x, y, z = _points(map_, pitch / per_cell / start.scale)
+        x, y, z = _points(map_, pitch / per_cell)
         every = max(1, -(-z.size // points_max))
         x, y, z = x[::every], y[::every], z[::every]
         if z.size < 4 * 3:

@@ -84,7 +84,7 @@ class MapFolder:
             limit = FIDUCIAL_SHARE * job.pitch if residual_max_um is None else residual_max_um * M_PER_UM
             on_map, on_grid = (np.array(points) * M_PER_UM for points in (fiducials_map_um, fiducials_grid_um))
             try:
-                placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit).registration
+                placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit)
             except HeightMapError as error:
                 errors.append(str(error))
         if errors:
@@ -216,7 +216,7 @@ class MapFolder:
         self._height = np.where(placed.valid, placed.height, self._height)
         self._valid, self._scanned, self._status = placed.valid, layer, Status.IDLE
         self._map_shape, self._digest, self._wait = map_.shape, digest, None
-        _LOG.info("layer %d: %s", layer, ", ".join(filter(None, (path.name, map_.remark, placed.words))))
+        _LOG.info("layer %d: %s", layer, f"{path.name}: {map_}; {placed.words}")
 
     def _checked(self, map_: HeightMap) -> bytes:
         """Fingerprint of a map, which must differ from the last one and have its size. Raises HeightMapError."""

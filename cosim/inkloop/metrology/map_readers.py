@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
 from inkloop.limits import XmlError, check_xml, memory_error, parsed_xml
-from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES, UM_PER_M
+from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree
@@ -24,53 +26,77 @@ _METRES = {**SUFFIXES["m"], "pm": M_PER_PM, "cm": M_PER_CM}
 _SPELLINGS = {"\u00b5m": "um", "\u03bcm": "um", "micron": "um", "microns": "um"}  # micro sign, Greek mu
 _HEIGHTS = ("z", "height")
 _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs write 72 or 300 without meaning it
+_NODATA = 42113  # the tag of GDAL
+_BYTE = 8  # bits; colour maps of TIFF have 16
+PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
+_SHOWN = 100  # characters of an error of a library, which may show what it could not unpack
 _PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
-_Pixel = tuple[float, float] | None
+Pixel: TypeAlias = tuple[float, float] | None
 
 
 @dataclass(frozen=True, eq=False)
 class FileContents:
     """Values as stored, with the statements of the file about them, None where it has none.
 
-    values: 2-D, numbers in `unit`, NaN where nothing was measured; pixel: (dx, dy) [m]; rows_along: the coordinate that
-    a stored row lies along: "x" where the first index goes along y, as in pictures and tables, "y" where it goes along
-    x, as inkloop's own arrays do; remark: what a library took from the file, for a person.
+    values: numbers in `unit`, NaN where nothing was measured, 2-D, or of a profile 1-D; pixel: (dx, dy) [m];
+    rows_along: the coordinate that a stored row lies along: "x" where the first index goes along y, as in pictures and
+    tables, "y" where it goes along x, as inkloop's own arrays do; invalid: the stored number of a pixel without a
+    height; channel: which of several was read, for a person.
     """
 
     values: NDArray[Any]
     unit: str | None = None
-    pixel: _Pixel = None
+    pixel: Pixel = None
     rows_along: Literal["x", "y"] = "x"
-    remark: str = ""
+    invalid: float | None = None
+    channel: str = ""
 
 
 def length_factor(unit: str) -> float | None:
     """Metres in a unit of length as files spell it, None if it is none."""
-    plain = unit.strip()
+    plain = re.sub(r"\\u([0-9A-Fa-f]{4})", lambda code: chr(int(code[1], 16)), unit.strip())  # ImageJ escapes so
     return _METRES.get(_SPELLINGS.get(plain, plain))
 
 
-def pixel_of(sizes: Mapping[str, float]) -> _Pixel:
+def chosen(path: Path, names: Sequence[str], channel: str | None) -> int | None:
+    """Index of a channel, given by its name or by its number from 1; None where none is given.
+
+    Raises HeightMapError with the names.
+    """
+    if channel is None:
+        return None
+    if names.count(channel) == 1:
+        return names.index(channel)
+    if channel.isdecimal() and 0 < int(channel) <= len(names):
+        return int(channel) - 1
+    known = ", ".join(f"{number} {name!r}" for number, name in enumerate(names, start=1))
+    raise HeightMapError(f"{path}: --channel is {channel!r}; expected one of {known}")
+
+
+def pixel_of(sizes: Mapping[str, float]) -> Pixel:
     """dx and dy of the sizes "dx", "dy" and "both" [m], None where one of the two is unknown."""
     dx, dy = (sizes.get(name, sizes.get("both")) for name in ("dx", "dy"))
     return None if dx is None or dy is None else (dx, dy)
 
 
-def read_array(path: Path) -> FileContents:
+def read_array(path: Path, channel: str | None = None) -> FileContents:
     """An NPY file, or an NPZ file with `z_um` or `height_m` ... and `pixel_um`, or `dx_um` and `dy_um`.
 
     In an NPZ the unit stands in the key; a key without one (`z`, or the only 2-D array) leaves it to the caller.
-    Raises HeightMapError, OSError.
+    channel: the key. Raises HeightMapError, OSError.
     """
     try:
-        loaded = np.load(path, allow_pickle=False)
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if isinstance(loaded, np.ndarray) and file.read(1):
+                raise ValueError("it holds more bytes than its header states")
+            arrays = {} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
     except (ValueError, EOFError, BadZipFile) as error:
-        raise HeightMapError(f"{path}: is no array of numbers that NumPy saved ({error})") from error
+        raise HeightMapError(f"{path}: is no array of numbers that NumPy saved ({str(error)[:_SHOWN]})") from error
     if isinstance(loaded, np.ndarray):
+        chosen(path, ["the array"], channel)
         return FileContents(loaded, rows_along="y")
-    with loaded:
-        arrays = {name: loaded[name] for name in loaded.files}
-    key, unit = _heights(path, arrays)
+    key, unit = _heights(path, arrays, channel)
     sizes = {
         name: float(arrays[f"{key}_{suffix}"]) * factor
         for name, key in (("both", "pixel"), ("dx", "dx"), ("dy", "dy"))
@@ -80,15 +106,21 @@ def read_array(path: Path) -> FileContents:
     return FileContents(arrays[key], unit, pixel_of(sizes), rows_along="y")
 
 
-def _heights(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str | None]:
+def _heights(path: Path, arrays: dict[str, np.ndarray], channel: str | None) -> tuple[str, str | None]:
     """Key of the heights and the unit in its name."""
+    names = [name for name, array in arrays.items() if array.ndim]
+    if (index := chosen(path, names, channel)) is not None:
+        key = names[index]
+        return key, next((suffix for suffix in SUFFIXES["m"] if key.endswith(f"_{suffix}")), None)
     keys = {f"{name}_{suffix}": suffix for name in _HEIGHTS for suffix in SUFFIXES["m"]} | dict.fromkeys(_HEIGHTS)
     named = [(key, unit) for key, unit in keys.items() if key in arrays]
     found = named or [(name, None) for name, array in arrays.items() if array.ndim == 2]
     if len(found) == 1:
         return found[0]
     listed = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
-    raise HeightMapError(f"{path}: holds {listed}; expected one map, named z_um, height_um or z")
+    raise HeightMapError(
+        f"{path}: holds {listed}; expected one map, named z_um, height_um or z, or name it (--channel)"
+    )
 
 
 def read_sdf(path: Path) -> FileContents:
@@ -103,8 +135,11 @@ def read_sdf(path: Path) -> FileContents:
     return FileContents(np.asarray(surface.data, np.float64), "m", pixel)
 
 
-def read_instrument(path: Path) -> FileContents:
-    """The default channel of a file of an instrument: SUR, X3P, GWY, VK, OPD ... Raises HeightMapError, OSError."""
+def read_instrument(path: Path, channel: str | None = None) -> FileContents:
+    """A channel, by default the library's, of a file of an instrument: SUR, X3P, GWY, VK, OPD ...
+
+    Raises HeightMapError, OSError.
+    """
     from SurfaceTopography import open_topography
 
     try:
@@ -112,29 +147,34 @@ def read_instrument(path: Path) -> FileContents:
             with ZipFile(path) as archive, archive.open("main.xml") as file:
                 check_xml(file)
         reader = open_topography(str(path))
-        channel, topography = reader.default_channel, reader.topography()
+        names = [str(each.name) for each in reader.channels]
+        index = chosen(path, names, channel)
+        name = reader.default_channel.name if index is None else names[index]
+        topography = reader.topography(channel_index=index)
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)
         unit, sizes = topography.unit, topography.physical_sizes
+    except HeightMapError:
+        raise
     except Exception as error:  # each of its readers fails in its own way, on bytes of unknown origin
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise HeightMapError(f"{path}: SurfaceTopography cannot read it ({reason})") from error
-    if heights.ndim != 2:
-        raise HeightMapError(f"{path}: holds a line of {heights.size} heights; expected a map")
-    remark = f"channel {channel.name} of {len(reader.channels)}, heights in {unit or 'no unit'}"
+    words = f"channel {name} of {', '.join(names)}" if len(names) > 1 else f"channel {name}"
+    if heights.ndim == 1 and not topography.is_uniform:
+        raise HeightMapError(f"{path}: holds a profile with uneven steps; save it with even ones")
     factor = None if unit is None else length_factor(str(unit))
-    if factor is None or sizes is None:
-        return FileContents(heights, unit, rows_along="y", remark=f"{remark}, a field of no size")
-    field = [float(size) * factor for size in sizes]
-    pixel = field[0] / heights.shape[0], field[1] / heights.shape[1]
-    remark += f", a field of {field[0] * UM_PER_M:.6g} x {field[1] * UM_PER_M:.6g} µm"
-    return FileContents(heights, unit, pixel, rows_along="y", remark=remark)
+    pixel = None
+    if factor is not None and sizes is not None:
+        steps = [float(size) * factor / count for size, count in zip(sizes, heights.shape, strict=True)]
+        pixel = steps[0], steps[-1]
+    return FileContents(heights, unit, pixel, rows_along="y", channel=words)
 
 
-def read_tiff(path: Path) -> FileContents:
-    """The first picture of a TIFF file; row 0 is the first row along y.
+def read_tiff(path: Path, channel: str | None = None) -> FileContents:
+    """A page of a TIFF file, by default the only or first one; row 0 is the first row along y.
 
     Unit of the heights: ImageJ's `vunit` with its linear calibration. Pixel size: OME, ImageJ, or a resolution per
-    centimetre; one per inch is not believed. Raises HeightMapError, OSError.
+    centimetre; one per inch is not believed. No data: GDAL's tag. channel: the number of the page. Raises
+    HeightMapError, OSError.
     """
     import tifffile
 
@@ -142,11 +182,11 @@ def read_tiff(path: Path) -> FileContents:
         with tifffile.TiffFile(path, _multifile=False) as file:  # OME may name other files, anywhere
             text = file.pages.first.description
             described = parsed_xml(text) if text.lstrip().startswith("<") else None
-            if error := _size_error(file):
-                raise HeightMapError(f"{path}: {error}")
-            values, page = file.series[0].asarray(), file.pages.first
+            values, page, words = _page(path, file, channel)
+            tag = page.tags.get(_NODATA)
+            invalid = None if tag is None else float(tag.value)
             if file.is_ome and described is not None:
-                return FileContents(values, pixel=_ome_pixel(described))
+                return FileContents(values, pixel=_ome_pixel(described), invalid=invalid, channel=words)
             imagej = dict(file.imagej_metadata or {}) if file.is_imagej else {}
             unit = length_factor(str(imagej.get("unit"))) if imagej else None
             unit = M_PER_CM if not imagej and page.resolutionunit == _CENTIMETRE else unit
@@ -154,23 +194,47 @@ def read_tiff(path: Path) -> FileContents:
     except XmlError as error:
         raise HeightMapError(f"{path}: its description {error}") from error
     except (tifffile.TiffFileError, ValueError, IndexError) as error:
-        raise HeightMapError(f"{path}: is no TIFF picture that can be read ({error})") from error
+        raise HeightMapError(f"{path}: is no TIFF picture that can be read ({str(error)[:_SHOWN]})") from error
     pixel = None if unit is None or min(per_unit) <= 0.0 else (unit / per_unit[0], unit / per_unit[1])
     if {"vunit", "c0", "c1"} <= imagej.keys():
         values = float(imagej["c0"]) + float(imagej["c1"]) * np.asarray(values, np.float64)
-    return FileContents(values, str(imagej["vunit"]) if "vunit" in imagej else None, pixel)
+    height_unit = str(imagej["vunit"]) if "vunit" in imagej else None
+    return FileContents(values, height_unit, pixel, invalid=invalid, channel=words)
 
 
-def _size_error(file: tifffile.TiffFile) -> str | None:
-    """The reason why the picture cannot be in the file: a damaged header may declare more than memory holds."""
-    picture, length = file.series[0], file.filehandle.size
-    is_packed = file.pages.first.compression != 1  # TIFF 6.0, tag 259: no compression
-    if picture.nbytes <= length * (_PACKED_AT_MOST if is_packed else 1):
-        return memory_error(picture.nbytes)
-    return f"is damaged: declares {' x '.join(map(str, picture.shape))} pixels of {picture.dtype} in {length} bytes"
+def _page(path: Path, file: tifffile.TiffFile, channel: str | None) -> tuple[NDArray[Any], tifffile.TiffPage, str]:
+    """The values of a page, the page that describes it, and which it is. Raises HeightMapError."""
+    counts = [prod(series.shape[:-2]) if series.axes.endswith("YX") else 1 for series in file.series]
+    pages = [(series, k) for series, count in zip(file.series, counts, strict=True) for k in range(count)]
+    index = chosen(path, [str(number) for number in range(1, len(pages) + 1)], channel)
+    if index is None and counts[0] > 1:
+        raise HeightMapError(f"{path}: holds {len(pages)} pages; give --channel, the number of one of them")
+    series, k = pages[index or 0]
+    page = series.keyframe
+    if error := _size_error(file, series):
+        raise HeightMapError(f"{path}: {error}")
+    values = series.asarray()
+    if series.axes.endswith("YX"):
+        values = values.reshape(-1, *values.shape[-2:])[k]
+    palette = page.colormap
+    if palette is not None and not file.is_imagej:  # in ImageJ a palette only shows values
+        red, green, blue = palette[:, values]
+        if not (np.array_equal(red, green) and np.array_equal(red, blue)):
+            raise HeightMapError(f"{path}: has colours (palette); expected grey values: save it as greyscale")
+        values = (red >> (_BYTE if palette.max() >> _BYTE else 0)).astype(np.uint8)
+    return values, page, f"page {(index or 0) + 1} of {len(pages)}" if len(pages) > 1 else ""
 
 
-def _ome_pixel(root: ElementTree.Element) -> _Pixel:
+def _size_error(file: tifffile.TiffFile, series: tifffile.TiffPageSeries) -> str | None:
+    """The reason why pictures cannot be in the file: a damaged header may declare more than memory holds."""
+    length = file.filehandle.size
+    is_packed = series.keyframe.compression != 1  # TIFF 6.0, tag 259: no compression
+    if series.nbytes <= length * (_PACKED_AT_MOST if is_packed else 1):
+        return memory_error(series.nbytes)
+    return f"is damaged: declares {' x '.join(map(str, series.shape))} pixels of {series.dtype} in {length} bytes"
+
+
+def _ome_pixel(root: ElementTree.Element) -> Pixel:
     pixels = next((node for node in root.iter() if node.tag.endswith("}Pixels")), None)
     stated = {} if pixels is None else pixels.attrib
     sizes: dict[str, float] = {}

@@ -31,24 +31,27 @@ _DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError, KeyError)
 
 def read_picture(path: Path) -> FileContents:
     """The first page as whole-number counts; row 0 is the first row along y. Raises HeightMapError, OSError."""
-    return FileContents(next(grey_pages(path)))
+    return FileContents(next(grey_pages(path, indexed=False)))
 
 
-def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
-    """The grey values of each page as stored, (rows, columns): 0 and 1 of bits, the index of a palette.
+def grey_pages(path: Path, *, indexed: bool = True) -> Iterator[NDArray[Any]]:
+    """The grey values of each page as stored, (rows, columns): 0 and 1 of bits.
 
-    Colours are read where all of them are grey and opaque. Raises HeightMapError, OSError.
+    Of a palette the index counts, or the grey value that it stands for, if not `indexed`. Colours are read where all of
+    them are grey and opaque. Raises HeightMapError, OSError.
     """
     try:
         with _quietly():
             picture = Image.open(path, formats=FORMATS)
         with picture:
+            if picture.format == "BMP" and (reason := _bmp_error(path)):
+                raise HeightMapError(f"{path}: {reason}")
             for number in count(1):
                 with _quietly():  # not while the caller has the page
                     page = _page(picture, number)
                     if page is None:
                         return
-                    values = _values(f"{path}, page {number}" if number > 1 else str(path), page)
+                    values = _values(f"{path}, page {number}" if number > 1 else str(path), page, indexed)
                 yield values
     except Image.DecompressionBombError as error:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
@@ -60,6 +63,12 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
+
+
+def _bmp_error(path: Path) -> str | None:
+    """The reason why rows may be shifted: a BMP has no checksum, but the size of the file in its bytes 2 to 5."""
+    stated, size = int.from_bytes(path.read_bytes()[2:6], "little"), path.stat().st_size
+    return None if stated == size else f"is damaged (it has {size} bytes and states {stated}); save it again"
 
 
 @contextmanager
@@ -78,7 +87,7 @@ def _page(picture: Image.Image, number: int) -> Image.Image | None:
         return None
 
 
-def _values(place: str, page: Image.Image) -> NDArray[Any]:
+def _values(place: str, page: Image.Image, indexed: bool) -> NDArray[Any]:
     pixels, held = page.width * page.height, _held_pixels(page)
     if held < pixels:  # Pillow would leave the others 0, and take memory for them
         raise HeightMapError(f"{place}: is damaged (it holds {held:,} of its {pixels:,} pixels); save it again")
@@ -86,7 +95,7 @@ def _values(place: str, page: Image.Image) -> NDArray[Any]:
         raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
     if page.mode in _PACKED_MODES and _has_16_bits(page):
         raise HeightMapError(f"{place}: has colours of 16 bits; expected grey values: save it as greyscale")
-    return _grey(place, page)
+    return _grey(place, page if indexed or page.mode != "P" else page.convert("RGBA"))
 
 
 def _held_pixels(page: Image.Image) -> int:
@@ -109,7 +118,7 @@ def _grey(place: str, page: Image.Image) -> NDArray[Any]:
     is_opaque = not has_opacity or (values[..., -1] == np.iinfo(values.dtype).max).all()
     if page.mode not in _PACKED_MODES or not (is_grey and is_opaque):
         found = "is partly transparent" if is_grey and not is_opaque else f"has colours ({page.mode})"
-        raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale, or with a palette")
+        raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale")
     return np.ascontiguousarray(values[..., 0])
 
 

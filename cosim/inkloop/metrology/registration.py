@@ -28,7 +28,7 @@ _ROUNDING = 1e-6  # share of a cell that rounding gives to an adjacent pixel
 
 @dataclass(frozen=True)
 class Registration:
-    """Takes a point of the map to the grid: grid = offset + scale * turn(mirror(point)).
+    """Takes a point of the map to the grid: grid = offset + turn(mirror(point)).
 
     offset_x, offset_y: place of the map's origin on the grid [m], whose origin is the centre of cell (0, 0); rotation:
     of the map on the grid, counterclockwise from x to y [rad]; mirror: the map's coordinate that counts the other way
@@ -38,13 +38,12 @@ class Registration:
     offset_x: float = 0.0
     offset_y: float = 0.0
     rotation: float = 0.0
-    scale: float = 1.0
     mirror: Mirror = "none"
 
     @property
     def matrix(self) -> NDArray[np.float64]:
         """(2, 2): matrix of a point before the shift."""
-        cos, sin = self.scale * math.cos(self.rotation), self.scale * math.sin(self.rotation)
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         return np.array([[cos, -sin], [sin, cos]]) * _signs(self.mirror)
 
     def to_grid(self, x: FloatMap, y: FloatMap) -> tuple[FloatMap, FloatMap]:
@@ -53,21 +52,11 @@ class Registration:
         return self.offset_x + a * x + b * y, self.offset_y + c * x + d * y
 
 
-@dataclass(frozen=True)
-class FiducialFit:
-    """A registration with its residual: root mean square distance of the fiducials from their nominal places [m]."""
-
-    registration: Registration
-    residual: float
-
-
-def from_fiducials(
-    on_map: Points, on_grid: Points, *, mirror: Mirror = "none", with_scale: bool = False, residual_max: float
-) -> FiducialFit:
+def from_fiducials(on_map: Points, on_grid: Points, *, mirror: Mirror = "none", residual_max: float) -> Registration:
     """The rigid registration that brings two or more points of the map next to those of the grid (least squares).
 
-    on_map, on_grid: (k, 2) [m], in one order; with_scale: fit the scale too, for profilers whose magnification is not
-    trusted; residual_max: a worse fit is refused [m]. Raises HeightMapError. Umeyama 1991, eq. 40-42, in the plane.
+    on_map, on_grid: (k, 2) [m], in one order; residual_max: a fit that leaves a larger root mean square distance [m] is
+    refused. Raises HeightMapError. Umeyama 1991, eq. 40-42, in the plane.
     """
     source, target = np.array(on_map, np.float64), np.array(on_grid, np.float64)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 2 or len(source) < FIDUCIALS_MIN:
@@ -80,30 +69,29 @@ def from_fiducials(
     for points, place in ((source, "map"), (target, "grid")):
         if np.ptp(points, axis=0).max() == 0.0:
             raise HeightMapError(f"fiducials: all lie on one point of the {place}; expected at least two places")
-    fit = _rigid(source, target, mirror, with_scale)
-    if fit.residual <= residual_max:
-        return fit
+    registration, residual = _rigid(source, target, mirror)
+    if residual <= residual_max:
+        return registration
     other: Mirror = "y" if mirror == "none" else "none"
-    mirrored = _rigid(source, target, other, with_scale)
+    _, mirrored = _rigid(source, target, other)
     hint = "check that they are given in the same order and in the same unit"
-    if mirrored.residual < MIRROR_SUSPECTED * fit.residual:
-        hint = f"with mirror = {other!r} it is {mirrored.residual * UM_PER_M:.3g} µm: the map is mirrored"
+    if mirrored < MIRROR_SUSPECTED * residual:
+        hint = f"with mirror = {other!r} it is {mirrored * UM_PER_M:.3g} µm: the map is mirrored"
     raise HeightMapError(
-        f"fiducials: the best fit leaves {fit.residual * UM_PER_M:.3g} µm rms, {residual_max * UM_PER_M:.3g} µm are "
+        f"fiducials: the best fit leaves {residual * UM_PER_M:.3g} µm rms, {residual_max * UM_PER_M:.3g} µm are "
         f"allowed; {hint}"
     )
 
 
-def _rigid(source: FloatMap, target: FloatMap, mirror: Mirror, with_scale: bool) -> FiducialFit:
-    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1 or free."""
+def _rigid(source: FloatMap, target: FloatMap, mirror: Mirror) -> tuple[Registration, float]:
+    """Least squares, with points as complex numbers: target = offset + factor * source, |factor| = 1; and its rms."""
     u, v = (source * _signs(mirror)) @ [1, 1j], target @ [1, 1j]
     mean_u, mean_v = u.mean(), v.mean()
     product = np.vdot(u - mean_u, v - mean_v)
-    factor = product / np.vdot(u - mean_u, u - mean_u).real if with_scale else product / abs(product)
+    factor = product / abs(product)
     offset = mean_v - factor * mean_u
     residual = float(np.sqrt(np.mean(np.abs(offset + factor * u - v) ** 2)))
-    rotation, scale = float(np.angle(factor)), float(abs(factor)) if with_scale else 1.0
-    return FiducialFit(Registration(float(offset.real), float(offset.imag), rotation, scale, mirror), residual)
+    return Registration(float(offset.real), float(offset.imag), float(np.angle(factor)), mirror), residual
 
 
 def _signs(mirror: Mirror) -> NDArray[np.float64]:
@@ -187,9 +175,8 @@ def _split(center: FloatMap, size: float) -> tuple[NDArray[np.intp], FloatMap]:
 
 def _box(map_: HeightMap, registration: Registration) -> tuple[float, float]:
     """Sides of a pixel along x and y of the grid [m]; a map turned on its side has them exchanged."""
-    width, depth = map_.dx * registration.scale, map_.dy * registration.scale
     lies_on_side = abs(math.sin(registration.rotation)) > abs(math.cos(registration.rotation))
-    return (depth, width) if lies_on_side else (width, depth)
+    return (map_.dy, map_.dx) if lies_on_side else (map_.dx, map_.dy)
 
 
 def _blocks(map_: HeightMap, registration: Registration, parts: int) -> Iterator[tuple[FloatMap, FloatMap, FloatMap]]:

@@ -1,8 +1,4 @@
-"""Height maps in text: rows of numbers under lines of header, as profilers and spreadsheets export them.
-
-Of the header are understood `key = 5 um`, `key [um]; 5`, `key_um, 5` and `"key","5","um"`, with or without a leading #,
-and "Height [um]" alone. Other lines are skipped.
-"""
+"""Height maps and profiles in text: rows of numbers under a header, as profilers and spreadsheets export them."""
 
 from __future__ import annotations
 
@@ -10,84 +6,121 @@ import csv
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isclose, prod
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
 from inkloop.errors import HeightMapError
-from inkloop.metrology.map_readers import FileContents, length_factor, pixel_of
+from inkloop.metrology.map_readers import PIXEL_TOLERANCE, FileContents, length_factor
+from inkloop.metrology.table_header import NUMBER, Header, read_header
+from inkloop.units import UM_PER_M
 
 _WORDS = ("NAN", "BAD", "N/A", "NA", "INVALID", "NULL", "NONE", "***", "---", "--")
 """Entries that programs write for missing measurements."""
-_NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
-_FIELD = re.compile(rf"\s*(?:{_NUMBER}|{'|'.join(map(re.escape, _WORDS))}|[+-]?inf)?\s*", re.IGNORECASE)
-_POINT_COLUMNS = 3
-"""A list of points has a column for x, y and z each."""
-_UNIT = r"(?:nm|um|\u00b5m|\u03bcm|mm|pm|m)"
-_LINE = re.compile(
-    rf"""^[\s\#"']*
-    (?P<key>[A-Za-z][A-Za-z .\-/]*?(?:_[xy])?)
-    (?:_(?P<suffix>{_UNIT}))?
-    \s*(?:[\[(]\s*(?P<bracket>{_UNIT})(?:\s*/\s*(?:px|pixel|pix))?\s*[\])])?
-    (?P<between>[\s"'=:;,\t]*)
-    (?P<number>[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)?
-    [\s"';,\t]*
-    (?:[\[(]?\s*(?P<after>{_UNIT})(?:\s*/\s*(?:px|pixel|pix))?\s*[\])]?)?
-    [\s"';,\t]*$""",
-    re.VERBOSE,
-)
-_HEIGHTS = {"height", "heights", "surface", "topography", "unit", "units", "z"}
-_HEIGHTS |= {"height unit", "unit z", "value unit", "value units", "z unit", "z units"}
-_STEPS = {
-    "both": {"pixel", "pixel size", "pixel pitch", "pixel spacing", "xy calibration", "spacing", "step", "sampling"},
-    "dx": {"dx", "x step", "step x", "x spacing", "x pixel size", "pixel size x", "pixel width", "x pixel", "pixel_x"},
-    "dy": {"dy", "y step", "step y", "y spacing", "y pixel size", "pixel size y", "pixel height", "y pixel", "pixel_y"},
-}
-_FIELDS = {
-    "dx": {"width", "field width", "x size", "size x"},
-    "dy": {"height", "field height", "y size", "size y"},
-}
+_FIELD = re.compile(rf"\s*(?:{NUMBER}|{'|'.join(map(re.escape, _WORDS))}|[+-]?inf)?\s*", re.IGNORECASE)
+_UNEVEN = 0.1
+"""Share of a step by which rounded places may be off."""
 
 
 def read_table(path: Path) -> FileContents:
     """A table separated by semicolons, tabs, commas or spaces; row 0 is the first row along y.
 
     Decimal point or comma, as the table has it. An empty field, BAD, NaN, --- ... is a pixel without a height. The
-    header may state the unit of the heights and the pixel size. Raises HeightMapError, OSError.
+    header may state the unit of the heights and the pixel size. Two columns of which the first one rises or falls are a
+    profile x, z; three columns are a list of points x, y, z, in any order, if the header states their grid. Raises
+    HeightMapError, OSError.
     """
     lines = _decoded(path.read_bytes()).splitlines()
     first, separator = _first_row(path, lines)
     values = _numbers(path, lines[first:], separator, first + 1)
-    if values.shape[1] == _POINT_COLUMNS < values.shape[0]:
+    header, (rows, columns) = read_header(lines[:first]), values.shape
+    _check_rows(path, lines[:first], separator, columns, rows)
+    if header.counts != {"dx": columns, "dy": rows} and columns < rows:
+        if columns == len("xz") and _is_monotonic(values[:, 0]):
+            return _listed(path, values, header, "x")
+        if columns == len("xyz"):
+            return _listed(path, values, header, "xy")
+    stated = header.counts.get("dx", columns) * header.counts.get("dy", rows)
+    if stated != values.size:
         raise HeightMapError(
-            f"{path}: has {values.shape[0]} rows of 3 columns, which looks like a list of points x, y, z; "
-            "save the map as a matrix of heights"
+            f"{path}: has {rows} rows of {columns} heights, its header states {stated:,} heights; it may be cut off"
         )
-    unit, pixel = read_header(lines[:first], values.shape[1], values.shape[0])
-    return FileContents(values, unit, pixel)
+    return FileContents(values, header.unit, header.pixel(columns, rows), invalid=header.invalid)
 
 
-def read_header(lines: Sequence[str], columns: int, rows: int) -> tuple[str | None, tuple[float, float] | None]:
-    """Unit of the heights and pixel size (dx, dy) [m] from the lines; None if missing.
+def _check_rows(path: Path, above: Sequence[str], separator: str, columns: int, rows: int) -> None:
+    """Raises HeightMapError for a damaged or labelled row above the first one, and for a single row."""
+    for number, line in enumerate(above, start=1):
+        fields = _split(line, separator)
+        wrong = [k for k, field in enumerate(fields) if not _FIELD.fullmatch(field)]
+        heights = [field for k, field in enumerate(fields) if k not in wrong and field.strip()]
+        if not line.startswith("#") and columns < 2 * len(fields) < 3 * len(heights):
+            found = f"line {number}, column {wrong[0] + 1} is {fields[wrong[0]].strip()[:30]!r} among numbers"
+            raise HeightMapError(f"{path}: {found}; expected a row of heights without a label, or a # before it")
+    if rows == 1:
+        raise HeightMapError(f"{path}: has one row of {columns} numbers; a map needs two, the file may be cut off")
 
-    columns, rows: size of the table, for files that state how wide and high the field is.
-    """
-    unit: str | None = None
-    sizes: dict[str, float] = {}
-    for found in filter(None, map(_LINE.match, lines)):
-        key = " ".join(found["key"].lower().split())
-        stated = found["suffix"] or found["bracket"] or found["after"]
-        factor = length_factor(stated) if stated else None
-        if factor is None:
-            continue
-        if found["number"] is None:
-            unit = stated if key in _HEIGHTS else unit
-            continue
-        length = float(found["number"].replace(",", ".")) * factor
-        sizes |= {name: length for name, keys in _STEPS.items() if key in keys}
-        sizes |= {name: length / {"dx": columns, "dy": rows}[name] for name, keys in _FIELDS.items() if key in keys}
-    return unit, pixel_of(sizes)
+
+def _is_monotonic(values: FloatMap) -> bool:
+    return bool((values[1:] > values[:-1]).all() or (values[1:] < values[:-1]).all())
+
+
+def _listed(path: Path, table: FloatMap, header: Header, axes: str) -> FileContents:
+    """A list of places on the axes "x" or "xy" and of heights: a profile, (n,), or a map, (rows, columns)."""
+    is_named = len(header.titles) == table.shape[1]
+    units = [unit for _, unit in header.titles] if is_named else [None] * table.shape[1]
+    if len(axes) > 1 and not (is_named or len(header.counts) == len(axes)):
+        raise HeightMapError(
+            f"{path}: has {table.shape[0]} rows of 3 columns, which looks like a list of points x, y, z; name them "
+            "above the first row as x [mm], y [mm], z [um], state nx and ny there, or save a matrix of heights"
+        )
+    found = [_places(path, table[:, k], axis, header, units[k]) for k, axis in enumerate(axes)]
+    shape = [place.count for place in reversed(found)]
+    flat = np.ravel_multi_index([place.index for place in reversed(found)], shape)
+    if np.unique(flat).size < len(table) or prod(shape) > 2 * len(table):
+        raise HeightMapError(
+            f"{path}: lists {len(table):,} points on a grid of {' x '.join(map(str, shape))}; expected each place "
+            "once, and at least half of them"
+        )
+    heights = np.full(shape, np.nan)
+    heights.flat[flat] = table[:, -1]
+    dx, dy = found[0].size, found[-1].size
+    pixel = None if dx is None or dy is None else (dx, dy)
+    return FileContents(heights, units[-1] or header.unit, pixel, invalid=header.invalid)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """count: of different places along an axis; index: (N,), the place of each row; size: their distance [m]."""
+
+    count: int
+    index: NDArray[np.intp]
+    size: float | None
+
+
+def _places(path: Path, column: FloatMap, axis: str, header: Header, unit: str | None) -> _Places:
+    """The places of a column, which are evenly spaced and as many as the header states. Raises HeightMapError."""
+    name, different = f"d{axis}", np.unique(column)
+    count, step = different.size, float(different[-1] - different[0]) / max(different.size - 1, 1)
+    index = np.rint((column - different[0]) / step) if 0.0 < step < np.inf else column
+    if not (0.0 < step < np.inf and np.abs(column - different[0] - index * step).max() <= _UNEVEN * step):
+        raise HeightMapError(f"{path}: the steps of its column {axis} are not even; expected the places of a grid")
+    if header.counts.get(name, count) != count:
+        raise HeightMapError(
+            f"{path}: holds {count} places along {axis}, its header states {header.counts[name]}; it may be cut off"
+        )
+    stated = header.size(name, count)
+    size = stated if unit is None else step * (length_factor(unit) or 0.0)
+    if stated and size and name in header.steps and not isclose(size, stated, rel_tol=PIXEL_TOLERANCE):
+        raise HeightMapError(
+            f"{path}: its places along {axis} are {size * UM_PER_M:g} µm apart, its header states "
+            f"{stated * UM_PER_M:g} µm; correct one of them"
+        )
+    return _Places(count, index.astype(np.intp), size)
 
 
 def _decoded(raw: bytes) -> str:

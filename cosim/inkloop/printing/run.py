@@ -233,7 +233,7 @@ class _LayerBar:
         self._begin = self._begin or row.mean_error
         mean, std = decimals(row.mean_error * UM_PER_M), decimals(row.std * UM_PER_M)
         figures = f"layer {row.layer}: mean error {mean}, std {std} µm"
-        solve = f"plan {row.scalars['solve_time'] * MS_PER_S:.1f} ms" if "solve_time" in row.scalars else ""
+        solve = f"plan {row.scalars['solve_time'] * MS_PER_S:.1f} ms" if row.scalars.get("solve_time") else ""
         built = 1.0 - row.mean_error / self._begin if self._begin > 0.0 else 1.0
         self._progress.update(self._task, completed=min(max(built, 0.0), 1.0), figures=figures, solve=solve)
 

@@ -28,10 +28,7 @@ class Hole:
 
 def holes(bodies: Sequence[Body]) -> list[Hole]:
     """All holes and seams, the largest first; none of a watertight mesh, also where bodies touch or overlap."""
-    corners, index = np.unique(
-        np.concatenate([body.triangles for body in bodies]).reshape(-1, 3), axis=0, return_inverse=True
-    )
-    index = index.reshape(-1, 3)
+    corners, index = _welded(np.concatenate([body.triangles for body in bodies]))
     directed = np.concatenate([index[:, [k, (k + 1) % 3]] for k in range(3)])
     edges, which = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
     ways = np.bincount(which.ravel(), np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0), len(edges))
@@ -41,18 +38,44 @@ def holes(bodies: Sequence[Body]) -> list[Hole]:
     return sorted(found, key=lambda hole: -hole.size)
 
 
-def _chains(corners: FloatMap, rim: NDArray[np.int64], is_seam: bool) -> Iterator[Hole]:
-    """Edges by connected component; rim: indices of their two corners (n, 2)."""
+def solids(body: Body) -> int:
+    """Number of separate solids: surfaces without a common corner, those around cavities left out; at least 1."""
+    corners, index = _welded(body.triangles)
+    labels = _connected(len(corners), index[:, [0, 1, 1, 2]].reshape(-1, 2))
+    a, b, c = np.moveaxis(body.triangles - corners.mean(axis=0), 1, 0)
+    volumes = np.bincount(labels[index[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return max(1, int((volumes > 0.0).sum()))
+
+
+def _welded(triangles: NDArray[np.float64]) -> tuple[FloatMap, NDArray[np.int64]]:
+    """Different corners of triangles (m, 3), and the indices of theirs (n, 3)."""
+    points = triangles.reshape(-1, 3)
+    order = np.lexsort(points.T)
+    is_new = np.ones(len(points), np.bool_)
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    index = np.empty(len(points), np.int64)
+    index[order] = np.cumsum(is_new) - 1
+    return points[order[is_new]], index.reshape(-1, 3)
+
+
+def _connected(count: int, edges: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Number of the connected component of each of `count` points; edges: indices of two points (n, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    graph = coo_array((np.ones(len(edges)), tuple(edges.T)), shape=(count, count))
+    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1]
+    return labels
+
+
+def _chains(corners: FloatMap, rim: NDArray[np.int64], is_seam: bool) -> Iterator[Hole]:
+    """Edges by connected component; rim: indices of their two corners (n, 2)."""
     if not len(rim):
         return
     used, ends = np.unique(rim, return_inverse=True)
     ends = ends.reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(used.size, used.size))
-    count, labels = connected_components(graph, directed=False)
-    for number in range(count):
+    labels = _connected(used.size, ends)
+    for number in range(labels.max() + 1):
         points = corners[used[labels == number]]
         low, high = points.min(axis=0), points.max(axis=0)
         x, y, z = (float(value) for value in (low + high) / 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
@@ -12,9 +12,10 @@ import numpy as np
 
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, bounds
-from inkloop.limits import duration_text, size_text
-from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright
+from inkloop.limits import duration_text, plain_text, size_text
+from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright, solids
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.part_grid import MANY_LAYERS
 from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
 
 HOLES_SHOWN = 10
@@ -30,7 +31,7 @@ SCAN_S = 6.0
 
 @dataclass(frozen=True, eq=False)
 class MeshReport:
-    """A mesh in its file: bodies, triangles, size [m], holes, names of objects or materials.
+    """A mesh in its file: separate solids, triangles, size [m], holes, names of objects or materials.
 
     assumed_unit: of the coordinates, where nothing states it.
     """
@@ -49,7 +50,7 @@ class MeshReport:
         x, y, z = (float(side) for side in high - low)
         names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
         count = sum(len(body.triangles) for body in bodies)
-        return cls(len(bodies), count, (x, y, z), holes(bodies), names, assumed_unit)
+        return cls(sum(map(solids, bodies)), count, (x, y, z), holes(bodies), names, assumed_unit)
 
     def lines(self) -> Iterator[str]:
         """For a person."""
@@ -102,15 +103,22 @@ class PartReport:
     cells_min: int
 
     @classmethod
-    def of(cls, scenario: Scenario, nozzle: float | None) -> PartReport:
-        """The report of a scenario; nozzle: width of what it prints at least [m], two cells if that is less."""
+    def of(
+        cls, scenario: Scenario, nozzle: float | None, track: Callable[[list[float]], Iterable[float]] = iter
+    ) -> PartReport:
+        """The report of a scenario; nozzle: width of what it prints at least [m], two cells if that is less.
+
+        track: shows how far the search is among the heights [m].
+        """
         grid = scenario.tables.grid
         part = scenario.solid.columns(grid.nx, grid.ny, grid.pitch)
         layer = scenario.tables.ink.a.ink.layer_height
         cells_min = max(CELLS_MIN, math.ceil((nozzle or 0.0) / grid.pitch - 1e-9))
         count = min(LEVELS, max(1, math.ceil(part.height / layer)))
         levels = (np.arange(count) + 0.5) / count * part.height
-        walls, gaps = narrow_across(part, cells_min, levels.tolist())
+        ends = np.unique(np.concatenate([part.bottoms, part.tops]))
+        between = np.unique(np.searchsorted(ends, levels, side="right"), return_index=True)[1]
+        walls, gaps = narrow_across(part, cells_min, track(levels[between].tolist()))
         sheets, slots = narrow_upright(part, layer)
         found = {
             "walls": walls,
@@ -164,18 +172,17 @@ class PartReport:
         layers = [own["layer_duration_s"] for own in options if isinstance(own.get("layer_duration_s"), int | float)]
         return self.scenario.footprint.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
 
-    @property
-    def computing(self) -> float:
-        """Processor time of the print and its comparison runs, roughly [s]."""
-        return self.scenario.footprint.seconds_of_a_cell * int(self.scenario.job().mask.sum())
-
     def lines(self) -> Iterator[str]:
         """For a person."""
         grid, footprint = self.scenario.tables.grid, self.scenario.footprint
         job = self.scenario.job()
         width, height = self.cells_min * grid.pitch_um, self.scenario.tables.ink.a.ink.layer_height * UM_PER_M
         yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm, {int(job.mask.sum()):,} printed"
-        yield f"volume         {self.part.volume * MM3_PER_M3:.5g} mm3 on these cells"
+        yield f"volume         {plain_text(self.part.volume * MM3_PER_M3, 5)} mm3 on these cells"
+        if volume := self.scenario.solid.volume:
+            share = self.part.volume / volume - 1.0
+            more = f"{abs(share):.1%} {'more' if share > 0.0 else 'less'}" if abs(share) >= 5e-4 else "the same"
+            yield f"               {plain_text(volume * MM3_PER_M3, 5)} mm3 in the file, the cells hold {more}"
         texts = {
             "walls": f"walls below {width:g} µm ({self.cells_min} cells)",
             "gaps": f"gaps below {width:g} µm ({self.cells_min} cells)",
@@ -191,21 +198,25 @@ class PartReport:
             yield from wrap(remark, WIDTH, initial_indent="warning        ", subsequent_indent=" " * 15)
         droplets, volumes = self.droplets, self.volumes
         for name in volumes:
-            yield f"ink {name}          {volumes[name] * NL_PER_M3:.5g} nl, about {droplets[name]:,} droplets"
-        yield f"layers         about {footprint.layers}"
+            volume_nl = plain_text(volumes[name] * NL_PER_M3, 5)
+            yield f"ink {name}          {volume_nl} nl, about {droplets[name]:,} droplets"
+        to_try = "; to try it: a smaller scale, or run.layers_max = 20"
+        yield f"layers         about {footprint.layers}" + (to_try if footprint.layers > MANY_LAYERS else "")
         if self.scan_time:
             yield f"time           about {duration_text(self.scan_time)} of layers and scans"
-        yield f"computing      about {duration_text(float(f'{self.computing:.1g}'))} on one core, half or twice as much"
+        yield f"computing      {footprint.computing.replace(' of computing', '')}"
         yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
 
     def data(self) -> dict[str, Any]:
         """For a program."""
         grid, footprint, job = self.scenario.tables.grid, self.scenario.footprint, self.scenario.job()
+        volume = self.scenario.solid.volume
         return {
             "grid": {"nx": grid.nx, "ny": grid.ny, "pitch_um": grid.pitch_um},
             "cells_printed": int(job.mask.sum()),
             "height_mm": self.part.height * MM_PER_M,
             "volume_mm3": self.part.volume * MM3_PER_M3,
+            "file_volume_mm3": None if volume is None else volume * MM3_PER_M3,
             "narrow_below_cells": self.cells_min,
             "narrow": {
                 name: {"cells": int(each.cells.sum()), "first_mm": [value * MM_PER_M for value in each.first]}
@@ -216,7 +227,7 @@ class PartReport:
             "droplets": self.droplets,
             "layers": footprint.layers,
             "layers_and_scans_s": self.scan_time,
-            "computing_s": self.computing,
+            "processor_s": footprint.seconds,
             "memory_bytes": footprint.memory,
             "disk_bytes": footprint.disk,
         }

@@ -124,9 +124,12 @@ def draw_line(
         axes.plot(np.atleast_1d(x)[-1:], np.atleast_1d(y)[-1:], clip_on=False, zorder=3, **end)
 
 
-def error_norm(errors: Sequence[FloatMap]) -> Normalize:
-    """One scale for the errors of several runs [um]: up to the largest, and fine enough for the smallest."""
-    scales = [max(1e-3, float(np.nanquantile(np.abs(thinned(error, SAMPLED)), 0.99))) for error in errors]
+def error_norm(errors: Sequence[FloatMap], least: float = 1e-3) -> Normalize:
+    """One scale for the errors of several runs [um]: up to the largest, and fine enough for the smallest.
+
+    least: smallest error that may have the darkest colour.
+    """
+    scales = [max(least, float(np.nanquantile(np.abs(thinned(error, SAMPLED)), 0.99))) for error in errors]
     limit = max(scales)
     return Normalize(-limit, limit) if len(scales) == 1 else AsinhNorm(min(scales) / 2.0, -limit, limit)
 

@@ -22,11 +22,11 @@ from inkloop.results.metrics import SIGN
 from inkloop.results.result import COMPARE_FOLDER, Result, read_record
 from inkloop.results.surface import parameters_of
 from inkloop.tables.schema import Literature
-from inkloop.units import UM_PER_M
+from inkloop.units import NL_PER_M3, UM_PER_M
 
 MODEL_TABLE = "hardware-against-model.txt"
 LENGTHS = ("mean_error", "mae", "std", "rms", "min", "max")
-CAPTION = f"errors over the part in µm: target minus height ({SIGN})"
+CAPTION = f"errors over the part in µm: target minus height ({SIGN}); spill: ink beside the part"
 ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
@@ -159,6 +159,7 @@ def _comparison(runs: Mapping[str, Result], literature: Mapping[str, Literature]
             *(f"{each['mismatch']:.1%}" if "mismatch" in each else "-" for _ in mismatch),
             f"{each['layers']:.0f}",
             f"{each['droplets']:.0f}",
+            f"{each['spill'] * NL_PER_M3:.4g}",
             f"{runs[name].wall_s:.2f}" if np.isfinite(runs[name].wall_s) else "-",
         ]
         for name, each in metrics.items()
@@ -166,8 +167,8 @@ def _comparison(runs: Mapping[str, Result], literature: Mapping[str, Literature]
     for name, published in literature.items():
         lengths = (published.mean_error_um, None, published.std_um)
         cells = ["-" if um is None else f"{um:g}" for um in lengths]
-        rows.append([f"{name} ({published.note})", *cells, *("-" for _ in mismatch), *"---"])
-    return ["run", "mean\nerror", "mae", "std", *mismatch, "layers", "droplets", "wall\n[s]"], rows
+        rows.append([f"{name} ({published.note})", *cells, *("-" for _ in mismatch), *"----"])
+    return ["run", "mean\nerror", "mae", "std", *mismatch, "layers", "droplets", "spill\n[nl]", "wall\n[s]"], rows
 
 
 def record(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> dict[str, Any]:
@@ -185,7 +186,7 @@ def _figures(result: Result) -> dict[str, Any]:
     metrics = result.metrics()
     lengths = {f"{key}_um": metrics[key] * UM_PER_M for key in LENGTHS}
     counts = {key: int(metrics[key]) for key in ("layers", "droplets") if np.isfinite(metrics[key])}
-    shares = {key: metrics[key] for key in ("mismatch",) if key in metrics}
+    shares = {key: metrics[key] for key in ("mismatch",) if key in metrics} | {"spill_nl": metrics["spill"] * NL_PER_M3}
     end = {"stop_reason": result.stop_reason, "wall_s": result.wall_s, "remarks": remarks(result)}
     surface = {parameter.key: parameter.shown for parameter in parameters_of(result.dataset)}
     return lengths | shares | counts | end | ({"surface": surface} if surface else {})

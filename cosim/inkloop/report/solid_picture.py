@@ -75,12 +75,13 @@ def materials(run: xr.Dataset, name: str) -> Figure:
 def solids(runs: Runs) -> Figure:
     """Prints in two inks without ink B, the support; coloured where ink A is missing or too much.
 
-    Heights are stretched, as the scale bars of each picture show.
+    Heights are stretched, as the scale bars of each picture show. No error below a layer has the darkest colour.
     """
     figure = new_figure(2.8)
     views = [view(voxels(run) == 1, SOLID_UPRIGHT) for run in runs.values()]
     errors = [_seen_error(run, seen) for run, seen in zip(runs.values(), views, strict=True)]
-    colours = ScalarMappable(error_norm(errors), ERROR_COLOURS)
+    layer = max(float(np.ptp(run.height[:2].values, axis=0).max()) for run in runs.values()) * UM_PER_M
+    colours = ScalarMappable(error_norm(errors, layer), ERROR_COLOURS)
     inside = np.logical_or.reduce([~np.isnan(seen.brightness) for seen in views])
     frame = np.ix_(inside.any(1), inside.any(0))  # one for all, so that sizes can be compared
     columns = figure.subplots(1, len(runs), squeeze=False)[0]

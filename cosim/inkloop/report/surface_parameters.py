@@ -31,40 +31,44 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
     mask: the name of the cells that count.
     """
     treatment, profiles = treatment_of(options), None
-    steps = f"{treatment} | form: {treatment.of('form')} | volume: {treatment.of('volume')}"
     if options.profile is None:
         values: Found = {
             symbol: value for group in GROUPS for symbol, value in found(subject, group, treatment).items()
         }
     else:
         values, profiles = found_on_profiles(subject, options.profile, treatment)
-        steps = f"{treatment}; {profiles}" if profiles else str(treatment)
-    parameters = rows(values)
+    parameters = rows(values, subject.applicable)
     used = subject.cells & subject.map_.valid
     missing = int(subject.cells.sum() - used.sum())
     lacking = f", {missing} more without a height" if missing else ""
-    read = f"{subject.map_.remark}; " if subject.map_.remark else ""
-    caption = f"{read}{used.sum()} cells{lacking}; mask: {mask}; {steps}"
-    table = number_table("parameter", "value", title=subject.map_.source, caption=caption)
-    for parameter in parameters:
-        table.add_row(_label(parameter), _value(parameter))
-    console.print(table)
+    console.sentence(f"{subject.map_.source}: {subject.map_}")
+    with_value = [parameter for parameter in parameters if not parameter.reason]
     for symbols, reason in reasons(parameters):
-        console.sentence(f"{symbols}: {reason}")
+        console.sentence(f"{reason}: no {symbols if with_value else 'parameter'}")
+    if with_value:
+        groups = dict.fromkeys(DEFINITIONS[parameter.symbol].group for parameter in with_value)
+        steps = [f"{group}: {treatment.of(group)}" for group in groups] + ([str(profiles)] if profiles else [])
+        caption = f"{used.sum()} cells{lacking}; mask: {mask}; {' | '.join(steps)}"
+        table = number_table("parameter", "value", title="Surface", caption=caption)
+        for parameter in with_value:
+            table.add_row(_label(parameter), _value(parameter))
+        console.print(table)
     console.result(
         source=subject.map_.source,
+        surface=str(subject.map_),
         mask=mask,
         f_operation=options.f_operation,
         s_filter_um=options.s_filter_um,
         l_filter_um=options.l_filter_um,
         filter_order=options.filter_order,
+        missing=options.missing,
         cells=int(used.sum()),
         cells_without_height=missing,
         **({"profiles": str(profiles)} if profiles else {}),
         **{parameter.key: parameter.shown for parameter in parameters},
         refused={parameter.symbol: parameter.reason for parameter in parameters if parameter.reason},
     )
-    return int(all(parameter.reason for parameter in parameters))
+    return int(not with_value)
 
 
 def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
@@ -104,14 +108,16 @@ def reasons(parameters: Sequence[Parameter]) -> list[tuple[str, str]]:
 
 
 def treatment_of(options: argparse.Namespace) -> Treatment:
-    """Filters and F-operation of the command line. Raises HeightMapError for a cutoff that is no length."""
+    """Filters and F-operation of the command line. Raises HeightMapError for numbers beyond their limits."""
     cutoffs = {}
     for name in ("s_filter", "l_filter"):
         um = getattr(options, f"{name}_um")
         if um is not None and not 0.0 < um < float("inf"):
             raise HeightMapError(f"--{name.replace('_', '-')}-um is {um:g}; expected a length above 0")
         cutoffs[name] = None if um is None else um * M_PER_UM
-    return Treatment(options.f_operation, filter_order=options.filter_order, **cutoffs)
+    if not 0.0 <= options.missing <= 1.0:
+        raise HeightMapError(f"--missing is {options.missing:g}; expected a share from 0 to 1")
+    return Treatment(options.f_operation, filter_order=options.filter_order, missing_max=options.missing, **cutoffs)
 
 
 def read(options: argparse.Namespace) -> HeightMap:
@@ -123,6 +129,8 @@ def read(options: argparse.Namespace) -> HeightMap:
         pixel=pixel,
         scale=options.count_scale,
         invalid_value=options.invalid_value,
+        channel=options.channel,
+        profile=options.profile is not None,
     )
 
 

@@ -77,8 +77,11 @@ class Terminal(Console):
         if self.as_json:
             print(json.dumps(without_nan(data), indent=2, default=str))
 
-    def progress(self, *notes: str) -> Progress:
-        """A bar for each task, with the time left; notes: names of fields to show next to it, where there is room."""
+    def progress(self, *notes: str, transient: bool = False) -> Progress:
+        """A bar for each task, with the time left; notes: names of fields to show next to it, where there is room.
+
+        transient: nothing of it stays on the screen, or gets into a file.
+        """
         columns: list[ProgressColumn] = [
             TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis"))
         ]
@@ -86,7 +89,9 @@ class Terminal(Console):
             columns.append(BarColumn(10))
         shown = notes if self.width >= NOTES_FROM else notes[:1]
         columns += [TextColumn(f"{{task.fields[{name}]}}", markup=False, table_column=_fixed()) for name in shown]
-        return Progress(*columns, TimeRemainingColumn(compact=True, table_column=_fixed()), console=self)
+        return Progress(
+            *columns, TimeRemainingColumn(compact=True, table_column=_fixed()), console=self, transient=transient
+        )
 
 
 class NumberTable(Table):

@@ -88,6 +88,7 @@ MEANINGS: Mapping[str, Meaning] = {
         flags=_STATUS,
     ),
     PATTERN: Meaning("ink that was commanded on each cell in the layer", flags=_INKS),
+    "planned_droplets": Meaning("droplets on the cell in the layers that were planned, this one first", limits=_COUNT),
     DROP_LEVEL: Meaning("drops that each droplet of the layer consists of", limits=_COUNT),
     "ink": Meaning("ink that fills most of what the layer added to each cell", flags=_INKS),
     "interval": Meaning("number of the interval of height, from below"),

@@ -6,6 +6,7 @@ is too low.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,11 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SIGN", "surface_error"]
+__all__ = ["MEAN_ERROR", "SIGN", "surface_error", "without_sign"]
 
 TOO_LOW, TOO_HIGH = "too low", "too high"
+MEAN_ERROR = "mean_error"
+"""The metric that has a sign."""
 SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
 """Meaning of the sign of an error, for labels and headings."""
 
@@ -52,6 +55,11 @@ def masked_error(height: FloatMap, target: FloatMap, mask: BoolMap) -> SurfaceEr
         min=float(error.min()),
         max=float(error.max()),
     )
+
+
+def without_sign(metric: str, values: Iterable[float]) -> list[float]:
+    """Values of a metric of prints, for their mean: of `mean_error`, whose signs would cancel, the absolute values."""
+    return [abs(value) if metric == MEAN_ERROR else value for value in values]
 
 
 def error_of(run: xr.Dataset) -> FloatMap:

@@ -80,9 +80,9 @@ class Recorder:
     """Observer of a master; `on_layer` receives every finished layer, the start surface included.
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
-    `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
-    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over. Of the components, only the
-    ports are needed.
+    `drop_level`, `planned_droplets` and the scalars of the controller when it is commanded, `estimated_height` when the
+    controller has answered its scan. Scalars stay in memory, maps until `take_rows` hands them over. Of the components,
+    only the ports are needed.
     """
 
     def __init__(
@@ -270,7 +270,7 @@ class Recorder:
             pattern = values[PATTERN]
             drops = np.broadcast_to(values.get(DROP_LEVEL, np.int32(1)), pattern.shape)
             self._commanded_drops = [int(drops.sum(where=pattern == ink, dtype=np.int64)) for ink in (1, 2)]
-        for name in (PATTERN, DROP_LEVEL):
+        for name in (PATTERN, DROP_LEVEL, "planned_droplets"):
             self._keep(CONTROLLER, name, number, values)
         self._keep(CONTROLLER, "estimated_height", number - 1, values)
         self._keep_scalars(CONTROLLER, number, values)

@@ -115,11 +115,13 @@ class Result:
         return (self.dataset["target_height"] - self.final_height).where(self.dataset["mask"])
 
     def metrics(self) -> dict[str, float]:
-        """Errors of the final surface over the part [m], layers and droplets; of a part in two inks its mismatch."""
+        """Errors of the last surface over the part [m], layers, droplets, `spill`: ink beside it [m3], mismatch."""
         height, target, mask = (a.values for a in (self.final_height, self.dataset.target_height, self.dataset.mask))
         error = masked_error(height, target, mask)
+        beside = np.nansum((height - self.dataset["height"][0].values)[~mask.astype(bool)])
         figures = {name: getattr(error, name) for name in ("mean_error", "mae", "rms", "std", "min", "max")}
         figures |= {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
+        figures["spill"] = float(beside) * float(self.dataset.attrs["pitch"]) ** 2
         return figures | ({"mismatch": float(self.dataset.mismatch)} if "mismatch" in self.dataset else {})
 
     def _repr_html_(self) -> str:

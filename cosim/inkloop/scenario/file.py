@@ -21,6 +21,7 @@ from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.geometry import Columns
 from inkloop.master.wiring import Connection
+from inkloop.scenario import packaged
 from inkloop.scenario.footprint import Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
@@ -53,20 +54,21 @@ class Scenario:
     def load(
         cls, path: Path | str, overrides: Mapping[str, Any] | None = None, *, source: Path | str | None = None
     ) -> Scenario:
-        """Read a scenario file. Raises ScenarioError with every error of the file.
+        """Read a scenario file, or the one of inkloop that has this name. Raises ScenarioError with all its errors.
 
         overrides: values that replace those of the file, by dotted key, {"components.controller.alpha": 0.5}, or nested
         as the tables are; source: the file that `path` is a copy of, relative to which its FMUs are named.
         """
+        path = packaged.resolve(Path(path))
         source = str(source or path)
         try:
-            text = read_toml_text(Path(path))
+            text = read_toml_text(path)
         except FileNotFoundError as error:
-            there = [str(other) for other in sorted(Path(path).parent.glob("*.toml"))]
+            there = [str(other) for other in sorted(path.parent.glob("*.toml"))]
             known = nearest(str(path), there) if there else "no scenario is in that folder"
             raise ScenarioError(source, [f"cannot be read: {error.strerror}; {known}"]) from error
         except IsADirectoryError as error:
-            there = [other.name for other in sorted(Path(path).glob("*.toml"))]
+            there = [other.name for other in sorted(path.glob("*.toml"))]
             known = f"a scenario in it: {', '.join(there[:OFFERED_MAX])}" if there else "a scenario file (.toml)"
             raise ScenarioError(source, [f"is a folder; name {known}"]) from error
         except OSError as error:
@@ -163,8 +165,8 @@ class Scenario:
 
     @property
     def footprint(self) -> Footprint:
-        """Memory and disk space of the print."""
-        return Footprint.of(self.tables, self.solid.shape.height)
+        """Memory, disk space and time of the print."""
+        return Footprint.of(self.tables, self.solid.shape.height, int(self.job().mask.sum()))
 
     @property
     def warnings(self) -> tuple[str, ...]:

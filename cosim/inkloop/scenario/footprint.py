@@ -3,8 +3,8 @@
 The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Disk: ten layers of
 6000 x 6000 cells planned one ahead; memory: the slope between grids of 900 x 900 and 1300 x 1300, which does not grow
 with layers, since these are on disk. Classes and FMUs of others are not included. Computing is processor time on one
-core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of 6000 x 6000 and of ten layers of 400 x 400; on
-grids of up to SMALL_CELLS that of the shipped scenarios, of which single ones take half or twice as much.
+core of x86_64 near 2.5 GHz, of the whole command, constants by layers ahead: of the print of 6000 x 6000 and of ten
+layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, most of it start and pictures.
 """
 
 from __future__ import annotations
@@ -26,24 +26,30 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> bytes of its saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 165
+SECONDS_OF_A_COMMAND, SECONDS_OF_A_RUN = 2.0, 0.4
+"""Processor time of start, table and pictures: of a command, and more for each run."""
+LAYERS_PLANNED = 20
+"""Last layers of a part, those for which a plan is searched: the full layers before them need none."""
 SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
-"""Layers ahead -> additional time of planning."""
+"""Layers ahead -> additional time of a layer for which a plan is searched."""
+FOUR_PASSES = 2.5
+"""Ratio of that time in layers of four passes."""
 SMALL_CELLS = 20_000
 LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.25e-6
 LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
 """The same two on larger grids, where single layers are not annealed and overhead per layer is negligible."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
 """Kind -> additional time of a model."""
-SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 650e-6
-"""Additional time of a cell, a layer and a layer ahead with relaxation = "slp", on the 25 x 25 cells of casadi.toml."""
+SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 1500e-6
+"""Additional time of a printed cell, a layer and a layer ahead with relaxation = "slp", in casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
 """`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
 """Share of a layer that single precision of files may add to a height."""
-LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 33, 21, 9
+LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 34, 21, 9
 """Bytes of a cell and layer: in the layers kept while the print runs; in result.nc, with all digits or rounded."""
 FAR_BEYOND = 10.0  # ratio of layers to those printed above which a height is in other units, or mistyped
 HARDLY_A_LAYER = 0.3  # share of a layer's height: less than half of a droplet
@@ -54,7 +60,7 @@ _CHECK_HEIGHT = "; check the heights of [part], which are in µm"
 class Footprint:
     """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included.
 
-    nominal: height of the part in full layers; seconds_of_a_cell: processor time for each printed cell.
+    nominal: height of the part in full layers; seconds: processor time of the command.
     """
 
     nx: int
@@ -63,13 +69,13 @@ class Footprint:
     nominal: float
     memory_of_a_cell: int
     disk_of_a_cell: int
-    seconds_of_a_cell: float
+    seconds: float
 
     @classmethod
-    def of(cls, tables: ScenarioFile, height: float) -> Footprint:
-        """The footprint of a scenario: of the run that takes most memory, and of the files of all of them.
+    def of(cls, tables: ScenarioFile, height: float, printed: int = 0) -> Footprint:
+        """The footprint of a scenario: of the run that takes most memory, and of the files and the time of all of them.
 
-        height: of the part [m].
+        height: of the part [m]; printed: cells of the part.
         """
         nominal = height / tables.ink.a.ink.layer_height
         layers = _layers(tables, nominal)
@@ -78,7 +84,9 @@ class Footprint:
         memory = [sum(map(_more_bytes, run.values())) for run in runs]
         is_small = tables.grid.nx * tables.grid.ny <= SMALL_CELLS
         base = SECONDS_OF_A_CELL_AND_LAYER if is_small else LARGE_SECONDS_OF_A_CELL_AND_LAYER
-        more = MORE_SECONDS if is_small else LARGE_MORE_SECONDS
+        slower = FOUR_PASSES if tables.process.passes > 1 else 1.0
+        more = {n: slower * each for n, each in (MORE_SECONDS if is_small else LARGE_MORE_SECONDS).items()}
+        seconds = sum(layers * base + sum(_seconds(table, layers, more) for table in run.values()) for run in runs)
         states = [sum(STATE_BYTES.get(kind, 0) for kind in run.values()) for run in kinds]
         return cls(
             tables.grid.nx,
@@ -87,7 +95,7 @@ class Footprint:
             nominal,
             BYTES_OF_A_CELL + max(memory),
             _disk(tables, layers, STATE_BYTES_OF_A_CELL + max(states), len(kinds)),
-            layers * sum(base + sum(_seconds(table, more) for table in run.values()) for run in runs),
+            SECONDS_OF_A_COMMAND + SECONDS_OF_A_RUN * len(runs) + printed * seconds,
         )
 
     @property
@@ -101,16 +109,16 @@ class Footprint:
         return self.disk_of_a_cell * self.nx * self.ny
 
     @property
-    def seconds(self) -> float:
-        """Processor time, if every cell is printed [s]."""
-        return self.seconds_of_a_cell * self.nx * self.ny
+    def computing(self) -> str:
+        """The time for a person."""
+        return f"about {duration_text(float(f'{self.seconds:.2g}'))} of computing on one core"
 
     def __str__(self) -> str:
         """The resources as a sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
         return (
             f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk, "
-            f"{duration_text(self.seconds)} of computing on one core"
+            f"{self.computing}"
         )
 
     def warnings(self) -> Iterator[str]:
@@ -161,13 +169,13 @@ def _more_bytes(table: ComponentTable) -> int:
     return more + BYTES_OF_A_PLAN + BYTES_OF_A_LAYER_AHEAD * ((_horizon(table) or 1) - 1)
 
 
-def _seconds(table: ComponentTable, more: Mapping[int, float]) -> float:
-    """Additional processor time of a component for each printed cell and layer; more: of planning, by layers ahead."""
+def _seconds(table: ComponentTable, layers: int, more: Mapping[int, float]) -> float:
+    """Additional processor time of a component for each printed cell; more: of planning, by layers ahead."""
     if table.kind not in PLANNING:
-        return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
-    horizon = _horizon(table) or 0
-    is_slp = table.options.get("relaxation") == "slp"
-    return more.get(horizon, 0.0) + (SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS * horizon if is_slp else 0.0)
+        return layers * SECONDS_OF_A_MODEL.get(table.kind, 0.0)
+    horizon, is_slp = _horizon(table) or 0, table.options.get("relaxation") == "slp"
+    by_programs = SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS * horizon if is_slp else 0.0
+    return min(layers, LAYERS_PLANNED) * (more.get(horizon, 0.0) + by_programs)
 
 
 def _horizon(table: ComponentTable) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import tomlkit
 from inkloop.errors import ScenarioError
 from inkloop.files import write_text
 from inkloop.fmu import describe
-from inkloop.scenario.part_file import ASSUMED_UNIT, FittedPart, PartFile, expected_layers, fit
+from inkloop.scenario.part_file import ASSUMED_UNIT, PartFile
+from inkloop.scenario.part_grid import FittedPart, fit
 from inkloop.scenario.plant_file import Plant, plant_of, text_for_plant
 from inkloop.tables.schema import RunTable
 
@@ -35,10 +37,15 @@ def write(name: Path, shape: str) -> Path:
     return _written(path, _titled(path).replace("# {part}\n", _template(f"{shape}.toml")))
 
 
-def write_for_part(name: Path, file: PartFile, pitch_um: float | None = None) -> tuple[Path, FittedPart]:
-    """Write NAME.toml that prints the part in a file; its path and the part. Raises ScenarioError."""
+def write_for_part(
+    name: Path, file: PartFile, pitch_um: float | None = None, say: Callable[[str], None] = lambda sentence: None
+) -> tuple[Path, FittedPart]:
+    """Write NAME.toml that prints the part in a file; its path and the part. Raises ScenarioError.
+
+    say: gets a sentence before work that takes long.
+    """
     path = _free(name)
-    part = fit(file, pitch_um)
+    part = fit(file, pitch_um, say)
     return _written(path, text_for_part(path, file, part)), part
 
 
@@ -54,15 +61,17 @@ def write_for_plant(name: Path, fmu: Path) -> tuple[Path, Plant]:
 
 def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     """The scenario at `path` for a part on its grid."""
-    grid, layers = part.grid, expected_layers(part.solid.shape.height)
+    grid, layers = part.grid, part.layers
     size = " x ".join(f"{side:.6g}" for side in part.size_um)
     named = Path(os.path.relpath(file.path.absolute(), path.absolute().parent)).as_posix()
     table = tomlkit.document()
-    table["part"] = file.keys(named)
+    keys = {"shape": file.shape, "file": named} | part.table.model_dump(exclude={"file"}, exclude_unset=True)
+    table["part"] = keys
     lines = [tomlkit.dumps(table).rstrip(), f"# {size} µm, about {layers} layers of the default ink"]
     if file.assumes_unit:
         lines.append(f"# the file does not state its unit, {ASSUMED_UNIT} is assumed")
-    lines.append(_template(f"file/{file.keys(named)['shape']}.toml").rstrip())
+    unset = _template(f"file/{file.shape}.toml").splitlines()
+    lines += [line for line in unset if line.split()[1] not in keys]
     if len(part.names) > 1:
         lines += ["", "# [part.inks]                    # ink of each object or material; without it one ink"]
         lines += [f'# {json.dumps(name)} = "A"' for name in part.names]

@@ -12,12 +12,37 @@ from tomlkit.items import Item
 
 from inkloop.suggest import nearest
 
+UNPRINTED = ("title", "label", "literature", "metrology", "bench")
+"""Keys and tables that change nothing of what is printed."""
+NOTED_MAX, NOTED_WIDTH = 3, 30
+"""Overrides that a title names, and characters of a value that it shows."""
+
 
 def apply_overrides(document: tomlkit.TOMLDocument, overrides: Mapping[str, Any]) -> list[str]:
-    """Set values in the document by dotted or nested keys; a sentence for each that cannot be set."""
+    """Set values in the document by dotted or nested keys; a sentence for each that cannot be set.
+
+    The title names the new values. Of another print than the file describes, published figures are left out; another
+    seed is the same print.
+    """
     if not isinstance(overrides, Mapping):
         raise TypeError(f"overrides are {overrides!r}; expected a mapping, e.g. {{'components.controller.alpha': 0.5}}")
-    return [error for path, value in _leaves(overrides) if (error := _apply(document, path, value))]
+    leaves = [("".join(path.split()), value) for path, value in _leaves(overrides)]
+    errors = [error for path, value in leaves if (error := _apply(document, path, value))]
+    given = {path.partition(".")[0] for path, _ in leaves}
+    noted = [_noted(path, value) for path, value in leaves if path.partition(".")[0] not in UNPRINTED]
+    if noted and "title" not in given and isinstance(document.get("title"), str):
+        more = [f"{len(noted) - NOTED_MAX} more"] if len(noted) > NOTED_MAX else []
+        document["title"] = f"{document['title']} ({', '.join(noted[:NOTED_MAX] + more)})"
+    if given.difference(UNPRINTED, ["seed"]) and "literature" not in given:
+        document.pop("literature", None)
+    return errors
+
+
+def _noted(path: str, value: Any) -> str:
+    """An override in a title."""
+    text = "..." if isinstance(value, Mapping) else str(_plain(value))
+    shown = text if len(text) <= NOTED_WIDTH else f"{text[:NOTED_WIDTH]}..."
+    return f"{path.removeprefix('components.')} = {shown}"
 
 
 def _leaves(overrides: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

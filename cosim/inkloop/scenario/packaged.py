@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from inkloop.errors import ScenarioError
 from inkloop.files import read_toml_text
 from inkloop.suggest import near
 
@@ -31,20 +32,20 @@ def titles() -> dict[str, str]:
 
 
 def resolve(path: Path) -> Path:
-    """The packaged scenario whose name `path` is, if there is no such file and no suffix; else the path itself."""
+    """The path itself, or the packaged scenario of that name if there is no such file and the path has no suffix.
+
+    Raises ScenarioError for a name that is neither.
+    """
     if path.suffix or len(path.parts) != 1 or path.exists():
         return path
-    return scenarios().get(path.name, path)
-
-
-def hint(path: Path) -> str | None:
-    """Advice for a name without a suffix that is neither a file nor a packaged scenario; None for a file."""
-    if path.suffix or len(path.parts) != 1 or path.exists():
-        return None
+    known = scenarios()
+    if path.name in known:
+        return known[path.name]
     beside = path.with_name(f"{path.name}.toml")
-    close = [str(beside)] if beside.is_file() else near(path.name, scenarios())
+    close = [str(beside)] if beside.is_file() else near(path.name, known)
     meant = f"did you mean {' or '.join(close)}? " if close else ""
-    return f"is neither a file nor a scenario of inkloop; {meant}`inkloop new --list` lists them"
+    reason = f"is neither a file nor a scenario of inkloop; {meant}`inkloop new --list` lists them"
+    raise ScenarioError(str(path), [reason])
 
 
 @contextmanager

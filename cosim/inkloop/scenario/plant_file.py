@@ -37,8 +37,8 @@ _OF_OTHERS = ((LAYER_COMMAND, "output"), (PATTERN, "output"), (HEIGHT, "input"),
 class PlantMap:
     """A map among the variables of an FMU.
 
-    variable: its name, or a template; shape: cells along its first and its second index; first: of a template;
-    rows: whether the first index goes along y, by its name.
+    variable: its name, or a template; shape: cells along its first and its second index, 1 for a profile, which has no
+    second; first: of a template; rows: whether the first index goes along y, by its name.
     """
 
     variable: str
@@ -55,11 +55,15 @@ class PlantMap:
 
 @dataclass(frozen=True)
 class Plant:
-    """The maps of a plant that a scenario connects, and whether it keeps the layer contract itself."""
+    """The maps of a plant that a scenario connects, and whether it keeps the layer contract itself.
+
+    others: further maps of the same grid.
+    """
 
     file: Path
     pattern: PlantMap
     height: PlantMap
+    others: tuple[PlantMap, ...]
     has_handshake: bool
 
     @property
@@ -93,19 +97,24 @@ def plant_of(description: FmuDescription) -> Plant:
             [f"has no input and output that are maps of one grid ({found}); name them in [components.printer.ports]"],
         )
     pattern, height = max(pairs, key=_likelihood)
+    others = tuple({each: None for pair in pairs for each in pair if each not in (pattern, height)})
     if height.grid != pattern.grid:
         height = replace(height, rows=not height.rows)
-    return Plant(description.path, pattern, height, ways.get(LAYER_COMMAND) == "input")
+    return Plant(description.path, pattern, height, others, ways.get(LAYER_COMMAND) == "input")
 
 
 def text_for_plant(path: Path, template: str, plant: Plant) -> str:
-    """The scenario at `path` that prints a block with a plant; template: of any scenario."""
+    """The scenario at `path` that prints a block with a plant; template: of any scenario.
+
+    The spread of its droplets is unknown, so all of the ink is learnt.
+    """
     nx, ny = plant.pattern.grid
     pitch_um = Grid.model_fields["pitch_um"].default
     sides = [f"{edge} = {max(1, round(0.6 * count)) * pitch_um:.6g}" for edge, count in
              (("size_x_um", nx), ("size_y_um", ny))]  # fmt: skip
-    part = "\n".join(('[part]\nshape = "cuboid"', *sides, "height_um = 76.0       # 10 full layers"))
+    part = "\n".join(('[part]\nshape = "cuboid"', *sides, "height_um = 38.0       # 5 full layers"))
     text = template.replace("# {part}\n", part + "\n").replace("nx = 16\nny = 16\n", f"nx = {nx}\nny = {ny}\n")
+    text = text.replace('# adapt_ink = "scale"     #', 'adapt_ink = "full"        #')
     begin, end = text.index("[components.printer]"), text.index("[components.profiler]")
     return f"{text[:begin]}{_printer(path, plant)}\n{text[end:]}"
 
@@ -126,8 +135,12 @@ def _printer(path: Path, plant: Plant) -> str:
     lines += [f"{PATTERN} = {_inline(pattern)}   # {of_gain}", f"{HEIGHT} = {_inline(height)}{unit_note}"]
     if plant.pattern.rows:
         lines += ['# its first index counts rows, along y; from the top: add mirror = "y" to both']
+    elif 1 in plant.pattern.shape:
+        lines += ["# a profile along x; if its cells are those of a map: nx and ny under [grid], and {n} for {i}"]
     else:
         lines += ['# mirror = "x", "y" or "xy": axes that count the other way there; transpose = true: y first']
+    if plant.others:
+        lines += [f"# more of these maps: {_listed(plant.others)}"]
     return "\n".join([*lines, ""])
 
 
@@ -156,12 +169,12 @@ def _gain(unit: str) -> tuple[float, str]:
 
 
 def _maps(description: FmuDescription, causality: str) -> Iterator[PlantMap]:
-    """Arrays of two indices, and scalars that differ in two numbers of their names."""
+    """Arrays of one or two indices, and scalars that differ in one or two numbers of their names."""
     sizes = description.default_sizes
     variables = [each for each in description.variables.values() if each.causality == causality]
     for variable in variables:
-        shape = variable.shape(sizes)
-        if len(shape) == 2:
+        shape = (*variable.shape(sizes), 1)[:2] if len(variable.dimensions) < 3 else ()
+        if math.prod(shape) > 1:
             yield PlantMap(variable.name, (shape[0], shape[1]), variable.unit)
     families: dict[str, list[Variable]] = {}
     for variable in variables:
@@ -172,25 +185,26 @@ def _maps(description: FmuDescription, causality: str) -> Iterator[PlantMap]:
 
 
 def _family(members: Sequence[Variable]) -> Iterator[PlantMap]:
-    """Scalars whose names differ in two numbers that count a whole rectangle."""
+    """Scalars whose names differ in a number that counts on, or in two that count a whole rectangle."""
     texts = [_NUMBER.findall(each.name) for each in members]
     numbers = [[int(text) for text in row] for row in texts]
     varying = [place for place, column in enumerate(zip(*numbers, strict=True)) if len(set(column)) > 1]
-    if len(varying) != 2 or len({(each.type, each.unit) for each in members}) > 1:
+    if len(varying) not in (1, 2) or len({(each.type, each.unit) for each in members}) > 1:
         return
     along = [sorted({row[place] for row in numbers}) for place in varying]
     first = along[0][0]
     whole = all(own == list(range(first, first + len(own))) for own in along)
-    if not whole or len(members) != len(along[0]) * len(along[1]):
+    if not whole or len(members) != math.prod(map(len, along)):
         return
     name, places = members[0].name, iter(range(len(numbers[0])))
     widths = [_width({row[place] for row in texts}) for place in varying]
     if None in widths:
         return
-    signs = dict(zip(varying, (f"{{{index}{width}}}" for index, width in zip("ij", widths, strict=True)), strict=True))
+    signs = dict(zip(varying, (f"{{{index}{width}}}" for index, width in zip("ij", widths, strict=False)), strict=True))
     template = _NUMBER.sub(lambda match: signs.get(next(places), match[0]), name)
-    rows = bool(_ROWS.search(template.partition("{i")[0]))
-    yield PlantMap(template, (len(along[0]), len(along[1])), members[0].unit, first, rows)
+    rows = len(along) == 2 and bool(_ROWS.search(template.partition("{i")[0]))
+    nx, ny = (*map(len, along), 1)[:2]
+    yield PlantMap(template, (nx, ny), members[0].unit, first, rows)
 
 
 def _width(texts: Iterable[str]) -> str | None:
@@ -201,9 +215,10 @@ def _width(texts: Iterable[str]) -> str | None:
     return f":0{lengths.pop()}" if len(lengths) == 1 else None
 
 
-def _likelihood(pair: tuple[PlantMap, PlantMap]) -> tuple[bool, bool, bool, int]:
+def _likelihood(pair: tuple[PlantMap, PlantMap]) -> tuple[bool, bool, bool, bool, int]:
     pattern, height = pair
     return (
+        1 not in pattern.shape,
         conversion(height.unit, "m") is not None,
         bool(_LIKELY["output"].search(height.variable)),
         bool(_LIKELY["input"].search(pattern.variable)),

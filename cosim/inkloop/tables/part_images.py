@@ -14,6 +14,7 @@ from pydantic import Field
 from inkloop.errors import HeightMapError, require
 from inkloop.geometry import Columns
 from inkloop.geometry.layer_runs import Labels
+from inkloop.limits import memory_error
 from inkloop.metrology import map_folder_options as options
 from inkloop.metrology.folder_watch import name_errors, numbered_files
 from inkloop.metrology.height_map import HeightMap
@@ -21,11 +22,13 @@ from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration, cell_means
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.tables.slices import Slices
-from inkloop.units import M_PER_UM
+from inkloop.units import M_PER_UM, UM_PER_M
 
 NUMBER = "n"
 """Field of a file name that holds the number of a slice."""
 INKS = {"none": 0, "A": 1, "B": 2}
+BYTES_OF_A_PIXEL = 24
+"""Memory of a pixel of a divided map: its height, and copies of it."""
 _LISTED = 5
 Grey = Annotated[str, Field(pattern=r"^\d{1,10}$")]
 
@@ -128,10 +131,10 @@ class HeightMapTable(PlacedTable):
     valid_share_min: options.ValidShareMin = 0.5
     base_um: Position = Field(default=0.0, description="added to every height")
 
-    def solid(self, grid: Grid, folder: Path) -> Solid:
-        """The part on the grid: on each cell up to the mean of its pixels. Raises PartError."""
+    def read(self, folder: Path) -> HeightMap:
+        """The map. Raises PartError."""
         try:
-            map_ = read(
+            return read(
                 folder / self.file,
                 unit=self.unit,
                 pixel=None if self.pixel_um is None else self.pixel_um * M_PER_UM,
@@ -139,15 +142,26 @@ class HeightMapTable(PlacedTable):
                 invalid_value=self.invalid_value,
                 rows_along=self.rows_along,
             )
-            registration = self._registration(map_, grid)
-            parts = max(1, math.ceil(max(map_.dx, map_.dy) / grid.pitch))
-            cells = cell_means(_divided(map_, parts), registration, grid.nx, grid.ny, grid.pitch)
+        except HeightMapError as error:
+            raise PartError([f"file: {error}"]) from error
+
+    def solid(self, grid: Grid, folder: Path, map_: HeightMap | None = None) -> Solid:
+        """The part on the grid: on each cell up to the mean of its pixels. Raises PartError.
+
+        map_: that of the file, where it is at hand.
+        """
+        map_ = map_ or self.read(folder)
+        registration = self._registration(map_, grid)
+        try:
+            cells = cell_means(_divided(map_, grid.pitch), registration, grid.nx, grid.ny, grid.pitch)
         except HeightMapError as error:
             raise PartError([f"file: {error}"]) from error
         top = np.where(cells.valid(self.valid_share_min), cells.mean + self.base_um * M_PER_UM, 0.0).ravel()
         cell = np.arange(grid.nx * grid.ny)
         columns = Columns.of_intervals(grid.nx, grid.ny, grid.pitch, cell, np.zeros(cell.size), top)
-        return Solid(columns, _bounds(map_, registration, -self.base_um * M_PER_UM))
+        height = map_.z + self.base_um * M_PER_UM
+        volume = float(height[height > 0.0].sum()) * map_.dx * map_.dy
+        return Solid(columns, _bounds(map_, registration, -self.base_um * M_PER_UM), volume=volume)
 
     def _registration(self, map_: HeightMap, grid: Grid) -> Registration:
         """Puts the middle of the map on the centre of the part."""
@@ -158,10 +172,15 @@ class HeightMapTable(PlacedTable):
         return Registration(center_x - float(x), center_y - float(y), turned.rotation, mirror=self.mirror)
 
 
-def _divided(map_: HeightMap, parts: int) -> HeightMap:
-    """The same surface in parts x parts finer pixels for each of its pixels."""
+def _divided(map_: HeightMap, pitch: float) -> HeightMap:
+    """The same surface in pixels that are not larger than a cell. Raises PartError."""
+    pixel = max(map_.dx, map_.dy)
+    parts = max(1, math.ceil(pixel / pitch))
     if parts == 1:
         return map_
+    if reason := memory_error(BYTES_OF_A_PIXEL * map_.z.size * float(parts) ** 2):
+        found = f"a pixel is {pixel * UM_PER_M:.6g} µm, a cell {pitch * UM_PER_M:.6g} µm: dividing it {reason}"
+        raise PartError([f"file: {found}; correct pixel_um or unit, or take a larger pitch"])
     z = np.repeat(np.repeat(map_.z, parts, axis=0), parts, axis=1)
     dx, dy = map_.dx / parts, map_.dy / parts
     return HeightMap(z, dx, dy, (dx - map_.dx) / 2, (dy - map_.dy) / 2, map_.source)

@@ -142,10 +142,9 @@ class LayersTable(PlacedTable):
         default=None, description="height of a slice; none: a full layer of the ink, as the manifest has it"
     )
 
-    def solid(self, grid: Grid, folder: Path) -> Solid:
-        """The part on the grid. Raises PartError."""
-        path = folder / self.file
-        manifest = self.manifest(folder)
+    def solid(self, grid: Grid, folder: Path, manifest: Manifest | None = None) -> Solid:
+        """The part on the grid; manifest: that of the file, where it is at hand. Raises PartError."""
+        path, manifest = folder / self.file, manifest or self.read(folder)
         pixel = manifest.pitch_x_um * M_PER_UM, manifest.pitch_y_um * M_PER_UM
         thickness = self._layer_um(manifest) * M_PER_UM
         try:
@@ -156,7 +155,7 @@ class LayersTable(PlacedTable):
             raise PartError([f"file: {error.filename} cannot be read: {reason_of(error)}"]) from error
         return replace(solid, remarks=(*solid.remarks, *_remarks(manifest)))
 
-    def manifest(self, folder: Path) -> Manifest:
+    def read(self, folder: Path) -> Manifest:
         """The manifest, with its bitmaps as they were written. Raises PartError."""
         try:
             return read(folder / self.file)

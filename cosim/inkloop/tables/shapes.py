@@ -36,13 +36,15 @@ class Bounds(NamedTuple):
 class Solid:
     """A part on the grid of a scenario.
 
-    region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each.
+    region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each; volume: of the part in
+    its file, not of its cells [m3], None: unknown.
     """
 
     shape: Shape
     bounds: Bounds
     region: Columns | None = None
     remarks: tuple[str, ...] = ()
+    volume: float | None = None
 
     def columns(self, nx: int, ny: int, pitch: float) -> Columns:
         """The shape over the cells of the grid; columns are taken as they are."""

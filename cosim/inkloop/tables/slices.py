@@ -25,6 +25,7 @@ class Slices:
         self._first = ""
         self._shape: tuple[int, ...] = ()
         self._filled = [np.zeros(0, np.bool_), np.zeros(0, np.bool_)]
+        self._pixels_filled = 0
 
     def solid(self, slices: Iterable[tuple[str, Labels]], thickness: float) -> Solid:
         """The part of slices from the substrate up, each with its place in the files. Raises PartError.
@@ -34,7 +35,8 @@ class Slices:
         nx, ny, pitch = self._grid.nx, self._grid.ny, self._grid.pitch
         layers = (self._on_grid(place, labels) for place, labels in slices)
         whole, of_a, of_b = columns_of_layers(layers, nx, ny, pitch, thickness, labels=2)
-        return Solid(whole, self._bounds(), of_a if of_b.mask.any() else None, tuple(self._remarks()))
+        volume = self._pixels_filled * self._pixel[0] * self._pixel[1] * thickness
+        return Solid(whole, self._bounds(), of_a if of_b.mask.any() else None, tuple(self._remarks()), volume)
 
     def _on_grid(self, place: str, labels: Labels) -> Labels:
         self._note(place, labels)
@@ -90,3 +92,4 @@ class Slices:
             )
         for axis in (0, 1):
             self._filled[axis] |= labels.any(axis=1 - axis)
+        self._pixels_filled += int(np.count_nonzero(labels))

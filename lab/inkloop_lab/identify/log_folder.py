@@ -225,7 +225,7 @@ class _Maps:
 def _finer(placed: Registration, parts: int, pitch: float) -> Registration:
     """The same place counted from the centre of the first of the parts of a cell."""
     shift = (pitch - pitch / parts) / 2.0
-    return Registration(placed.offset_x + shift, placed.offset_y + shift, placed.rotation, placed.scale, placed.mirror)
+    return Registration(placed.offset_x + shift, placed.offset_y + shift, placed.rotation, placed.mirror)
 
 
 def _list(place: Path, errors: list[str]) -> str:

@@ -26,7 +26,8 @@ from inkloop.report import plot
 from inkloop.report.terminal import Terminal
 from inkloop_lab.reproduce import PAPERS
 
-HEADINGS = ("where", "figure", "unit", "printed", "ours", "reproduced")
+HEADINGS = ("where", "figure", "unit", "printed", "ours", "within", "reproduced")
+"""`within`: largest difference of a figure that counts as reproduced."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class Row:
             self.unit,
             "-" if self.printed is None else number(self.printed),
             ours,
+            "-" if self.within is None or self.printed is None else number(self.within),
             self.reproduced,
         )
 
@@ -112,7 +114,7 @@ def terminal_table(title: str, rows: Sequence[Row]) -> Table:
     """All rows, a line under each place of the paper."""
     table = Table(title=title)
     for index, heading in enumerate(HEADINGS):
-        table.add_column(heading, justify="right" if 2 < index < 5 else "left", overflow="fold")
+        table.add_column(heading, justify="right" if 2 < index < 6 else "left", overflow="fold")
     for index, row in enumerate(rows):
         shown = (row.where if index == 0 or rows[index - 1].where != row.where else "", *row.cells[1:])
         table.add_row(*shown, end_section=index + 1 == len(rows) or rows[index + 1].where != row.where)
@@ -130,7 +132,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 def markdown(title: str, rows: Sequence[Row]) -> str:
     """The same table and remarks as a page."""
-    lines = [f"# {title}", "", f"| {' | '.join(HEADINGS)} |", "|---|---|---|---:|---:|---|"]
+    lines = [f"# {title}", "", f"| {' | '.join(HEADINGS)} |", "|---|---|---|---:|---:|---:|---|"]
     lines += [f"| {' | '.join(row.cells)} |" for row in rows]
     lines += ["", *(f"- {remark}" for remark in remarks(rows))]
     return "\n".join(lines).rstrip() + "\n"
@@ -142,8 +144,9 @@ def spreadsheet(rows: Sequence[Row]) -> str:
     writer = csv.writer(text)
     writer.writerow([*HEADINGS, "scatter", "remark"])
     for row in rows:
-        printed, scatter = ("" if value is None else value for value in (row.printed, row.scatter))
-        writer.writerow([row.where, row.figure, row.unit, printed, row.ours, row.reproduced, scatter, row.remark])
+        numbers = ("" if value is None else value for value in (row.printed, row.ours, row.within))
+        scatter = "" if row.scatter is None else row.scatter
+        writer.writerow([row.where, row.figure, row.unit, *numbers, row.reproduced, scatter, row.remark])
     return text.getvalue()
 
 

@@ -17,6 +17,7 @@ from inkloop.component import FloatMap, Ink
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part
+from inkloop.results.metrics import without_sign
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.suggest import nearest
@@ -145,7 +146,7 @@ class Score:
     def mean(self, metric: str) -> float:
         """Over the seeds; in micrometres if it is a length."""
         scale = 1.0 if metric in ("layers", "droplets") else UM_PER_M
-        return float(np.mean(self.figures[metric])) * scale
+        return float(np.mean(without_sign(metric, self.figures[metric]))) * scale
 
     @property
     def highest_um(self) -> float:

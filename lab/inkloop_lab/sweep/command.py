@@ -30,7 +30,7 @@ def sweep(options: argparse.Namespace, console: Terminal) -> int:
     """The exit code of the command. Raises InkloopError."""
     study = Study.load(options.study)
     plan = OptimisePlan(study, study.tables.optimise) if study.tables.optimise else PointsPlan(study)
-    source = study.path.parent / study.tables.scenario
+    source = Path(study.scenario.source)
     values = [list(each) for each in (*study.axes.values(), *(study.samples.values.values() if study.samples else ()))]
     values += [list(spread.parameters) for spread in study.search.values()]
     bundle = Bundle.of(study.scenario.text, source, values)
@@ -133,7 +133,7 @@ def _site(
     """Where the prints are made. Raises InkloopError."""
     keep = study.tables.keep
     in_folders = keep.maps == "all" or keep.layers
-    source = str((study.path.parent / study.tables.scenario).resolve())
+    source = str(Path(study.scenario.source).resolve())
     runs = str((folder / PRINTS_FOLDER).resolve()) if in_folders else None
     order = Order(study.scenario.text, source, runs, keep.maps == "final")
     if options.scheduler:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from inkloop.results.attributes import Meaning
-from inkloop.results.metrics import SIGN
+from inkloop.results.metrics import MEAN_ERROR, SIGN
 from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
 
@@ -32,6 +32,11 @@ METRICS: Mapping[str, tuple[str, Meaning]] = {
 def label(metric: str) -> str:
     """The name of a metric with the unit that people read it in."""
     return f"{metric}_um" if METRICS[metric][0] == "m" else metric
+
+
+def heading(metric: str) -> str:
+    """The name of the mean of a metric over prints, see `without_sign`."""
+    return f"|{metric}|" if metric == MEAN_ERROR else metric
 
 
 VARIABLES: Mapping[str, str] = {label(name): name for name in METRICS}

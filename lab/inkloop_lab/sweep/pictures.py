@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from inkloop.report import plot
-from inkloop_lab.sweep.figures import label
+from inkloop_lab.sweep.figures import heading, label
 from inkloop_lab.sweep.plan import standard_error
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.summary import keys_of, short_names
@@ -50,7 +50,8 @@ def pictures(study: Study, points: Points, sweep: Any, values: Sequence[float] =
 
 
 def _words(shown: str) -> str:
-    return f"{shown.removesuffix('_um').replace('_', ' ')} [µm]" if shown.endswith("_um") else shown
+    name = heading(shown.removesuffix("_um")).replace("_", " ")
+    return f"{name} [µm]" if shown.endswith("_um") else name
 
 
 def _main_effects(points: Points, keys: Sequence[str], shown: str) -> Figure:

@@ -58,10 +58,11 @@ def report(
     failed = int(sum((status == code).sum() for code in failing))
     prints = int((status > 0).sum())
     values = plan.values if isinstance(plan, OptimisePlan) else ()
+    won = "" if isinstance(plan, OptimisePlan) else summary.winner(study, points)
     written = []
     try:
         with replaced(folder / SUMMARY_FILE) as partial, partial.open("w", encoding="utf-8") as file:
-            Terminal(file).print(table)
+            Terminal(file).print(table, won)
         if formats:
             from inkloop.report import plot  # Matplotlib takes a second to import
             from inkloop_lab.sweep.pictures import pictures
@@ -69,10 +70,13 @@ def report(
             for name, figure in pictures(study, points, found, values).items():
                 written += plot.save(figure, folder / name, formats)
         size = f"{prints} of {plan.total} prints of {study.tables.scenario}; {failed or 'none'} failed."
-        write_text(folder / PAGE_FILE, page(study, size, [*indices, all_points], errors, written))
+        sentences = [size, won or _best_words(plan)]
+        write_text(folder / PAGE_FILE, page(study, sentences, [*indices, all_points], errors, written))
     except OSError as error:
         raise ResultError(f"{folder}: tables and pictures cannot be written: {reason_of(error)}") from error
     console.print(table)
+    if won:
+        console.sentence(won)
     for text, count in errors[: summary.ERRORS_MAX]:
         console.sentence(f"{count} prints failed: {text}" if count > 1 else f"1 print failed: {text}")
     files = ", ".join([dataset.SWEEP_FILE, PAGE_FILE, SUMMARY_FILE, *(path.name for path in written)])
@@ -112,7 +116,7 @@ def _best(plan: Plan) -> Mapping[str, Any] | None:
 def write_best(study: Study, plan: OptimisePlan, best: int, bundle: Bundle, folder: Path, console: Terminal) -> None:
     """Write the scenario of the best trial with its files, ready to be printed."""
     setting = plan.settings[best]
-    source = study.path.parent / study.tables.scenario
+    source = Path(study.scenario.source)
     text = Scenario.of_text(study.scenario.text, str(source), setting).text
     place = folder / BEST_FOLDER
     try:
@@ -121,14 +125,30 @@ def write_best(study: Study, plan: OptimisePlan, best: int, bundle: Bundle, fold
         write_text(scenario, "\n".join(lines))
     except OSError as error:
         raise ResultError(f"{place}: the best scenario cannot be written: {reason_of(error)}") from error
+    console.sentence(f"{_best_words(plan)}; scenario {scenario}")
+
+
+def _best_words(plan: Plan) -> str:
+    """The best trial of a search; nothing of other studies."""
+    if not isinstance(plan, OptimisePlan) or plan.best is None:
+        return ""
+    setting = plan.settings[plan.best]
     names = summary.short_names(list(setting))
     words = ", ".join(f"{names[key]} {summary.text_of(value)}" for key, value in setting.items())
-    console.sentence(f"best of {len(plan.values)} trials: {words}: {plan.values[best]:.4g}; scenario {scenario}")
+    return f"best of {len(plan.values)} trials: {words}: {plan.values[plan.best]:.4g}"
 
 
 PAGE_FILE = "study.html"
 SHOWN = (".png", ".svg")
 """Pictures that browsers show; others are linked."""
+HEADINGS = {
+    "main-effects": "Each key, over all values of the others",
+    "heat-map": "The two strongest keys",
+    "front": "Roughness against layers",
+    "sensitivities": "What decides: shares of the variance",
+    "search": "The search, trial by trial",
+}
+"""Name of a picture -> heading of it on the page."""
 _STYLE = """
 :root { color-scheme: light dark }
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 70em; padding: 0 1em }
@@ -142,14 +162,19 @@ pre { overflow-x: auto }
 
 
 def page(
-    study: Study, size: str, tables: Sequence[NumberTable], errors: Sequence[tuple[str, int]], pictures: Sequence[Path]
+    study: Study,
+    sentences: Sequence[str],
+    tables: Sequence[NumberTable],
+    errors: Sequence[tuple[str, int]],
+    pictures: Sequence[Path],
 ) -> str:
     """HTML that loads nothing but the pictures, which lie in its folder.
 
-    size: a sentence on what was printed; errors: texts with how many prints failed of each.
+    sentences: on what was printed and found; errors: texts with how many prints failed of each.
     """
-    parts = [f"<h1>{escape(study.title)}</h1>", f"<p>{escape(size)}</p>"]
-    parts += [_picture(path.name) for path in pictures]
+    parts = [f"<h1>{escape(study.title)}</h1>"]
+    parts += [f"<p>{escape(text[:1].upper() + text[1:])}</p>" for text in sentences if text]
+    parts += [_picture(path) for path in pictures]
     parts += [_table(table) for table in tables]
     if errors:
         rows = "".join(f"<li>{count}: {escape(text)}</li>" for text, count in errors)
@@ -160,10 +185,15 @@ def page(
     return "\n".join(["<!doctype html>", '<html lang="en">', head, *parts, "</html>", ""])
 
 
-def _picture(name: str) -> str:
-    shown = Path(name).suffix in SHOWN
-    inside = f'<img src="{escape(name)}" alt="{escape(Path(name).stem)}">' if shown else escape(name)
-    return f'<p><a href="{escape(name)}">{inside}</a></p>'
+def _picture(path: Path) -> str:
+    """A picture under its heading, or a link to one that browsers do not show."""
+    name = escape(path.name)
+    link = f'<p><a href="{name}">{{}}</a></p>'
+    if path.suffix not in SHOWN:
+        return link.format(name)
+    heading = HEADINGS[path.stem]
+    image = f'<img src="{name}" alt="{heading}">'
+    return f"<h2>{heading}</h2>{link.format(image)}"
 
 
 def _table(table: NumberTable) -> str:

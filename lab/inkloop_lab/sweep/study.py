@@ -162,10 +162,11 @@ def _scenario(
     """The scenario as it stands; its errors, and those of the values of the study, are added to `errors`."""
     if not isinstance(name, str):
         return None
-    if not name.endswith(".toml"):
-        errors.append(f"scenario is {name!r}; expected a scenario file (.toml)")
+    suffix = Path(name).suffix
+    if suffix not in ("", ".toml"):
+        errors.append(f"scenario is {name!r}; expected a scenario file (.toml), or a name of inkloop's")
         return None
-    source = path.parent / name
+    source = path.parent / name if suffix else Path(name)
     with classes_from(source.parent):
         scenario = None
         try:
@@ -173,7 +174,7 @@ def _scenario(
         except ScenarioError as error:
             errors += [f"scenario {name}: {each}" for each in error.errors]
         try:
-            text = scenario.text if scenario else read_toml_text(source)
+            source, text = (Path(scenario.source), scenario.text) if scenario else (source, read_toml_text(source))
         except (OSError, TomlError):
             return None  # reported by Scenario.load
         keys = {**axes, **{key: spread.extremes() for key, spread in spreads.items()}}

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inkloop.report.terminal import NumberTable, number_table
+from inkloop.results.metrics import without_sign
 from inkloop_lab.sweep.dataset import SEED, STATUSES
-from inkloop_lab.sweep.figures import METRICS, label, scaled
+from inkloop_lab.sweep.figures import METRICS, heading, label, scaled
 from inkloop_lab.sweep.plan import standard_error
 from inkloop_lab.sweep.study import Study
 
@@ -41,7 +42,10 @@ def keys_of(study: Study) -> list[str]:
 
 
 def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
-    """Every point as plain values: its keys, prints, and mean and standard error of each metric in people's units."""
+    """Every point as plain values: its keys, prints, and mean and standard error of each metric in people's units.
+
+    Of `mean_error` they are those of its absolute values.
+    """
     keys, dims = keys_of(study), list(study.shape)
     metrics = [name for name in METRICS if name in sweep]
     arrays = {name: sweep[name].transpose(*dims, SEED).values for name in metrics}
@@ -53,7 +57,8 @@ def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
         ended = [STATUSES[code] for code in status[place] if code]
         figures: dict[str, Any] = {}
         for name in metrics:
-            values = [scaled(name, float(value)) for value in arrays[name][place] if np.isfinite(value)]
+            known = (scaled(name, float(value)) for value in arrays[name][place] if np.isfinite(value))
+            values = without_sign(name, known)
             figures[label(name)] = float(np.mean(values)) if values else None
             figures[f"{label(name)}_standard_error"] = standard_error(values)
         found.append({"keys": setting, "prints": len(ended), "failed": ended.count("failed"), **figures})
@@ -62,7 +67,6 @@ def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
 
 def table_of_points(study: Study, found: Sequence[Mapping[str, Any]], rows_max: int = ROWS_MAX) -> NumberTable:
     """A row for each point, with the mean over its seeds; the best of many."""
-    names = short_names(keys_of(study))
     first = study.tables.metric
     metrics = [name for name in dict.fromkeys((first, *BESIDES)) if any(label(name) in each for each in found)]
     shown, caption = list(found), "mean over the seeds, ± its standard error"
@@ -70,14 +74,38 @@ def table_of_points(study: Study, found: Sequence[Mapping[str, Any]], rows_max: 
         known = [each for each in shown if each.get(label(first)) is not None]
         shown = sorted(known, key=lambda each: abs(each[label(first)]))[:rows_max]
         caption += f"; the {len(shown)} points of {len(found)} with the smallest {first}"
-    headings = [f"{name}\n{'[µm]' if METRICS[name][0] == 'm' else ''}" for name in metrics]
+    headings = [f"{heading(name)}\n{'[µm]' if METRICS[name][0] == 'm' else ''}" for name in metrics]
     table = number_table("point", *headings, "prints", title=study.title, caption=caption)
     for each in shown:
-        setting = ", ".join(f"{names[key]} {text_of(value)}" for key, value in each["keys"].items())
         figures = [_with_error(each, name, name == first) for name in metrics]
         failed = f" ({each['failed']} failed)" if each["failed"] else ""
-        table.add_row(setting or "as it stands", *figures, f"{each['prints']}{failed}")
+        table.add_row(_setting(study, each), *figures, f"{each['prints']}{failed}")
     return table
+
+
+def winner(study: Study, found: Sequence[Mapping[str, Any]]) -> str:
+    """A sentence on the point with the smallest metric, and how many others may be as good; none of a single point.
+
+    A point may be as good where the difference is below twice its standard error. Points with failed prints, which lack
+    seeds, do not count.
+    """
+    own = label(study.tables.metric)
+    whole = [each for each in found if each[own] is not None and not each["failed"]]
+    known = sorted(whole, key=lambda each: abs(each[own]))
+    if len(known) < 2:
+        return ""
+    best, *others = known
+    errors = [np.hypot(best[f"{own}_standard_error"], each[f"{own}_standard_error"]) for each in others]
+    alike = sum(abs(each[own]) - abs(best[own]) < 2.0 * error for each, error in zip(others, errors, strict=True))
+    unit = " µm" if METRICS[study.tables.metric][0] == "m" else ""
+    figure = f"{_with_error(best, study.tables.metric, True)}{unit}"
+    doubt = f"; {alike} of {len(others)} others are not worse beyond the scatter of the seeds" if alike else ""
+    return f"smallest {heading(study.tables.metric)}: {_setting(study, best)}: {figure}{doubt}"
+
+
+def _setting(study: Study, point: Mapping[str, Any]) -> str:
+    names = short_names(keys_of(study))
+    return ", ".join(f"{names[key]} {text_of(value)}" for key, value in point["keys"].items()) or "as it stands"
 
 
 def table_of_indices(study: Study, sweep: xr.Dataset) -> NumberTable:

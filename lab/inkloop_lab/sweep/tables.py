@@ -112,7 +112,7 @@ class StudyFile(Table):
 
     schema_version: Literal[1] = 1
     title: str | None = Field(default=None, description="what tables and pictures are called")
-    scenario: str = Field(description="scenario file (.toml), relative to this file")
+    scenario: str = Field(description="scenario file (.toml), relative to this file, or a name of inkloop's")
     metric: Metric = Field(default="std", description="metric that tables and pictures show first")
     vary: dict[str, Any] = Field(default={}, description="key of the scenario -> list of its values")
     sample: SampleTable | None = None

@@ -18,17 +18,15 @@ typedef struct {
 /* A life from the first call to the last, with a refused call after each layer. */
 static void *print(void *argument) {
     Print *print = argument;
-    const Variable *seed = fmu_variable(print->fmu, "seed", 'p'), *timed = fmu_variable(print->fmu, "is_timed", 'p');
+    const Variable *seed = fmu_variable(print->fmu, "seed", 'p');
     const Variable *volume = fmu_variable(print->fmu, "volume_factor", 'i');
-    const double number = print->seed, share = 1.0 / (1.0 + number), no_clock = 0.0;
+    const double number = print->seed, share = 1.0 / (1.0 + number);
     Subject s;
     subject_open(&s, print->fmu);
     if (seed)
         subject_set(&s, seed, &number, 1);
     else if (volume)
         subject_set(&s, volume, &share, 1);
-    if (timed)
-        subject_set(&s, timed, &no_clock, 1);
     subject_enter(&s, 0.0);
     demand(&s, "exit", subject_exit(&s), "it begins");
     for (unsigned layer = 0; layer < LAYERS; layer++) {

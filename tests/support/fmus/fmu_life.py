@@ -14,7 +14,7 @@ PARAMETERS = {
     "VolumeAreaDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "guard": True, "layer_duration": 2.5},
     "YoungLaplaceDeposition": {"variation": 0.3, "pass_rotation": 1, "cells_per_pitch": 4, "layer_duration": 2.5},
     "ProfileSensor": {"noise_std": 1e-6, "dropout_rate": 0.3, "drift_rate": 1e-7, "scan_duration": 2.5},
-    "LayerController": {"passes": 4, "horizon": 2, "sensor_noise_std": 1e-6, "annealing_sweeps": 3, "is_timed": False},
+    "LayerController": {"passes": 4, "horizon": 2, "sensor_noise_std": 1e-6, "annealing_sweeps": 3},
 }
 
 

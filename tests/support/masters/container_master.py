@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,12 +13,18 @@ import fmpy
 import numpy as np
 from fmu_manipulation_toolbox.assembly import Assembly
 
+from inkloop.exchange.ssp import ssd
 from inkloop.exchange.ssp.system import Part, System
 from support.masters.loops import TIME_MAX_S, Loop
 
 
-def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
-    """Three FMUs compiled into one that steps them, driven by FMPy: its outputs are those that the loop shows."""
+def by_container(
+    loop: Loop, system: System, algorithm: str, folder: Path, *, reads_parameters: bool = True
+) -> Iterator[tuple[int, Any]]:
+    """An .ssp compiled into one FMU that steps its three, driven by FMPy: its outputs are those that the loop shows.
+
+    fmucontainer 2.0 skips the parameter sets of an .ssp: they are given beside, unless `reads_parameters` is False.
+    """
     fmi = system.parts[0].description.fmi
     flags = {  # fmucontainer 2.0 cannot write start values of an array of Booleans: they come from outside
         (part.name, name): np.ravel(value).tolist()
@@ -27,33 +32,21 @@ def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> It
         for name, value in part.values.items()
         if fmi == 3 and value.size > 1 and part.variable(name).type == "Boolean"
     }
-    links = [
-        [f"{wire.source[0]}.fmu", source, f"{wire.target[0]}.fmu", target]
-        for wire in system.wires
-        for source, target in system.pairs(wire)
-    ]
-    starts = [
-        [f"{part.name}.fmu", scalar, text]
-        for part in system.parts
-        for name, value in part.values.items()
-        if (part.name, name) not in flags
-        for scalar, text in _start_values(part, name, value)
-    ]
-    names = [*loop.scalars(system), "layers_printed"]
-    table = {
-        "name": "loop.fmu",
-        "step_size": system.step_s,
-        "sequential": algorithm == "Gauss-Seidel",
-        **{f"auto_{key}": False for key in ("link", "input", "output", "parameter", "local")},
-        "fmu": [f"{part.name}.fmu" for part in system.parts],
-        "link": links,
-        "input": [[name, f"{part}.fmu", name] for part, name in flags],
-        "start": starts,
-        "output": [[f"{loop.part}.fmu", name, name] for name in names],
-    }
+    version = "1.0" if fmi == 2 else "2.0"
+    ssd.write(system, version, folder / "loop.ssp")
     logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.ERROR)  # else a line for each open output
-    (folder / "loop.json").write_text(json.dumps(table), encoding="utf-8")
-    Assembly("loop.json", fmu_directory=folder).make_fmu(fmi_version=fmi)
+    assembly = Assembly("loop.ssp", fmu_directory=folder, default_step_size=system.step_s)
+    node, file = assembly.root, "loop.dir/{}.fmu".format
+    node.sequential = algorithm == "Gauss-Seidel"
+    for part in system.parts if reads_parameters else ():
+        for name, value in part.values.items():
+            for scalar, text in _start_values(part, name, value) if (part.name, name) not in flags else ():
+                node.add_start_value(file(part.name), scalar, text)
+    for part_name, name in flags:
+        node.add_input(name, file(part_name), name)
+    for name in [*loop.scalars(system), "layers_printed"]:
+        node.add_output(file(loop.part), name, name)
+    assembly.make_fmu(fmi_version=fmi)
     values = {name: flags[part, name] for part, name in flags}
     shapes = [system.part(loop.part).shape(port) for port in loop.ports]
     shown = _Shown(loop.scalars(system), sum(int(np.prod(shape)) for shape in shapes))

@@ -17,6 +17,7 @@ import numpy as np
 
 from inkloop.exchange.ssp import folder as files
 from inkloop.exchange.ssp.system import System
+from support.masters.container_master import by_container
 from support.masters.file_masters import by_maestro, by_omsimulator
 from support.masters.fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
 from support.masters.java_programs import MAESTRO
@@ -51,12 +52,6 @@ def layers_by(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: floa
         if printed >= LAYERS:
             break
     return np.array([numbers for printed, numbers in sorted(found.items()) if 0 < printed <= LAYERS])
-
-
-def _container(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[Step]:
-    from support.masters.container_master import by_container
-
-    return by_container(loop, system, algorithm, folder)
 
 
 def _libcosim(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[Step]:
@@ -111,10 +106,11 @@ def _ecos(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[
 
 
 BOTH = tuple((fmi, algorithm) for fmi in ("2", "3") for algorithm in (JACOBI, GAUSS_SEIDEL))
+FMUCONTAINER = Master("fmucontainer", FMUTOOL, BOTH, ("2", "3"), by_container)
 MASTERS = (
     Master("FMPy, a loop of its calls", FMPY, BOTH, ("2", "3"), by_calls),
     Master("FMPy, `simulate_ssp`", FMPY, (("2", JACOBI),), ("2",), by_simulate_ssp),
-    Master("fmucontainer", FMUTOOL, BOTH, ("2", "3"), _container),
+    FMUCONTAINER,
     Master("libcosim", LIBCOSIM, (("2", JACOBI),), ("2",), _libcosim),
     Master("Ecos", ECOS, (("2", JACOBI),), ("2", "3"), _ecos),
     Master("Maestro", MAESTRO, (("2", JACOBI),), ("2",), by_maestro),

@@ -41,7 +41,7 @@ class Executable:
 
     def reason_it_is_absent(self) -> str:
         """A sentence; "" where it is there."""
-        return "" if shutil.which(self.command) else f"{self.command} is not on the PATH, and in no package registry"
+        return "" if shutil.which(self.command) else f"{self.command} is not on the PATH; build it from its sources"
 
 
 FMPY = PythonPackage("fmpy", "fmpy")

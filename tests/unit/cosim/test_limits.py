@@ -27,6 +27,7 @@ from inkloop.limits import (
     MIB,
     XmlError,
     available_memory,
+    duration_text,
     filled,
     free_disk,
     memory_error,
@@ -119,10 +120,27 @@ def test_free_disk_of_a_folder_to_be_made_is_that_of_its_place(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("count", "text"), [(2000, "1.95 KiB"), (3 * MIB, "3 MiB"), (1.5 * GIB, "1.5 GiB"), (1e18, "909,495 TiB")]
+    ("count", "text"),
+    [
+        *(
+            (500, "0.488 KiB"),
+            (2000, "1.95 KiB"),
+            (1023.6 * KIB, "1,024 KiB"),
+            (3 * MIB, "3 MiB"),
+            (1000 * MIB, "1,000 MiB"),
+        ),
+        *((1.5 * GIB, "1.5 GiB"), (1e18, "909,495 TiB")),
+    ],
 )
 def test_size_is_written_for_a_person(count: float, text: str) -> None:
     assert size_text(count) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.142, "0.142 s"), (7000, "117 min"), (9000, "2.5 h"), (1e7, "2,778 h"), (1e9, "277,778 h")]
+)
+def test_time_is_written_for_a_person(seconds: float, text: str) -> None:
+    assert duration_text(seconds) == text
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from inkloop import contract
@@ -56,7 +55,6 @@ def bake(scenario: Scenario) -> Bake:
         raise ScenarioError(scenario.source, obstacles)
     parts = {role: system.part(name) for name, role in roles.items()}
     values = {role: (parts[role].description.name, dict(parts[role].values)) for role in ROLES}
-    values[contract.CONTROLLER][1]["is_timed"] = np.asarray(False)  # so that a state repeats bit by bit
     durations = {
         "layer_duration": _value(parts[contract.PRINTER], "layer_duration"),
         "scan_duration": _value(parts[contract.PROFILER], "scan_duration"),

@@ -106,9 +106,14 @@ def _entries(
         if root is None:
             continue
         units = {**root_units, **units_in(root, SSV, errors)}
-        for parameter in root.findall(f"{SSV}Parameters/{SSV}Parameter"):
+        given = {prefix + each.get("name", ""): each for each in root.findall(f"{SSV}Parameters/{SSV}Parameter")}
+        errors += [
+            f"the mapping of {source} to {ways[0][0]}: its parameter set has no {source}; {nearest(source, given)}"
+            for source, ways in (lines or {}).items()
+            if source not in given
+        ]
+        for name, parameter in given.items():
             value = next((child for child in parameter if child.tag.startswith(SSV)), None)
-            name = prefix + parameter.get("name", "")
             if value is not None:
                 targets = [(name, Way())] if lines is None else lines.get(name, [])
                 yield from (Entry(target, value, units, way) for target, way in targets)

@@ -76,13 +76,25 @@ class Structure:
             if inner in self.refused:
                 return None
             if inner not in self.components and inner not in self.systems:
-                errors.append(
-                    f"parameter {'.'.join((*scope, name))}: there is no component {head!r}; "
-                    f"{nearest(head, self.names(path))}"
+                advice = (
+                    self._behind(path, head) or f"there is no component {head!r}; {nearest(head, self.names(path))}"
                 )
+                errors.append(f"parameter {'.'.join((*scope, name))}: {advice}")
                 return None
             path = inner
         return path, rest
+
+    def _behind(self, system: Path, name: str) -> str | None:
+        """The advice on a value for a connector of a system."""
+        if self.connector((system, name)) is None:
+            return None
+        fed = [
+            f"{each.get('endElement')}.{each.get('endConnector')}"
+            for place, each in self.connections()
+            if place == system and each.get("startElement") is None and each.get("startConnector") == name
+        ]
+        whom = f": name {' and '.join(fed)} in the parameter set" if fed else ""
+        return f"{name} is a connector of a system; inkloop takes values for parameters of components{whom}"
 
     def names(self, system: Path) -> list[str]:
         """Names of the elements of a system."""

@@ -47,9 +47,19 @@ class _Wires:
     def add(self, system: tuple[str, ...], connection: ET.Element, errors: list[str]) -> None:
         """Add a connection, unless one of its ends is left out or wrong."""
         start, end = (self._node(system, connection, which, errors) for which in ("start", "end"))
-        if start and end:
+        if start and end and not self._is_of_parameters(start, end, errors):
             self._edges.setdefault(start, []).append((end, connection))
             self._edges.setdefault(end, []).append((start, connection))
+
+    def _is_of_parameters(self, start: Node, end: Node, errors: list[str]) -> bool:
+        """Whether a connection leads to a parameter of a component, with an error if it comes from another one."""
+        ways = {node: self._variable(node).causality for node in (start, end) if node[0] in self.places}
+        odd = [node for node, way in ways.items() if way not in ("input", "output")]
+        if odd and len(ways) == 2:
+            ends = " and ".join(map(self._shown, ways))
+            wrong = f"a connection joins {ends}; inkloop feeds inputs, give parameters a value in a parameter set"
+            errors += [wrong] if wrong not in errors else []
+        return bool(odd)
 
     def outputs(self) -> list[Node]:
         """Connected outputs of components."""
@@ -160,6 +170,14 @@ def _tables(
             errors.append(f"{place}: elements have different transformations; inkloop takes one for the array")
             continue
         gain, offset = lines.pop()
+        ends = [known[name].variables[of].unit for name, of in ((source, output), (target, port))]
+        units = unit_conversion(*ends)
+        if units and units.offset != 0.0 and (gain, offset) != (1.0, 0.0):
+            errors.append(
+                f"{place}: inkloop converts [{ends[0]}] to [{ends[1]}] and takes no transformation on top; leave it "
+                'out, or add suppressUnitConversion="true" where it is that conversion'
+            )
+            continue
         table: dict[str, Any] = {"source": f"{source}.{output}", "target": f"{target}.{port}"}
         if gain != 1.0:
             table["gain"] = gain

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from inkloop.units import UM_PER_M
@@ -18,6 +18,8 @@ F_OPERATIONS: Mapping[FOperation, str] = {
 """F-operations: the form that is subtracted from the heights."""
 FilterOrder: TypeAlias = Literal[0, 1]
 Axis: TypeAlias = Literal["x", "y"]
+MISSING_MAX = 0.2  # assumed
+Need: TypeAlias = Literal["", "part", "target", "droplets"]
 Group: TypeAlias = Literal["areal", "profile", "form", "volume"]
 
 
@@ -25,13 +27,14 @@ Group: TypeAlias = Literal["areal", "profile", "form", "volume"]
 class Definition:
     """A parameter: its name in plain words, SI unit, the group it is computed with, and the unit it is shown in.
 
-    Ratios have the unit "1", counts and ratios are shown as they are.
+    Ratios have the unit "1", counts and ratios are shown as they are. needs: what must be known beside the heights.
     """
 
     name: str
     unit: str = "m"
     group: Group = "areal"
     shown: str = "um"
+    needs: Need = ""
 
 
 def _ratio(name: str) -> Definition:
@@ -42,7 +45,11 @@ def _form(name: str, unit: str = "m", shown: str = "um") -> dict[str, Definition
     """A quantity by least squares and by minimum zone, with the method in its symbol and name."""
     symbol = name.split(",")[0].replace(" ", "_")
     methods = {"ls": "least squares", "mz": "minimum zone"}
-    return {f"{symbol}_{key}": Definition(f"{name}, {method}", unit, "form", shown) for key, method in methods.items()}
+    needs: Need = "" if symbol == "flatness" else "part"
+    return {
+        f"{symbol}_{key}": Definition(f"{name}, {method}", unit, "form", shown, needs)
+        for key, method in methods.items()
+    }
 
 
 def _profile(letter: str, kind: str, z: str) -> dict[str, Definition]:
@@ -53,8 +60,13 @@ def _profile(letter: str, kind: str, z: str) -> dict[str, Definition]:
         "v": "mean pit depth" if z else "pit depth",
         **({"z": z} if z else {}),
         "t": "total height",
+        "sk": "skewness",
+        "ku": "kurtosis",
+        "sm": "mean element spacing",
     }
-    return {f"{letter}{key}": Definition(f"{name} of the {kind}", group="profile") for key, name in names.items()}
+    lengths = {f"{letter}{key}": Definition(f"{name} of the {kind}", group="profile") for key, name in names.items()}
+    ratios = {letter + key: replace(lengths[letter + key], unit="1", shown="1") for key in ("sk", "ku")}
+    return lengths | ratios
 
 
 DEFINITIONS: Mapping[str, Definition] = {
@@ -87,11 +99,11 @@ DEFINITIONS: Mapping[str, Definition] = {
     **_form("wall angle, from the substrate", "rad", "deg"),
     **_form("radius, of the outline at half height"),
     **_form("roundness, of the outline at half height"),
-    "volume_printed": Definition("volume printed on the part", "m3", "volume", "nl"),
-    "volume_target": Definition("volume that the part shall have", "m3", "volume", "nl"),
-    "volume_error": Definition("target minus printed volume (positive: too little)", "m3", "volume", "nl"),
-    "droplets": Definition("droplets that landed", "1", "volume", "1"),
-    "droplet_volume": Definition("printed volume of the whole grid per droplet", "m3", "volume", "pl"),
+    "volume_printed": Definition("volume printed on the part", "m3", "volume", "nl", "part"),
+    "volume_target": Definition("volume that the part shall have", "m3", "volume", "nl", "target"),
+    "volume_error": Definition("target minus printed volume (positive: too little)", "m3", "volume", "nl", "target"),
+    "droplets": Definition("droplets that landed", "1", "volume", "1", "droplets"),
+    "droplet_volume": Definition("printed volume of the whole grid per droplet", "m3", "volume", "pl", "droplets"),
 }
 """Symbol -> definition, in the order of every table."""
 
@@ -103,12 +115,16 @@ def symbols(*groups: Group) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Treatment:
-    """Filters and F-operation; cutoffs (nesting indices) [m], None: no filter."""
+    """Filters and F-operation; cutoffs (nesting indices) [m], None: no filter.
+
+    missing_max: share of the mask that may lack heights; above it parameters have no value.
+    """
 
     f_operation: FOperation = "plane"
     s_filter: float | None = None
     l_filter: float | None = None
     filter_order: FilterOrder = 1
+    missing_max: float = MISSING_MAX
 
     def __str__(self) -> str:
         return f"taken off: {F_OPERATIONS[self.f_operation]}; {self._filters(self.s_filter, self.l_filter)}"

@@ -74,21 +74,20 @@ def _decays(
     """(RAYS,) lag [m] at which f first falls to DECAY along each ray, NaN where it does not; last known lag [m]."""
     from scipy.ndimage import map_coordinates
 
-    step = min(surface.dx, surface.dy) / _FINE
-    middle = np.array(correlation.shape) // 2
-    radius = np.arange(0.0, np.hypot(middle[0] * surface.dx, middle[1] * surface.dy), step)
-    angles = np.arange(RAYS) * np.pi / RAYS
-    i = middle[0] + np.cos(angles)[:, None] * radius / surface.dx
-    j = middle[1] + np.sin(angles)[:, None] * radius / surface.dy
+    middle, angles = np.array(correlation.shape) // 2, np.arange(RAYS)[:, None] * np.pi / RAYS
+    along_i, along_j = np.cos(angles) / surface.dx, np.sin(angles) / surface.dy
+    step = 1.0 / (_FINE * np.maximum(np.abs(along_i), np.abs(along_j)))  # (RAYS, 1): _FINE samples from cell to cell
+    radius = np.arange(_FINE * max(middle) + 1) * step
+    i, j = middle[0] + along_i * radius, middle[1] + along_j * radius
     values = map_coordinates(correlation, [i, j], order=1, mode="nearest")
     is_known = map_coordinates(known.astype(np.float32), [i, j], order=1, mode="constant") > 1.0 - 1e-3
-    last = np.where(is_known.all(axis=1), radius.size, np.argmin(is_known, axis=1)) - 1
-    below = (values <= DECAY) & (np.arange(radius.size) <= last[:, None])
+    last = np.where(is_known.all(axis=1), radius.shape[1], np.argmin(is_known, axis=1)) - 1
+    below = (values <= DECAY) & (np.arange(radius.shape[1]) <= last[:, None])
     crossed, k = below.any(axis=1), np.argmax(below, axis=1)
     rays = np.arange(RAYS)
     upper, lower = values[rays, np.maximum(k - 1, 0)], values[rays, k]
     share = np.divide(upper - DECAY, upper - lower, out=np.zeros(RAYS), where=crossed)
-    return np.where(crossed, (k - 1 + share) * step, np.nan), radius[last]
+    return np.where(crossed, (k - 1 + share) * step[:, 0], np.nan), radius[rays, last]
 
 
 def _lengths(lengths: NDArray[np.float64], ends: NDArray[np.float64], surface: Surface) -> dict[str, float | Refusal]:

@@ -9,7 +9,7 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.datum import plane, reference_cells
-from inkloop.metrology.evaluation.definitions import Treatment, symbols
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, Treatment, symbols
 from inkloop.metrology.evaluation.form import EDGE, Points, central_third, flatness, parallelism, step, step_height
 from inkloop.metrology.evaluation.outline import outline_parameters
 from inkloop.metrology.evaluation.surface import (
@@ -54,6 +54,13 @@ class Subject:
         """The cells to evaluate."""
         return asked_cells(self.map_, self.mask)
 
+    @property
+    def applicable(self) -> tuple[str, ...]:
+        """The parameters that have a meaning here: no volume of a map that is no part, no error without a target."""
+        part = None if self.mask is None and self.start is None else self.cells
+        known = {"": self.map_, "part": part, "target": self.target, "droplets": self.droplets}
+        return tuple(symbol for symbol, each in DEFINITIONS.items() if known[each.needs] is not None)
+
     def substrate(self) -> Points | Refusal:
         """The surface before the print; for a map the cells around the part, without outliers."""
         if self.start is not None:
@@ -85,7 +92,7 @@ class Subject:
         """All parameters of the group "form": of the heights after the S-filter alone, form and waves included."""
         cells, how = self.cells, treatment or Treatment()
         used = cells & self.map_.valid
-        if reason := cells_refusal(used, cells):
+        if reason := cells_refusal(used, cells, how.missing_max):
             return refused(symbols("form"), reason.reason)
         map_ = s_filtered(self.map_, how)
         if isinstance(map_, Refusal):

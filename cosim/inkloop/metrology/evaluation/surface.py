@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from math import isclose
 from typing import TypeAlias
 
@@ -19,8 +20,6 @@ from inkloop.metrology.evaluation.filters import cutoff_error, gaussian
 from inkloop.metrology.height_map import HeightMap
 
 CELLS_MIN = 50
-MISSING_MAX = 0.2
-"""Share of cells without a height above which parameters have no value (assumed)."""
 _FLAT = 1e-12
 """Share of the range of heights before the F-operation, below which the remaining heights are rounding."""
 
@@ -65,17 +64,15 @@ def asked_cells(map_: HeightMap, mask: BoolMap | None) -> BoolMap:
     return asked
 
 
-def cells_refusal(used: BoolMap, mask: BoolMap) -> Refusal | None:
-    """The reason why too few cells count: fewer than CELLS_MIN, or more than MISSING_MAX of the mask without a
-    height.
-    """
+def cells_refusal(used: BoolMap, mask: BoolMap, missing_max: float) -> Refusal | None:
+    """The reason why too few cells count: fewer than CELLS_MIN, or a larger share of the mask without a height."""
     count, asked = int(used.sum()), int(mask.sum())
     if count < CELLS_MIN:
         return Refusal(f"{count} cells have a height; needs {CELLS_MIN}: take a larger mask or map")
-    if asked - count > MISSING_MAX * asked:
+    if asked - count > missing_max * asked:
         return Refusal(
-            f"{asked - count} of {asked} cells have no height; at most {MISSING_MAX:.0%} may lack one: take a smaller "
-            "mask, or measure again"
+            f"{asked - count} of {asked} cells ({1.0 - count / asked:.0%}) have no height; at most {missing_max:.0%} "
+            "may lack one: take a smaller mask, measure again, or allow more with `inkloop metrology --missing`"
         )
     return None
 
@@ -95,7 +92,7 @@ def evaluated(
     """
     how, asked = treatment or Treatment(), asked_cells(map_, mask)
     used = asked & map_.valid
-    if reason := cells_refusal(used, asked):
+    if reason := cells_refusal(used, asked, how.missing_max):
         return reason
     cutoffs = [cutoff for cutoff in (how.s_filter, how.l_filter) if cutoff is not None]
     for cutoff in cutoffs:
@@ -113,7 +110,7 @@ def evaluated(
     z = np.where(used, map_.z - map_.z[used].mean(), 0.0)
     if how.s_filter is not None:
         z = smooth(z, how.s_filter)
-    without = _without_form(z, used, how.f_operation, target)
+    without = _without_form(z, used, how.f_operation, target, axis)
     if isinstance(without, Refusal):
         return without
     z = without if how.l_filter is None else without - smooth(without, how.l_filter)
@@ -134,15 +131,19 @@ def s_filtered(map_: HeightMap, treatment: Treatment) -> HeightMap | Refusal:
     return HeightMap(np.where(map_.valid, z, np.nan), *steps, source=map_.source)
 
 
-def _without_form(z: FloatMap, used: BoolMap, operation: FOperation, target: FloatMap | None) -> FloatMap | Refusal:
+def _without_form(
+    z: FloatMap, used: BoolMap, operation: FOperation, target: FloatMap | None, axis: Axis | None
+) -> FloatMap | Refusal:
     """Heights after the F-operation: least squares of vertical distances over the used cells."""
     if operation == "none":
         return z
     if operation == "target" and target is not None:
         return z - np.where(used, target, 0.0)
     places = np.indices(z.shape) / max(z.shape)
-    i, j = (places[axis] - places[axis][used].mean() for axis in (0, 1))
-    terms = [np.ones_like(z), i, j] if operation == "plane" else [np.ones_like(z), i, j, i * i, i * j, j * j]
+    sides = [k for k in (0, 1) if axis is None or z.shape[k] > 1]  # of one profile its line is taken off
+    linear = [places[k] - places[k][used].mean() for k in sides]
+    squares = [a * b for a, b in combinations_with_replacement(linear, 2)] if operation == "form" else []
+    terms = [np.ones_like(z), *linear, *squares]
     columns = np.stack([term[used] for term in terms], axis=-1)
     factors, _, rank, _ = np.linalg.lstsq(columns, z[used], rcond=None)
     if rank < columns.shape[1]:

@@ -72,10 +72,13 @@ class ErrorScale:
         return {"cmin": -end, "cmax": end, "colorscale": ERROR_COLOURS, "colorbar": bar}
 
 
-def of_run(name: str, scale: ErrorScale, height_um: tuple[float, float], edges: Edges, inks: int) -> Values:
+def of_run(
+    name: str, scale: ErrorScale, height_um: tuple[float, float], edges: Edges, inks: int, planned: int
+) -> Values:
     """The figures of a run by the part of the page that shows them.
 
-    height_um: least and greatest height; edges: of blocks along x and y [mm]; inks: 0 if droplets are shares of blocks.
+    height_um: least and greatest height; edges: of blocks along x and y [mm]; inks: 0 if droplets are shares of blocks;
+    planned: most droplets of a plan on a cell, 0 where no plan is known.
     """
     return {
         "final": values(error(name, scale)),
@@ -84,6 +87,7 @@ def of_run(name: str, scale: ErrorScale, height_um: tuple[float, float], edges: 
         "error": values(error("Error", scale)),
         "section": values(section()),
         "solid": values(solid(scale, height_um, edges)),
+        **({"plan": values(plan(planned))} if planned else {}),
     }
 
 
@@ -107,6 +111,13 @@ def droplets(inks: int) -> go.Figure:
     steps = [(at / len(words), INK_COLOURS[ink]) for ink in range(len(words)) for at in (ink, ink + 1)]
     bar = {"title": {"text": "jetted in the layer"}, "tickvals": list(range(len(words))), "ticktext": words}
     return _map("Droplets", "%{z}", {"colorscale": steps, "cmin": -0.5, "cmax": len(words) - 0.5, "colorbar": bar})
+
+
+def plan(most: int) -> go.Figure:
+    """A map of the droplets of a plan, over its layers."""
+    colours = {"colorscale": INK_COLOURS[:2], "cmin": 0, "cmax": most}
+    bar = {"title": {"text": "droplets in this layer and the next ones"}, "dtick": 1}
+    return _map("Plan", "%{z:.2~g} droplets", {**colours, "colorbar": bar})
 
 
 def section() -> go.Figure:

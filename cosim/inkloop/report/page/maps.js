@@ -14,19 +14,21 @@ async function unpack(packed) {
 class Run {
   steps = [];
   jetted = [];
+  planned = [];
 
   async add({ layers, final, target, part, ...described }) {
-    const arrays = [layers.heights, layers.droplets, target, part, final.errors, final.part];
-    const [differences, jetted, targets, isPart, errors, isFinalPart] = await Promise.all(arrays.map(unpack));
+    const arrays = [layers.heights, layers.droplets, target, part, final.errors, final.part, ...(layers.planned ? [layers.planned] : [])];
+    const [differences, jetted, targets, isPart, errors, isFinalPart, planned] = await Promise.all(arrays.map(unpack));
     Object.assign(this, described, { target: targets, part: isPart, finalEdges: final.edges });
     [this.nx, this.ny] = this.edges.map((edges) => edges.length - 1);
     this.final = Float64Array.from(errors, (error, cell) => (isFinalPart[cell] ? error * this.step : NaN));
     const size = this.nx * this.ny;
-    this.steps.length = this.jetted.length = layers.first;
+    this.steps.length = this.jetted.length = this.planned.length = layers.first;
     for (let start = 0; start < differences.length; start += size) {
       const before = this.steps.at(-1) ?? new Int32Array(size);
       this.steps.push(before.map((step, cell) => step + differences[start + cell]));
       this.jetted.push(jetted.subarray(start, start + size));
+      if (planned) this.planned.push(Float32Array.from(planned.subarray(start, start + size), (tenths) => tenths / 10));
     }
     return this;
   }

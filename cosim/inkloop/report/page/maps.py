@@ -22,8 +22,11 @@ from inkloop.units import MM_PER_M, UM_PER_M
 STEP_UM, COARSE_STEP_UM = 0.01, 1.0
 COARSE_FROM_UM = 20_000.0
 """Heights from which on steps of 0.01 um leave the range of 32 bits; steps are coarse for parts that high."""
-BYTES_OF_A_CELL_AND_LAYER = 3
-"""Height difference and droplets, before they are deflated."""
+BYTES_OF_A_CELL_AND_LAYER = 4
+"""Height difference, droplets and planned droplets, before they are deflated."""
+PLANNED = "planned_droplets"
+TENTHS = 10
+"""Planned droplets go into the page in tenths: means of blocks are no whole numbers."""
 FINAL_CELLS = 1_000_000
 """Cells of all final error maps of a page at most."""
 _TYPES = (np.dtype("<i1"), np.dtype("<i2"), np.dtype("<i4"))
@@ -75,12 +78,13 @@ class LayerMaps:
         self.step_um = step_um(run)
         self.heights: Whole = np.zeros((0, *self.blocks.shape), np.int32)
         self.droplets: NDArray[np.int8] = np.zeros((0, *self.blocks.shape), np.int8)
+        self.planned = self.droplets
         self.extend(run)
 
     def extend(self, run: xr.Dataset) -> None:
         """Read the maps from the last known layer on, which may have been scanned since."""
         first = max(0, len(self.heights) - 1)
-        heights, droplets = list(self.heights[:first]), list(self.droplets[:first])
+        heights, droplets, planned = (list(known[:first]) for known in (self.heights, self.droplets, self.planned))
         for layer in range(first, run.sizes["layer"]):
             height = run[HEIGHT][layer].values
             if np.isnan(height).any():  # jumped over, or not yet scanned
@@ -88,7 +92,10 @@ class LayerMaps:
             else:
                 heights.append(np.rint(self.blocks.means(height) * (UM_PER_M / self.step_um)).astype(np.int32))
             droplets.append(self._droplets(run[PATTERN][layer].values if PATTERN in run else np.zeros(height.shape)))
-        self.heights, self.droplets = np.array(heights), np.array(droplets)
+            if PLANNED in run:
+                means = self.blocks.sums(run[PLANNED][layer].values) / self.blocks.sums(np.ones(height.shape))
+                planned.append(np.rint(TENTHS * means).astype(np.int8))
+        self.heights, self.droplets, self.planned = np.array(heights), np.array(droplets), np.array(planned)
 
     def packed(self, first: int = 0) -> dict[str, Any]:
         """The layers from `first` on, for a page that has those before it."""
@@ -97,6 +104,7 @@ class LayerMaps:
             "first": first,
             "heights": packed(np.diff(self.heights[first:], axis=0, prepend=before)),
             "droplets": packed(self.droplets[first:]),
+            **({"planned": packed(self.planned[first:])} if self.planned.size else {}),
         }
 
     def described(self, run: xr.Dataset) -> dict[str, Any]:

@@ -79,7 +79,9 @@ async function showLayer() {
   find("readout").textContent = readout(run);
   find("blocks").textContent = run.block > 1 ? `Each value is the mean of a block of ${run.block} x ${run.block} cells: all cells would not fit into the page.` : "";
   const ring = { shapes: [{ type: "rect", x0: run.edges[0][i], x1: run.edges[0][i + 1], y0: run.edges[1][j], y1: run.edges[1][j + 1], line: { color: "#000", width: 2 } }] };
-  const maps = { surface: heatmap(run.edges, run.heights(layer)), droplets: heatmap(run.edges, run.jetted[layer]), error: errorMap(run.edges, errors) };
+  const maps = { error: errorMap(run.edges, errors), surface: heatmap(run.edges, run.heights(layer)), droplets: heatmap(run.edges, run.jetted[layer]) };
+  find("plan").hidden = !run.charts.plan;
+  if (run.charts.plan) maps.plan = heatmap(run.edges, run.planned[layer]);
   await Promise.all([
     ...Object.entries(maps).map(([id, map]) => draw(find(id), run.charts[id], [map], ring, (point) => choose(page.run, point, page.layer))),
     draw(find("section"), run.charts.section, ...section(run, errors)),

@@ -18,7 +18,7 @@ import xarray as xr
 from plotly.offline import get_plotlyjs
 
 from inkloop.files import write_text
-from inkloop.metrology.evaluation.definitions import Evaluation
+from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.metrology.evaluation.table import Parameter, evaluate
 from inkloop.report.page import charts, curves, maps
 from inkloop.report.page.maps import LayerMaps
@@ -163,7 +163,8 @@ def _run(
     """Maps and charts of a run; cells: of its final error map at most."""
     inks = 2 if "mismatch" in run else 1
     described, final = own.described(run), maps.final_errors(run, cells)
-    shown = charts.of_run(name, scale, own.range_um, described["edges"], inks if own.blocks.block == 1 else 0)
+    planned = -(-int(own.planned.max(initial=0)) // maps.TENTHS)
+    shown = charts.of_run(name, scale, own.range_um, described["edges"], inks if own.blocks.block == 1 else 0, planned)
     return {"name": name, "inks": inks, **described, "layers": own.packed(first), "final": final, "charts": shown}
 
 
@@ -180,7 +181,7 @@ def _table(summary: Summary) -> dict[str, Any]:
 
 def _metrology(main: Result) -> dict[str, Any]:
     """The parameters of the last surface over the part that `[metrology]` asked for, else the common ones."""
-    run, wanted = main.dataset, Evaluation(PARAMETERS)
+    run, wanted = main.dataset, Evaluation(PARAMETERS, Treatment("target"))
     held = parameters_of(run)
     shown = held or evaluate(subject_of(run, "last layer"), wanted)
     treatment = run[held[0].symbol].attrs["treatment"] if held else str(wanted.treatment)

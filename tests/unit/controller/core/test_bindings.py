@@ -125,12 +125,15 @@ def shifts(plan: Any) -> list[Any]:
     return changes
 
 
-def test_finished_paper_search_leaves_no_flip_that_helps() -> None:
+@pytest.mark.parametrize("layers", [1, 3])
+def test_finished_paper_search_leaves_no_flip_that_helps(layers: int) -> None:
     height, target = rough(3, 9)
-    wanted = problem(height, target, 0.7)
-    found = bindings.paper_search(wanted, everything(9), 20, 100_000, 1)
+    wanted = problem(height, target + (layers - 1) * 7.6e-6, 0.7, layers=layers)
+    found = bindings.paper_search(wanted, everything(9, layers), 20, 100_000, 1)
     assert found.is_done
     assert found.progress.swaps == 0
+    assert found.objective.value == pytest.approx(value(wanted, found.plan), rel=1e-9, abs=0.0)
+    assert found.progress.evaluations == found.progress.sweeps * layers * 81, "a pass draws every cell of every layer"
     for changed in flips(found.plan):
         assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
 
@@ -343,6 +346,6 @@ def test_plan_that_cannot_be_printed_is_refused(plan: Any, message: str) -> None
         search(problem(np.zeros((2, 2)), np.zeros((2, 2)), choices=choices), plan, sweeps_max=10)
 
 
-def test_papers_search_is_for_one_layer_and_one_kind() -> None:
-    with pytest.raises(ValueError, match="2 layers with up to 1 kinds"):
-        bindings.paper_search(problem(*rough(0), layers=2), everything(layers=2), 20, 100, 0)
+def test_papers_search_is_for_one_kind() -> None:
+    with pytest.raises(ValueError, match="up to 2 kinds on a cell; the paper's search needs at most 1"):
+        bindings.paper_search(problem(*rough(0), kinds=(INK, INK)), everything(), 20, 100, 0)

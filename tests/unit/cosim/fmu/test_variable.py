@@ -24,6 +24,7 @@ COUNT = variable("Int16", minimum="0")
 MAP = variable("UInt8", dimensions=("nx", 3), maximum="9")
 SWITCH = variable("Boolean")
 MODE = variable("Enumeration", items={"off": 0, "full": 4})
+LONG = variable("Enumeration", items={"off": 0, "full": 2**31})
 
 
 @pytest.mark.parametrize(
@@ -35,8 +36,9 @@ MODE = variable("Enumeration", items={"off": 0, "full": 4})
         (MAP, 9, np.full((2, 3), 9), "uint8"),
         (MAP, [[1, 2, 3], [4, 5, 6]], [[1, 2, 3], [4, 5, 6]], "uint8"),
         (SWITCH, True, True, "bool"),
-        (MODE, "full", 4, "int64"),
-        (MODE, 0, 0, "int64"),
+        (MODE, "full", 4, "int32"),
+        (MODE, 0, 0, "int32"),
+        (LONG, "full", 2**31, "int64"),
     ],
 )
 def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: Any, dtype: str) -> None:

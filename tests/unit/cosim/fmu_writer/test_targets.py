@@ -87,6 +87,8 @@ def test_each_of_several_binaries_is_packed_into_the_folder_of_its_platform(form
     words += [
         "--icon",
         str(model / "icon.png"),
+        "--diagram",
+        str(model / "diagram.png"),
         "--license",
         str(ROOT / "LICENSE"),
         "--sources",

@@ -136,7 +136,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
     "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),
     "binary solid": ("a.stl", meshes.binary_stl(WEDGE, b"solid")[:-7], {}, "begins with 'solid'.*but is binary"),
-    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "is damaged.*could not be read"),
+    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "damaged.*be read as .stl"),
     "facet lost": ("a.stl", meshes.ascii_stl(WEDGE) + b"facet normal 0 0 0", {}, "has 9 faces, of which 8 can be read"),
     "nan": ("a.stl", meshes.binary_stl(np.where(WEDGE == 4, np.nan, WEDGE)), {}, "nan or infinite, in 6 of"),
     "infinite": ("a.ply", meshes.ply(WEDGE).replace(b"4.0", b"inf"), {}, "nan or infinite, in 6 of"),
@@ -151,7 +151,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),
     "partly turned": ("a.stl", meshes.binary_stl(partly_turned(WEDGE)), {}, "are open, the.*consistent"),
     "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(7\.\d%\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),
-    "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged, or its suffix is wrong"),
+    "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged.*: it cannot be read as .3mf; write it again"),
 }  # fmt: skip
 
 

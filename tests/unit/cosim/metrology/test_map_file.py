@@ -22,7 +22,7 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.map_readers import read_instrument, read_tiff
 from inkloop.metrology.map_writing import NAMESPACE, write
-from inkloop.metrology.table_file import read_header
+from inkloop.metrology.table_header import read_header
 
 UM = 1e-6
 NAN = np.nan
@@ -82,8 +82,9 @@ def test_table_is_read_with_its_units(table: str | bytes, tmp_path: Path) -> Non
     ],
 )
 def test_header_states_unit_and_pixel(lines: list[str], unit: str | None, pixel_um: Any) -> None:
-    found, pixel = read_header(lines, columns=10, rows=5)
-    assert found == unit
+    header = read_header(lines)
+    pixel = header.pixel(columns=10, rows=5)
+    assert header.unit == unit
     assert (pixel and [size / UM for size in pixel]) == (pixel_um and pytest.approx(list(pixel_um), rel=1e-9, abs=0.0))
 
 
@@ -168,7 +169,9 @@ def test_every_format_gives_the_same_map(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"map.{name}"
     found = read(path, **WRITERS[name](path))
     assert_is_the_map(found)
-    assert found.remark == ("channel Default of 1, heights in um, a field of 20 x 12 µm" if name == "sur" else "")
+    stored = "m" if name.endswith("sdf") else "mm" if name.startswith("float") else "um"
+    assert found.remark == ("channel Default, " if name == "sur" else "") + f"stored in {stored}"
+    assert str(found) == f"4 x 3 pixels of 5 x 4 µm, a field of 20 x 12 µm, heights from -2.25 to 9 µm, {found.remark}"
 
 
 Z = np.arange(6.0).reshape(3, 2)
@@ -177,7 +180,7 @@ Z = np.arange(6.0).reshape(3, 2)
 @pytest.mark.parametrize(
     ("arrays", "options", "height_um", "pixel_um"),
     [
-        ({"height_mm": Z, "pixel_um": 5.0}, {}, 5000.0, (5.0, 5.0)),
+        ({"height_mm": Z, "pixel_mm": 5.0}, {}, 5000.0, (5000.0, 5000.0)),
         ({"z": Z, "dx_um": 2.0, "dy_nm": 3000.0}, {"unit": "um"}, 5.0, (2.0, 3.0)),
         ({"anything": Z, "other": np.ones(4)}, {"unit": "nm", "pixel": 1e-6}, 5e-3, (1.0, 1.0)),
         ({"z_um": Z, "pixel_um": 5.0, "dy_um": 7.0}, {}, 5.0, (5.0, 7.0)),
@@ -249,7 +252,7 @@ def test_picture_is_read_as_counts_that_need_their_scale(suffix: str, dtype: Any
 
 HEADER = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
+    "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the size of its pixels.* does not declare the unit ", {}),
     "unit against unit": (HEADER + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
     "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel_um is 5000", {"pixel": 5e-3}),
     "two pixel sizes": (HEADER + "1 2\n3 4\n", "but pixel_um is 5 x 6; leave it out", {"pixel": (5e-6, 6e-6)}),
@@ -296,7 +299,7 @@ def test_rubbish_and_absence_are_reported_with_the_path(suffix: str, tmp_path: P
 
 def test_map_of_another_shape_or_size_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "map.npy", np.zeros(5))
-    with pytest.raises(HeightMapError, match=r"shape \(5,\); expected rows and columns"):
+    with pytest.raises(HeightMapError, match=r"holds a profile of 5 heights and no map; `inkloop metrology --profile`"):
         read(tmp_path / "map.npy", unit="um", pixel=5e-6)
     found = HeightMap(np.array([[1.0, np.inf], [-np.inf, 2.0]]), 1e-6, 2e-6)
     assert found.valid.tolist() == [[True, False], [False, True]]

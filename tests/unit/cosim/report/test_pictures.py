@@ -417,6 +417,21 @@ def test_solid_shows_how_long_its_sides_are_and_its_error_where_it_is_seen() -> 
         assert found[row, column] == pytest.approx(expected[i, j, k], rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize(("error_um", "is_of_a_layer"), [(0.5, True), (500.0, False)])
+def test_error_below_a_layer_is_not_darkest_in_a_solid(
+    error_um: float, is_of_a_layer: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the tip of a part that is right to a droplet looks as wrong as can be."""
+    run = in_two_inks()
+    monkeypatch.setattr(solid_picture, "_seen_error", lambda _, seen: np.full(seen.brightness.shape, error_um))
+    bars: list[Any] = []
+    monkeypatch.setattr(solid_picture, "add_scale", lambda _, colours, *words, **place: bars.append(colours.norm.vmax))
+    solid_picture.solids({"a": run})
+    layer = float(np.ptp(run.height[:2].values, axis=0).max()) * 1e6
+    assert 1.0 < layer < 100.0
+    assert bars == [pytest.approx(layer if is_of_a_layer else error_um, rel=1e-9, abs=0.0)]
+
+
 def test_run_has_the_pictures_that_it_has_data_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, Any] = {}
     for name in ("surfaces", "cross_section", "error_map", "layers", "divergence", "hardware_against_model"):

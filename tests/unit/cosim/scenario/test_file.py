@@ -252,6 +252,27 @@ def test_overrides_change_the_run_and_its_record(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("overrides", "title", "is_published"),
+    [
+        ({}, "C", True),
+        ({"seed": 7}, "C (seed = 7)", True),
+        ({"components.printer.variation": 0.4}, "C (printer.variation = 0.4)", False),
+        ({"grid": {"nx": 40, "ny": 41}, "seed": 2, "run.layers_max": 9}, "C (grid.nx = 40, grid.ny = 41, seed = 2, "
+         "1 more)", False),
+        ({"components.printer": {"kind": "LayerDeposition"}}, "C (printer.kind = LayerDeposition)", False),
+        ({"label": "mine", "title": "Own", "literature.Lu.std_um": 3.0}, "Own", True),
+    ],
+)  # fmt: skip
+def test_title_says_what_was_overridden_and_published_figures_are_those_of_the_file(
+    overrides: dict[str, Any], title: str, is_published: bool
+) -> None:
+    text = (SCENARIOS / "cylinder.toml").read_text(encoding="utf-8").replace("Cylinder, 20 % droplet variation", "C")
+    found = Scenario.of_text(text, "cylinder.toml", overrides).tables
+    assert found.title == title
+    assert bool(found.literature) == is_published
+
+
+@pytest.mark.parametrize(
     ("overrides", "message"),
     [
         ({"grid": {"nx": {"far": 3}}}, "grid.nx.far: nx is not a table"),

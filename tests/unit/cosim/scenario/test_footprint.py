@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -60,7 +61,7 @@ def test_grid_that_would_fit_has_both_sides(
     nx: int, ny: int, share: float, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the same shape; of a side that is far too long only that one is cut."""
-    planned = Footprint(nx, ny, 3, 3.0, 100, 10**12, 1e-6)
+    planned = Footprint(nx, ny, 3, 3.0, 100, 10**12, 1.0)
     monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: math.ceil(share * planned.disk))
     with pytest.raises(ResultError, match=rf"; {advice} cells would fit: "):
         planned.check_disk(tmp_path)
@@ -113,10 +114,11 @@ def test_computing_of_a_large_grid_is_what_large_prints_take() -> None:
 
     def seconds(side: int) -> float:
         grid = large.tables.grid.model_copy(update={"nx": side, "ny": side})
-        return Footprint.of(large.tables.model_copy(update={"grid": grid}), large.solid.shape.height).seconds
+        tables = large.tables.model_copy(update={"grid": grid})
+        return Footprint.of(tables, large.solid.shape.height, side**2).seconds
 
     assert seconds(6000) == pytest.approx(718.0, rel=0.25, abs=0.0)
-    assert seconds(100) / 100**2 > 3.0 * seconds(6000) / 6000**2
+    assert (seconds(100) - seconds(0)) / 100**2 > 3.0 * seconds(6000) / 6000**2
 
 
 @pytest.mark.parametrize("finish", footprint.HORIZONS)
@@ -185,19 +187,21 @@ HORIZON, MODEL = "components.controller.horizon", "components.printer.kind"
 @pytest.mark.parametrize(
     ("overrides", "layers", "memory", "disk", "microseconds"),
     [
-        # bytes of a cell: memory of 285, and for five layers ahead 60 + 4 * 28; disk of 33 of each layer and the start,
-        # the state of 165, and twice that or 21 a layer of results, and those of the open loop
-        ({}, 3, 457, 33 * 4 + 165 + 165 + 21 * 4, 3 * (105 + 5)),
-        ({HORIZON: 1}, 3, 345, 546, 3 * (15 + 5)),
-        ({HORIZON: 3}, 3, 401, 546, 3 * (25 + 5)),
-        ({HORIZON: 4}, 3, 429, 546, 3 * (45 + 5)),
-        ({"components.controller.finish": "fast"}, 3, 429, 546, 3 * (45 + 5)),
-        ({"part.height_um": 76.0}, 10, 457, 33 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
-        ({"part.height_um": 76.1}, 11, 457, 33 * 12 + 165 + 21 * 12 * 2, 11 * (105 + 5)),
-        ({"part.height_um": 760.0, "run.layers_max": 10}, 10, 457, 33 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
-        ({"part.height_um": 0.5}, 1, 457, 33 * 2 + 165 + 165 + 21 * 2, 1 * (105 + 5)),
-        ({MODEL: "YoungLaplaceDeposition"}, 3, 6157, 33 * 4 + 705 + 705 + 84, 3 * (405 + 305)),
-        ({"components.controller.kind": "LayerController"}, 3, 562, 33 * 4 + 235 + 235 + 84, 3 * (105 + 5)),
+        # bytes of a cell: memory of 285, and for five layers ahead 60 + 4 * 28; disk of 34 of each layer and the start,
+        # the state of 165, and twice that or 21 a layer of results, and those of the open loop; time of a printed cell
+        ({}, 3, 457, 34 * 4 + 165 + 165 + 21 * 4, 3 * (105 + 5)),
+        ({HORIZON: 1}, 3, 345, 550, 3 * (15 + 5)),
+        ({HORIZON: 3}, 3, 401, 550, 3 * (25 + 5)),
+        ({HORIZON: 4}, 3, 429, 550, 3 * (45 + 5)),
+        ({"components.controller.finish": "fast"}, 3, 429, 550, 3 * (45 + 5)),
+        ({"part.height_um": 76.0}, 10, 457, 34 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
+        ({"part.height_um": 76.1}, 11, 457, 34 * 12 + 165 + 21 * 12 * 2, 11 * (105 + 5)),
+        ({"part.height_um": 760.0}, 100, 457, 34 * 101 + 165 + 21 * 101 * 2, 20 * 100 + 100 * (5 + 5)),
+        ({"part.height_um": 760.0, "run.layers_max": 10}, 10, 457, 34 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
+        ({"part.height_um": 0.5}, 1, 457, 34 * 2 + 165 + 165 + 21 * 2, 1 * (105 + 5)),
+        ({MODEL: "YoungLaplaceDeposition"}, 3, 6157, 34 * 4 + 705 + 705 + 84, 3 * (405 + 305)),
+        ({"process.passes": 4}, 3, 457, 550, 3 * (250 + 5 + 5)),
+        ({"components.controller.kind": "LayerController"}, 3, 562, 34 * 4 + 235 + 235 + 84, 3 * (105 + 5)),
     ],
 )
 def test_estimate_of_the_cuboid_is_that_of_its_parts(
@@ -207,11 +211,10 @@ def test_estimate_of_the_cuboid_is_that_of_its_parts(
     if MODEL in overrides:
         text = text.replace("variation = 0.2\n", "").replace('variation_kind = "per_droplet"\n', "")
     tables = inkloop.Scenario.of_text(text, "cuboid.toml", overrides).tables
-    found = Footprint.of(tables, tables.part.height_um * 1e-6)
+    found = Footprint.of(tables, tables.part.height_um * 1e-6, 64)
     assert (found.layers, found.memory_of_a_cell, found.disk_of_a_cell) == (layers, memory, disk)
-    assert found.seconds_of_a_cell == pytest.approx(microseconds * 1e-6, rel=1e-9, abs=0.0)
     assert (found.memory, found.disk) == (144 * memory, 144 * disk)
-    assert found.seconds == pytest.approx(144 * microseconds * 1e-6, rel=1e-9, abs=0.0)
+    assert found.seconds == pytest.approx(2.0 + 2 * 0.4 + 64 * microseconds * 1e-6, rel=1e-9, abs=0.0)
 
 
 def test_results_of_large_grids_are_rounded_and_take_less_disk() -> None:
@@ -221,7 +224,7 @@ def test_results_of_large_grids_are_rounded_and_take_less_disk() -> None:
         grid = tables.grid.model_copy(update={"nx": nx, "ny": 512})
         return Footprint.of(tables.model_copy(update={"grid": grid}), 22.8e-6).disk_of_a_cell
 
-    assert (disk(512), disk(513)) == (546, 132 + 165 + 165 + 9 * 4)
+    assert (disk(512), disk(513)) == (550, 136 + 165 + 165 + 9 * 4)
 
 
 @pytest.mark.parametrize(
@@ -247,5 +250,14 @@ def test_run_that_takes_most_memory_counts_and_linear_programs_take_their_time()
 
     compared = Scenario.load(CUBOID, {"compare.other.components.controller": {"kind": "LayerController"}}).footprint
     assert compared.memory_of_a_cell == found().memory_of_a_cell + 105
-    slower = [found(horizon=n, relaxation="slp").seconds_of_a_cell - found(horizon=n).seconds_of_a_cell for n in (2, 3)]
-    assert slower == pytest.approx([3 * 1300e-6, 3 * 1950e-6], rel=1e-9, abs=0.0)
+    slower = [found(horizon=n, relaxation="slp").seconds - found(horizon=n).seconds for n in (2, 3)]
+    assert slower == pytest.approx([64 * 3 * 3000e-6, 64 * 3 * 4500e-6], rel=1e-9, abs=0.0)
+
+
+def test_every_command_tells_the_same_time_of_a_print(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """That of the printed cells, with the runs that are compared."""
+    told, print_ = [], ["run", "cuboid", "--no-pictures", "--no-compare", "--out", str(tmp_path / "run")]
+    for command in (["validate", "cuboid"], ["geometry", "cuboid", "--no-pictures"], print_):
+        assert main(command) == 0
+        told += re.findall(r"about (2\.\d+) s(?: of computing)? on one core", capsys.readouterr().out)
+    assert told == [f"{Scenario.load(CUBOID).footprint.seconds:.2g}"] * 3

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+import inkloop
 from inkloop.cli import main
 from inkloop.commands.parts import SHAPES
 from inkloop.printing.run import print_part
 from inkloop.scenario import new, packaged
 from inkloop.scenario.file import Scenario
-from inkloop.scenario.part_file import PartFile, fit
+from inkloop.scenario.part_file import PartFile
+from inkloop.scenario.part_grid import fit
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.schema import ScenarioFile
 from support import meshes
@@ -92,12 +94,15 @@ def test_name_means_the_packaged_scenario_where_no_file_has_it(
     monkeypatch.chdir(tmp_path)
     assert main(["validate", "bracket"]) == 0  # with the file of its part
     assert packaged.resolve(Path("cuboid")) == packaged.scenarios()["cuboid"]
-    for other in ("cuboid.toml", "folder/cuboid", "nobody"):
+    assert inkloop.load("cuboid").tables == Scenario.load(SCENARIOS / "cuboid.toml").tables
+    assert main(["geometry", "cuboid", "--no-pictures"]) == 0
+    for other in ("cuboid.toml", "folder/cuboid"):
         assert packaged.resolve(Path(other)) == Path(other)
     Path("cuboid").mkdir()
     assert packaged.resolve(Path("cuboid")) == Path("cuboid")
     capsys.readouterr()
-    assert main(["validate", "cubiod"]) == 1
-    assert "neither a file nor a scenario of inkloop; did you mean cuboid?" in capsys.readouterr().err
+    for command in ("validate", "geometry"):
+        assert main([command, "cubiod"]) == 1
+        assert "neither a file nor a scenario of inkloop; did you mean cuboid?" in capsys.readouterr().err
     assert main(["new"]) == 1
     assert "--list" in capsys.readouterr().err

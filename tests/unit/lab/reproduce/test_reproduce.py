@@ -122,7 +122,8 @@ def recorded_rows() -> list[list[str]]:
 def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> None:
     rows = recorded_rows()
     assert {row[0] for row in rows} >= NOT_PRINTED_OR_PUT_IN.keys()
-    for where, figure, _, printed, _, reproduced in rows:
+    for where, figure, _, printed, _, within, reproduced in rows:
+        assert (within == "-") <= (reproduced == "-"), (where, figure)
         if where in NOT_PRINTED_OR_PUT_IN and NOT_PRINTED_OR_PUT_IN[where] in ("", figure):
             assert reproduced == "-", (where, figure)
         assert reproduced == "-" or printed != "-", (where, figure)

@@ -84,8 +84,9 @@ def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path:
     rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td>.*</tr>", text)
     assert rows[0] == ("alpha 0.5, finish even", "2.50 ± 0.58")
     assert len(rows) == 6
-    pictures = re.findall(r'<img src="(.*?)"', text)
-    assert pictures
+    assert "<p>Smallest std: alpha 0.5, finish even: 2.50 ± 0.58 µm" in text
+    pictures = re.findall(r'<h2>\w.*?</h2><p><a href=".*?"><img src="(.*?)"', text)
+    assert len(pictures) == text.count("<img") > 1
     assert all((tmp_path / "out" / name).is_file() for name in pictures)
     assert "<caption>mean over the seeds, ± its standard error</caption>" in text
 

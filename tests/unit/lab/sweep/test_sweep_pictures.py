@@ -16,7 +16,7 @@ from inkloop.report.plot import COLOURS
 from inkloop_lab.sweep.dataset import STATUSES
 from inkloop_lab.sweep.pictures import pictures
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.summary import errors_of, points, short_names, table_of_indices, table_of_points
+from inkloop_lab.sweep.summary import errors_of, points, short_names, table_of_indices, table_of_points, winner
 from support.sweeps import study
 
 ALPHA, FINISH, HORIZON = (f"components.controller.{name}" for name in ("alpha", "finish", "horizon"))
@@ -42,6 +42,31 @@ def varied() -> list[dict[str, Any]]:
         std = 10 * alpha + {"even": 0.0, "fast": 2.0}[finish] + 0.2 * horizon
         found.append(point(std, alpha=alpha, finish=finish, horizon=horizon))
     return found
+
+
+@pytest.mark.parametrize(
+    ("stds", "error", "sentence"),
+    [
+        ([5.0, 3.0, 9.0], 0.3, "smallest std: alpha 0.8: 3.00 ± 0.30 µm"),
+        (
+            [3.5, 3.0, 9.0],
+            0.3,
+            "smallest std: alpha 0.8: 3.00 ± 0.30 µm; 1 of 2 others are not worse beyond the scatter",
+        ),
+        ([None, 3.0, 9.0], np.nan, "smallest std: alpha 0.8: 3.00 µm"),
+        ([None, 3.0, None], 0.3, ""),
+    ],
+)
+def test_winner_is_the_point_with_the_smallest_metric(
+    stds: list[float | None], error: float, sentence: str, tmp_path: Path
+) -> None:
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8, 1.0]\n')
+    found = winner(
+        own, [point(std, error=error, alpha=alpha) for std, alpha in zip(stds, (0.5, 0.8, 1.0), strict=True)]
+    )
+    assert found.startswith(sentence)
+    assert bool(found) == bool(sentence)
+    assert ("others" in found) == ("others" in sentence)
 
 
 def drawn(line: Any) -> Any:

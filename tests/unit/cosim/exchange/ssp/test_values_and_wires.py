@@ -178,9 +178,13 @@ def test_mapping_gives_a_parameter_the_names_of_the_parts(in_file: bool) -> None
         {"length": 2.0, "count": 3},
         [],
     )  # what no entry names stays
-    _, errors = read(more=bound(entry("n", "3"), mapping=mapping.replace('offset="1"', 'offset="x"')),
+    _, errors = read(more=bound(entry("sise", "3"), mapping=mapping.replace('offset="1"', 'offset="x"')),
                      files={"names.ssm": inside.replace('offset="1"', 'offset="x"')})  # fmt: skip
-    assert errors == ["the mapping of size to a.length: factor '2', offset 'x'; expected numbers"]
+    assert errors == [
+        "the mapping of size to a.length: factor '2', offset 'x'; expected numbers",
+        "the mapping of size to a.length: its parameter set has no size; did you mean sise?",
+        "the mapping of n to a.count: its parameter set has no n; known: sise",
+    ]
 
 
 def test_mapping_may_suppress_the_conversion_of_units() -> None:
@@ -454,6 +458,38 @@ def test_connectors_carry_units_of_lengths_only() -> None:
     assert [each.attrib for each in moved] == [{"factor": "1.0", "offset": "2.5"}]
     assert len(plain) == 0
     assert plain.attrib == {"startConnector": "steps", "endElement": "a", "endConnector": "x"}
+
+
+@pytest.mark.parametrize("suppressed", [False, True])
+def test_transformation_beside_units_with_an_offset_is_explained(suppressed: bool) -> None:
+    ports = {
+        "a": described(3, variable("t", causality="output", unit=ROOT_UNITS["celsius"])),
+        "b": described(3, variable("m", causality="input", unit=defined_unit("K", {"K": 1}, 1.0, 0.0))),
+    }
+    more = 'suppressUnitConversion="true"' if suppressed else ""
+    found, errors = wired(("a.t", "b.m"), inside=line('offset="273.15"'), more=more, ports=ports)
+    assert found == ([{"source": "a.t", "target": "b.m"}] if suppressed else [])
+    assert [error.partition(";")[0] for error in errors] == (
+        [] if suppressed else ["a.t to b.m: inkloop converts [celsius] to [K] and takes no transformation on top"]
+    )
+
+
+def test_parameters_behind_connectors_are_named() -> None:
+    system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("size", "3"))}</ssd:ParameterBindings>
+<ssd:Connectors><ssd:Connector name="size" kind="parameter"/></ssd:Connectors>
+<ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/></ssd:Elements><ssd:Connections>
+<ssd:Connection startConnector="size" endElement="a" endConnector="length"/>
+<ssd:Connection startElement="b" startConnector="y" endElement="a" endConnector="length"/>
+</ssd:Connections></ssd:System>"""
+    known = {**KNOWN, "b": described(2, variable("y", "Real", "calculatedParameter"))}
+    found, errors = parameters(system, known=known)
+    assert wires.connections(Structure.of(ET.fromstring(system), []), {}, known, errors) == []
+    assert found == {}
+    assert errors == [
+        "parameter size: size is a connector of a system; inkloop takes values for parameters of components: name "
+        "a.length in the parameter set",
+        "a connection joins b.y and a.length; inkloop feeds inputs, give parameters a value in a parameter set",
+    ]
 
 
 def test_scalars_of_a_wire_to_the_outside_have_the_name_of_its_signal() -> None:

@@ -129,7 +129,7 @@ def test_too_little_to_evaluate_is_refused() -> None:
     z[0] = z[1, :4] = np.nan  # 14 of 70 are a fifth
     assert number(areal(map_of(z)), "Sa") > 0.0
     z[1, 4] = np.nan
-    assert reason(areal(map_of(z)), "Vmp").startswith("15 of 70 cells have no height; at most 20% may lack one")
+    assert reason(areal(map_of(z)), "Vmp").startswith("15 of 70 cells (21%) have no height; at most 20% may lack one")
     with pytest.raises(HeightMapError, match="mask"):
         areal(map_of(z), np.ones((3, 3), bool))
     assert "one line" in reason(areal(map_of(wave(60, 1))), "Sa")

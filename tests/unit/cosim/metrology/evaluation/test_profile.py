@@ -57,6 +57,71 @@ def test_sections_have_their_own_peaks() -> None:
     check(values, {"Rt": A, "Rp": A / 5}, rel=0.02)
 
 
+def elements(z: Map, peak: float, pit: float) -> list[float]:
+    """Lengths of the profile elements, stated again as the text has it: walk, and note where hills and dales change."""
+    crossings, side, first = [], 0, 0.0
+    for k in range(z.size):
+        if k and (z[k - 1] > 0.0) != (z[k] > 0.0):
+            at = k - 1 + z[k - 1] / (z[k - 1] - z[k])
+            first, last = (at if first < 0.0 else first), at
+        now = 1 if z[k] > 0.1 * peak else -1 if z[k] < -0.1 * pit else 0
+        if now and side and now != side:
+            crossings.append((first + last) / 2.0)
+        if now:
+            side, first = now, -1.0
+    return [end - begin for begin, end in zip(crossings, crossings[2:], strict=False)]
+
+
+def test_shape_and_spacing_of_known_waves() -> None:
+    """A rectangle of duty 1/4: Psk 2 / sqrt(3), Pku 7/3; a triangle: 0, 9/5; a sinusoid: 0, 3/2."""
+    n = np.arange(4000) + 0.5
+    saw = np.abs((n / PERIOD) % 1.0 - 0.5)
+    for row, skewness, kurtosis in (
+        (np.where((n / PERIOD) % 1.0 < 0.25, 1.0, 0.0), 2 / sqrt(3), 7 / 3),
+        (saw, 0.0, 9 / 5),
+        (np.sin(2 * pi * n / PERIOD), 0.0, 3 / 2),
+    ):
+        values, _ = profiles(np.repeat(A * row[:, None], 3, axis=1), f_operation="none")
+        check(values, {"Psk": skewness, "Pku": kurtosis}, rel=5e-3, abs=1e-9)
+        check(values, {"Psm": PERIOD * STEP}, rel=1e-9)
+
+
+def test_ripples_below_a_tenth_of_the_peaks_are_no_elements() -> None:
+    n = np.arange(4000) + 0.5
+    small, large = (np.sin(2 * pi * n / PERIOD) + share * np.sin(2 * pi * n / 5) for share in (0.09, 0.5))
+    for row, expected in ((small, PERIOD), (large, None)):
+        values, _ = profiles(A * row[:, None] * np.ones(3), f_operation="none")
+        length = number(values, "Psm") / STEP
+        assert length == pytest.approx(PERIOD, rel=1e-3, abs=0.0) if expected else length < 0.5 * PERIOD
+
+
+@pytest.mark.parametrize("l_filter", [None, 20 * STEP])
+def test_a_profile_alone_is_evaluated_like_its_statement(l_filter: float | None) -> None:
+    """One row of points; its line is taken off, for a plane needs two rows."""
+    raw = rough((600, 1)) + 5e-7 * np.arange(600)[:, None]
+    values, evaluated = profiles(raw, l_filter=l_filter)
+    assert (evaluated.count, evaluated.rows) == (1, 1)
+    x, z = np.arange(600.0), raw[:, 0]
+    z, letter, sections = z - np.polyval(np.polyfit(x, z, 1), x), "P", 1
+    if l_filter is not None:
+        weights = np.exp(-pi * ((x[:, None] - x) / (sqrt(log(2) / pi) * 20)) ** 2) * (np.abs(x[:, None] - x) <= 20)
+        line = [np.polyfit(x, z, 1, w=np.sqrt(row)) for row in weights]
+        z = z - [np.polyval(fit, at) for fit, at in zip(line, x, strict=True)]
+        z, letter, sections = (z - z.mean())[250:350], "R", 5
+    parts = z.reshape(sections, -1)
+    peak, pit, q = parts.max(axis=1).mean(), -parts.min(axis=1).mean(), np.sqrt(np.mean(z**2))
+    expected = {"a": np.mean(np.abs(z)), "q": q, "p": peak, "v": pit, "t": np.ptp(z)}
+    expected |= {"sk": np.mean(z**3) / q**3, "ku": np.mean(z**4) / q**4}
+    expected["sm"] = float(np.mean(elements(z, peak, pit))) * STEP
+    check(values, {letter + key: float(value) for key, value in expected.items()}, rel=1e-6)
+
+
+def test_flat_profile_has_neither_shape_nor_spacing() -> None:
+    values, _ = profiles(np.zeros((40, 3)))
+    assert "a profile is flat" in reason(values, "Psk")
+    assert "no profile has a hill and a dale" in reason(values, "Psm")
+
+
 def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
     """On a disc half of the rows hold the evaluation length; each is evaluated in its middle."""
     i, j = np.indices((61, 61)) - 30

@@ -16,14 +16,16 @@ from support.evaluated import STEP, map_of, rough
 def test_symbols_have_the_names_and_units_of_the_standards() -> None:
     assert (DEFINITIONS["Sa"].name, DEFINITIONS["Spk"].name) == ("arithmetical mean height", "reduced peak height")
     ratios = {symbol for symbol, each in DEFINITIONS.items() if each.unit == "1"}
-    assert ratios == {"Ssk", "Sku", "Sdq", "Sdr", "Smr1", "Smr2", "Str", "droplets"}
+    assert ratios == {"Ssk", "Sku", "Sdq", "Sdr", "Smr1", "Smr2", "Str", "droplets", "Psk", "Pku", "Rsk", "Rku"}
     assert all(DEFINITIONS[symbol].shown == "1" for symbol in ratios)
     angles = {symbol for symbol, each in DEFINITIONS.items() if each.unit == "rad"}
     assert angles == {"Std", "wall_angle_ls", "wall_angle_mz"}
     assert {symbol: DEFINITIONS[symbol].shown for symbol in symbols("volume")} == {
         "volume_printed": "nl", "volume_target": "nl", "volume_error": "nl", "droplets": "1", "droplet_volume": "pl",
     }  # fmt: skip
-    assert symbols("profile") == ("Pa", "Pq", "Pp", "Pv", "Pt", "Ra", "Rq", "Rp", "Rv", "Rz", "Rt")
+    common = ("t", "sk", "ku", "sm")
+    primary, roughness = (f"P{key}" for key in ("a", "q", "p", "v", *common)), ("a", "q", "p", "v", "z", *common)
+    assert symbols("profile") == (*primary, *(f"R{key}" for key in roughness))
     assert DEFINITIONS["Rp"].name == "mean peak height of the roughness profile"
     assert DEFINITIONS["Pv"].name == "pit depth of the primary profile"
     for symbol, each in DEFINITIONS.items():

@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from inkloop.cli import main
+from inkloop.metrology.evaluation.definitions import Treatment
 from inkloop.metrology.evaluation.table import parameters
 from inkloop.report.page import charts
 from inkloop.report.page.charts import ErrorScale
@@ -18,7 +19,7 @@ from inkloop.report.page.curves import by_layer, distribution, final_error
 from inkloop.report.page.maps import Blocks, LayerMaps, block_for, final_errors, packed, step_um
 from inkloop.report.page.page import ENDS, LOG_LINES, state
 from inkloop.results.result import Result
-from support.pages import HEIGHT, MASK, TARGET, content_of, plate, shown, unpacked
+from support.pages import HEIGHT, MASK, PATTERN, TARGET, content_of, plate, shown, unpacked
 
 HALF_A_STEP: dict[str, Any] = {"rtol": 0.0, "atol": 0.0051}
 
@@ -41,12 +42,26 @@ def test_page_has_the_facts_of_the_run_itself() -> None:
 
 def test_page_evaluates_the_last_surface_of_the_part() -> None:
     found = shown(plate())["tables"]["metrology"]
-    expected = {row.symbol: row for row in parameters(HEIGHT, MASK, 1e-4, target=TARGET)}
+    expected = {row.symbol: row for row in parameters(HEIGHT, MASK, 1e-4, target=TARGET, treatment=Treatment("target"))}
     rows = {symbol: (name, value) for symbol, name, value in found["rows"]}
     assert rows["Sq"] == (expected["Sq"].name, f"{expected['Sq'].value * 1e6:.4g} µm")
     assert rows["Ssk"][1] == f"{expected['Ssk'].value:.4g}"  # a ratio has no unit
     assert set(rows) == {"Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr"}
-    assert found["caption"] == "last layer, over the part; taken off: least-squares plane; no filter"
+    assert found["caption"] == "last layer, over the part; taken off: target height, then the mean; no filter"
+
+
+@pytest.mark.parametrize("block", [1, 2])
+def test_page_has_the_plan_of_each_layer(block: int) -> None:
+    """Droplets in tenths; of blocks, which are smaller at the edge, the mean."""
+    planned = np.random.default_rng(5).integers(0, 6, PATTERN.shape).astype(np.int8)
+    planned[2, 3, 4], planned[2, 8, 8] = 5, 5
+    of_run, without = shown(plate(planned_droplets=(("layer", "x", "y"), planned)), plate("open"), block=block)["runs"]
+    found = unpacked(of_run["layers"]["planned"]) / 10.0
+    assert found[2, 8 // block, 8 // block] == pytest.approx(planned[2, 8 : 8 + block, 8:].mean(), abs=0.0501)
+    assert found[2, 3 // block, 4 // block] != found[1, 3 // block, 4 // block]
+    assert of_run["charts"]["plan"]["layout"]["coloraxis"]["cmax"] == np.ceil(found.max())
+    assert "planned" not in without["layers"]
+    assert "plan" not in without["charts"]
 
 
 def test_state_says_how_the_print_ended() -> None:
