@@ -163,13 +163,14 @@ void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, 
 
 int32_t inkloop_plan(const LayerStep *step, int32_t layer, const HorizonProblem *problem, int32_t relaxation,
                      const double *relaxed, const int32_t *last, size_t last_layers, double seconds_max,
-                     AfterSweep *after_sweep, int32_t *plan, PlanReport *report) {
+                     DeviceSearch *device, AfterSweep *after_sweep, int32_t *plan, PlanReport *report) {
     PlanWork work = plan_work(step, layer);
     work.relaxation = relaxation;
     work.relaxed = relaxed;
     work.last = last;
     work.last_layers = last_layers;
     work.seconds_max = seconds_max;
+    work.device = device;
     work.after_sweep = after_sweep;
     return plan_shortest(problem, &work, plan, report);
 }

@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 18 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 19 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -95,13 +95,14 @@ INKLOOP_CORE_API void inkloop_step_outputs(const LayerStep *step, const void *st
 
 /* The problem of the layers after layer number `layer` (step_problem.h), and the best plan found for it, of no
  * more layers than are worth it (shortest_plan.h), with the work that the options allow. relaxation: RELAX_... with
- * `relaxed`; last: the plan before, NULL: none; seconds_max: guard by the clock. */
+ * `relaxed`; last: the plan before, NULL: none; seconds_max: guard by the clock; device: NULL, or what repairs plans.
+ * CORE_DONE, CORE_NO_MEMORY or CORE_NO_DEVICE. */
 INKLOOP_CORE_API void inkloop_layer_problem(const LayerStep *step, const SurfaceToPlan *surface, int32_t layer,
                                             const ProblemMaps *maps, HorizonProblem *problem);
 INKLOOP_CORE_API int32_t inkloop_plan(const LayerStep *step, int32_t layer, const HorizonProblem *problem,
                                       int32_t relaxation, const double *relaxed, const int32_t *last,
-                                      size_t last_layers, double seconds_max, AfterSweep *after_sweep, int32_t *plan,
-                                      PlanReport *report);
+                                      size_t last_layers, double seconds_max, DeviceSearch *device,
+                                      AfterSweep *after_sweep, int32_t *plan, PlanReport *report);
 
 /* Pattern and drops of a layer of a plan, as they are printed. */
 INKLOOP_CORE_API void inkloop_pattern(const int32_t *layer, size_t cells, int32_t inks, int32_t *pattern,

@@ -50,7 +50,7 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
     choices, work = made(DropletChoices, job), made(Work) or Work()
     planner = made(LayerMpc, job, criterion=criterion, choices=choices, work=work)
     levels = arguments(DropletChoices, options).get("drop_levels", 1)
-    estimator = made(HeightEstimator, job, drop_levels=levels, threads=work.threads)
+    estimator = made(HeightEstimator, job, drop_levels=levels, threads=work.cores)
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
     return LayerController(job, planner, estimator, on_doubt_option(**arguments(on_doubt_option, options)))

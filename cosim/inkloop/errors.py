@@ -30,6 +30,7 @@ EXTRAS: Mapping[str, tuple[str, str]] = {
     "optuna": ("optuna", "optimise"),
     "PIL": ("pillow", "formats"),
     "plotly": ("plotly", "report"),
+    "pyopencl": ("pyopencl", "gpu"),
     "sdfio": ("sdfio", "formats"),
     "skfem": ("scikit-fem", "reproduce"),
     "SurfaceTopography": ("SurfaceTopography", "metrology"),

@@ -1,4 +1,4 @@
-"""Limits on what input may ask of this machine: memory, disk, unpacked archives, filled-in templates, XML entities."""
+"""Limits on what input may ask of this machine: memory, disk, cores, archives, filled-in templates, XML entities."""
 
 from __future__ import annotations
 
@@ -47,6 +47,13 @@ def free_disk(folder: Path) -> int | None:
         return None if place is None else shutil.disk_usage(place).free
     except OSError:
         return None
+
+
+def usable_cores() -> int:
+    """Cores that this process may use; at most OMP_NUM_THREADS, where that is set to a number."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, min(cores, int(limit))) if limit.isdecimal() else cores
 
 
 def size_text(count: float) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
-from inkloop_controller.core.bindings import AfterSweep, answered, droplets_of, objective_of
+from inkloop_controller.core.bindings import Calls, answered, droplets_of, objective_of
 from inkloop_controller.core.library import AFTER_SWEEP, ReportStruct, library, problem_struct, structure
 from inkloop_controller.problem.arrays import checked
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, Objective, SearchProgress
@@ -102,9 +102,9 @@ def search(
     annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`; after_sweep: True stops the search, as
     does KeyboardInterrupt, which the result shows; any other exception is raised again.
     """
-    plan, report, asked = droplets_of(problem, start), ReportStruct(), AfterSweep(after_sweep)
+    plan, report, asked = droplets_of(problem, start), ReportStruct(), Calls(after_sweep)
     budget = (annealing_sweeps, sweeps_max, seed, seconds_max, threads)
-    options = SearchOptions(int(moves), *budget, asked.callback, None)
+    options = SearchOptions(int(moves), *budget, asked.after_sweep, None)
     code = _called("search", problem, options, plan, report)
     counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
     value, status = objective_of(report.objective), SearchStatus(code)

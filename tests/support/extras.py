@@ -36,8 +36,8 @@ COMMANDS: Mapping[str, tuple[Words, ...]] = {
     "SurfaceTopography": (("metrology", "map.x3p"), ("metrology", "map.sur")),
     "tifffile": (("export", "surface", RUN, "--format", "tiff"), ("metrology", "map.tif")),
     "trimesh": (
-        ("geometry", str(SCENARIOS / "parts/bracket.stl"), "--unit", "mm"),
-        ("validate", str(SCENARIOS / "bracket.toml")),
+        ("geometry", "map.ply", "--unit", "mm"),
+        ("new", "part", "--part", "map.ply"),
         ("export", "surface", RUN, "--format", "stl"),
         ("export", "surface", RUN, "--format", "glb"),
     ),
@@ -62,5 +62,5 @@ def sentence(library: str) -> str:
 
 def write_maps(folder: Path) -> None:
     """Files of the formats of COMMANDS; their libraries are looked for before they are read."""
-    for suffix in ("png", "bmp", "sdf", "x3p", "sur", "tif"):
+    for suffix in ("png", "bmp", "sdf", "x3p", "sur", "tif", "ply"):
         (folder / f"map.{suffix}").write_bytes(b"content")

@@ -30,6 +30,6 @@ def best_plan(
         sweeps_max=work.sweeps,
         annealing_sweeps=work.annealing_sweeps,
         iterations=work.iterations,
-        threads=work.threads,
+        threads=work.cores,
     )
     return core_plan(step, seed % 2**32, problem, relaxed=relaxed, last=last, seconds_max=seconds_max)

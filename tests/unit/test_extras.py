@@ -43,6 +43,7 @@ CALLS: Mapping[str, Callable[[], object]] = {
 }
 """Library -> what needs it in Python."""
 ELSEWHERE = {
+    "pyopencl": "tests/unit/controller/planning/test_device_search.py",
     "distributed": "tests/unit/lab/sweep/test_sweep_prints.py",
     "skfem": "tests/unit/lab/reproduce/test_reproduce.py",
 }

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import RECORDED
 from PIL import Image
 from tools.figures import can_protocol, command_line, diagrams, gallery, house, lying_scans, performance, the_papers
-from tools.figures.pages import ALONE, WRITERS, filled, marks, read_json, table, writer
+from tools.figures.pages import ALONE, SITE, WRITERS, filled, marks, read_json, table, writer
 
 from inkloop.fmu_writer import definition
 from support.lying_scans.rig import Outcome
@@ -34,7 +34,7 @@ def test_every_table_of_the_page_on_speed_is_measured_again_by_the_command_besid
 
 def test_every_mark_of_a_page_has_one_writer() -> None:
     written = [
-        (path, mark) for name in (*WRITERS, *ALONE) for path, own in writer(name).texts().items() for mark in own
+        (path, mark) for name in (*WRITERS, *ALONE, *SITE) for path, own in writer(name).texts().items() for mark in own
     ]
     found = [(path, mark) for path in PAGES for mark in marks(path.read_text(encoding="utf-8"))]
     assert sorted(found) == sorted(written)
@@ -62,15 +62,11 @@ def test_page_of_the_score_board_leaves_out_the_inks() -> None:
     assert the_papers.without_inks(f"## v1\n\n{inks}\n## v2\n\n| a |\n\n{inks}") == "## v1\n\n## v2\n\n| a |\n"
 
 
-def test_page_of_commands_names_every_option_and_explains_a_frequent_one_once() -> None:
-    often = [("`--set K`", "a key")]
-    section = command_line._section("inkloop weigh", "weigh", [*often, ("`PART`", "a part")], often)
-    assert section == "\n## inkloop weigh\n\nWeigh. Takes `--set`.\n\n- `PART`: a part\n"
-    page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
-    assert page.count("`--set KEY=VALUE`: override a key") == 1
-    often_taken = page.partition("<!-- often -->")[2].partition("<!-- end -->")[0]
-    explained = re.findall(r"^- (`.+`):", often_taken, re.MULTILINE)
-    assert len(explained) == len(set(explained)), "a command that takes one of these names it alone"
+def test_site_names_every_command_with_its_arguments() -> None:
+    ((page, texts),) = command_line.texts().items()
+    shown = filled(page.read_text(encoding="utf-8"), texts)
+    assert re.search(r"^## inkloop bench emulate$", shown, re.MULTILINE)
+    assert shown.count("- `--set KEY=VALUE`: override a key") > 1
 
 
 def test_comments_of_frames_that_differ_by_their_node_are_one() -> None:

@@ -29,7 +29,7 @@ FLOOR = {
     f"inkloop.{name}"
     for name in ("component", "contract", "errors", "files", "geometry", "limits", "suggest", "testing", "units")
 }
-READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.triangle_file")
+READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.ply_file")
 """Modules of the floor that bring a library in; they are imported by name, for a file of their format."""
 FLOOR |= {name for name in modules() if is_below(name, "inkloop.geometry")} - {*READERS}
 BUILD_TIME = "inkloop.fmu_writer"
@@ -49,8 +49,9 @@ DOORS = {
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
-    "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
+    "trimesh": ("inkloop.geometry.ply_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
+    "pyopencl": ("inkloop_controller.gpu",),
     "odxtools": tuple(f"inkloop_hardware.protocol.odx_{name}" for name in ("file", "services", "values")),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     **dict.fromkeys(("dask", "distributed"), ("inkloop_lab.sweep.sites",)),

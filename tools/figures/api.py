@@ -1,4 +1,4 @@
-"""api.md, written from the public names and their docstrings."""
+"""Sections of api.md on the site, written from the public names and their docstrings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from tools.figures.pages import DOCS, Texts
+from tools.figures.pages import DOCS, Texts, block
 
 import inkloop
 import inkloop_controller
@@ -36,14 +36,6 @@ EXPLAINED = {
     "LayerPlan": "[Fields](layer-plan.md#the-record)",
 }
 """Class -> the page that explains its arguments; here stand their names and the first paragraph of its docstring."""
-BUILD_ON = (
-    "A command, a study or a component of your own may also import these, as `inkloop_lab` does, and all modules of "
-    "[the floor](../explanation/architecture.md#the-rooms)."
-)
-
-
-def run() -> None:
-    """Nothing: the names come from the code."""
 
 
 def texts() -> Texts:
@@ -57,9 +49,8 @@ def texts() -> Texts:
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
     lines += ["## The lab", "", "From `inkloop_lab`.", "", *_entries(inkloop_lab, inkloop_lab.__all__)]
-    lines += ["## For packages that build on inkloop", "", BUILD_ON, "", *_public_modules()]
     text = "\n".join(lines).rstrip("\n") + "\n"
-    return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
+    return {DOCS / "reference" / "api.md": {"public names": f"\n{text}", "public modules": block(_public_modules())}}
 
 
 def _public_modules() -> Iterator[str]:

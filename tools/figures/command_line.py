@@ -1,10 +1,9 @@
-"""command-line.md: the commands with their arguments, from the parsers."""
+"""Sections of command-line.md on the site: the commands with their arguments, from the parsers."""
 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterator
 from typing import TypeAlias
 
 from tools.figures.pages import DOCS, Texts
@@ -16,43 +15,18 @@ PAGE = DOCS / "reference" / "command-line.md"
 Row: TypeAlias = tuple[str, str]
 
 
-def run() -> None:
-    """Nothing: the texts come from the parsers."""
-
-
 def texts() -> Texts:
-    """A section for each command, the options that all commands have, and the arguments that several have."""
+    """A section for each command, without the options that all commands have."""
     shared = argparse.ArgumentParser(add_help=False)
     add_output(shared)
     own = {action.dest for action in shared._actions}
-    commands = [(command.prog, meaning, list(_rows(command, own))) for command, meaning in _commands(parser())]
-    count = Counter(row for *_, rows in commands for row in rows)
-    often = [row for row, times in count.items() if times >= OFTEN]
-    named = Counter(name for name, _ in often)
-    often = [row for row in often if named[row[0]] == 1]
-    return {
-        PAGE: {
-            "output": _listed(_rows(shared, set())),
-            "often": _listed(often),
-            "commands": "".join(_section(*command, often) for command in commands),
-        }
-    }
+    return {PAGE: {"commands": "".join(_section(*command, own) for command in _commands(parser()))}}
 
 
-OFTEN = 2
-"""Number of commands from which on the page explains an argument once."""
-
-
-def _section(prog: str, meaning: str, rows: Sequence[Row], often: Sequence[Row]) -> str:
-    """Heading, meaning and arguments of a command; of the arguments explained above the names alone."""
-    own = [row for row in rows if row not in often]
-    names = ", ".join(f"`{row[0].strip('`').replace(',', '').split()[0]}`" for row in rows if row in often)
-    return f"\n## {prog}\n\n{_sentence(meaning)}{f' Takes {names}.' if names else ''}\n{_listed(own)}"
-
-
-def _listed(rows: Iterable[Row]) -> str:
-    """A line for each argument."""
-    return "".join(f"\n- {names}: {meaning}" for names, meaning in rows) + "\n"
+def _section(command: argparse.ArgumentParser, meaning: str, left_out: Container[str]) -> str:
+    """Heading, meaning and arguments of a command."""
+    rows = "".join(f"\n- {names}: {text}" for names, text in _rows(command, left_out))
+    return f"\n## {command.prog}\n\n{meaning[0].upper()}{meaning[1:]}.\n{rows}\n"
 
 
 def _commands(above: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
@@ -73,7 +47,3 @@ def _rows(parser: argparse.ArgumentParser, left_out: Container[str]) -> Iterator
         value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
         names = ", ".join(action.option_strings)
         yield f"`{f'{names} {value}'.strip()}`", str(action.help)
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."

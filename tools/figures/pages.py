@@ -77,8 +77,6 @@ def read_json(path: Path) -> Any:
 
 WRITERS = (
     "options",
-    "api",
-    "command_line",
     "can_protocol",
     "house",
     "diagrams",
@@ -90,6 +88,10 @@ WRITERS = (
 """Modules of this folder."""
 ALONE = ("performance",)
 """Run only when named: `make benchmarks` wants the machine for itself."""
+
+
+SITE = ("api", "command_line")
+"""Written into the pages by `make site` alone: `help()` and `--help` say the same."""
 
 
 def writer(name: str) -> Writer:

@@ -3,13 +3,15 @@
 The source folder is the repository itself, so that a page is the same file here and on a code host. Its links to
 pages, pictures and headings work in both. A link to another file or to a folder (a scenario, a module, a record) leads
 to a page that shows the file in colours or lists the folder; what is added to the pages is the navigation alone.
-The pages of the public API and of the commands are generated before (`tools.figures`), so autodoc has nothing to add.
+The pages of the public API and of the commands are filled from the code, which the repository leaves to `help()` and
+`--help`.
 """
 
 from __future__ import annotations
 
 import html
 import shutil
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,8 +25,10 @@ from sphinx.addnodes import download_reference, pending_xref
 from sphinx.application import Sphinx
 from sphinx.builders.html import StandaloneHTMLBuilder
 from sphinx.util.osutil import relative_uri
+from tools.figures.pages import SITE, filled, writer
 
 ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "tests"))  # for `support`
 _PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 project = _PROJECT["name"]
@@ -74,6 +78,14 @@ def add_navigation(_: Sphinx, docname: str, source: list[str]) -> None:
     for title, pages in groups.items():
         entries = "\n".join(f"/{page.with_suffix('').as_posix()}" for page in pages)
         source[0] += f"\n\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{entries}\n```\n"
+
+
+def fill_from_code(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Fill the marks that the repository leaves empty."""
+    page = Path(app.env.doc2path(docname))
+    for name in SITE:
+        if own := writer(name).texts().get(page):
+            source[0] = filled(source[0], own)
 
 
 def link_files(app: Sphinx, document: nodes.document) -> None:
@@ -170,6 +182,7 @@ def setup(app: Sphinx) -> None:
     """Register what is added to the pages."""
     app.add_lexer("dbc", TextLexer)  # Pygments has none for it
     app.connect("source-read", add_navigation)
+    app.connect("source-read", fill_from_code)
     app.connect("doctree-read", link_files, priority=100)  # before files are collected as downloads
     app.connect("html-collect-pages", pages_of_files)
     app.connect("build-finished", copy_front_page)

@@ -54,9 +54,11 @@ static bool has_time(FirstPlans *first) {
     return found;
 }
 
-/* Whether droplets of any size help: one layer in one pass gains no more by them than by an even share (by trial). */
+/* Whether droplets of any size help: one layer in one pass gains no more by them than by an even share (by trial). A
+ * device repairs even shares in less time than their relaxation takes here. */
 static bool can_relax(const FirstPlans *first) {
-    return first->work->relaxation == RELAX_HERE && (first->problem->layers > 1 || first->problem->passes > 1);
+    return first->work->relaxation == RELAX_HERE && !first->work->device &&
+           (first->problem->layers > 1 || first->problem->passes > 1);
 }
 
 static void set_droplets(FirstPlans *first) {

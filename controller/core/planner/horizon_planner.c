@@ -103,6 +103,8 @@ static void consider(Planning *planning, const int32_t *plan, Objective value, O
 
 static int64_t annealing_sweeps(const Planning *planning) {
     int64_t values = 1;
+    if (planning->work->device)
+        return 0;
     if (planning->work->annealing_sweeps >= 0)
         return planning->work->annealing_sweeps;
     for (size_t place = 0; place < planning->places; place++)
@@ -112,6 +114,14 @@ static int64_t annealing_sweeps(const Planning *planning) {
     if (values > SMALL_PLAN)
         return 0;
     return SMALL_ANNEALING / values < MANY_SWEEPS ? SMALL_ANNEALING / values : MANY_SWEEPS;
+}
+
+static int32_t improve_on_device(Planning *planning, const SearchOptions *options, SearchReport *report) {
+    *report = (SearchReport){.objective = {.value = INFINITY}};
+    const int32_t found = planning->work->device(planning->problem, options, planning->repaired, report);
+    if (found != CORE_NO_DEVICE)
+        plan_objective_on(&planning->first.surface, planning->repaired, INFINITY, &report->objective);
+    return found;
 }
 
 /* CORE_STOPPED if no further start is to be repaired. */
@@ -127,9 +137,11 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
                                    .caller = work->caller};
     SearchReport report;
     memcpy(planning->repaired, planning->first.plan[start], planning->places * sizeof(int32_t));
-    const int32_t found = improve_plan_on(&planning->first.surface, &options, planning->repaired, &report);
-    if (found == CORE_NO_MEMORY)
-        return CORE_NO_MEMORY;
+    const int32_t found = work->device
+                              ? improve_on_device(planning, &options, &report)
+                              : improve_plan_on(&planning->first.surface, &options, planning->repaired, &report);
+    if (found == CORE_NO_MEMORY || found == CORE_NO_DEVICE)
+        return found;
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
     const Origin origin = {start, annealing > 0, found};
@@ -223,8 +235,9 @@ static int32_t find_best(Planning *planning) {
     planning->best_origin = (Origin){START_NOTHING, 0, UNREPAIRED};
     if (is_useless(planning))
         return CORE_DONE;
-    if (repair_starts(planning) == CORE_NO_MEMORY)
-        return CORE_NO_MEMORY;
+    const int32_t repaired = repair_starts(planning);
+    if (repaired != CORE_DONE)
+        return repaired;
     consider_starts(planning, ending_at(first));
     if (planning->best_origin.found == UNREPAIRED && first->left_out & LEFT_STARTS)
         consider_starts(planning, first->first_ends_at); /* the best start is taken even beyond the time limit */

@@ -33,6 +33,7 @@ typedef struct {
     uint64_t seed;           /* seed of the annealing */
     double seconds_max;      /* time limit; infinite: none */
     int32_t threads;         /* 1 or more; the bits of the answer do not depend on it */
+    DeviceSearch *device;    /* repairs plans in place of the search here; NULL: none */
     AfterSweep *after_sweep; /* stops the repairs if not 0; NULL: none */
     void *caller;
 } PlanWork;

@@ -50,7 +50,15 @@ typedef struct {
 } Objective;
 
 enum { MOVE_FLIPS = 1, MOVE_SWAPS = 2, MOVE_SHIFTS = 4, MOVES_ALL = 7 };
-enum { CORE_DONE = 0, CORE_BUDGET = 1, CORE_TIME = 2, CORE_STOPPED = 3, CORE_NO_MEMORY = 4, CORE_NO_SCAN = 5 };
+enum {
+    CORE_DONE = 0,
+    CORE_BUDGET = 1,
+    CORE_TIME = 2,
+    CORE_STOPPED = 3,
+    CORE_NO_MEMORY = 4,
+    CORE_NO_SCAN = 5,
+    CORE_NO_DEVICE = 6
+};
 
 typedef struct {
     Objective objective; /* objective of the present plan, or of the one returned, evaluated from scratch */
@@ -73,6 +81,11 @@ typedef struct {
     AfterSweep *after_sweep;  /* NULL: none */
     void *caller;
 } SearchOptions;
+
+/* A search elsewhere, with the meaning of improve_plan (horizon_solver.h). Of the report it fills the sweeps;
+ * CORE_NO_DEVICE: it has failed, and the plan is as before. */
+typedef int32_t DeviceSearch(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
+                             SearchReport *report);
 
 typedef struct {
     int64_t iterations_max;

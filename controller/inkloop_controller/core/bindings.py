@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from inkloop.component import FloatMap, Ink
 from inkloop_controller.core.library import (
     AFTER_SWEEP,
+    CORE_DONE,
+    CORE_NO_DEVICE,
+    CORE_NO_MEMORY,
+    CORE_NO_SCAN,
+    CORE_STOPPED,
+    DEVICE_SEARCH,
     ObjectiveStruct,
     ReportStruct,
     ink_pair,
@@ -18,8 +24,6 @@ from inkloop_controller.core.library import (
 )
 from inkloop_controller.problem.arrays import checked, first_cell, pointer
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, Objective, SearchProgress
-
-_DONE, _NO_MEMORY, _NO_SCAN = 0, 4, 5
 
 
 class SearchResult(NamedTuple):
@@ -52,7 +56,7 @@ def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations
         raise ValueError(f"choices holds up to {kinds} kinds on a cell; the paper's search needs at most 1 kind")
     plan, report = droplets_of(problem, start), ReportStruct()
     code = library().inkloop_paper_search(problem_struct(problem), pointer(plan), batch, iterations_max, seed, report)
-    return SearchResult(plan, objective_of(report.objective), answered(code) == _DONE, progress_of(report))
+    return SearchResult(plan, objective_of(report.objective), answered(code) == CORE_DONE, progress_of(report))
 
 
 def layer(
@@ -98,16 +102,28 @@ def diffuse(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:
     return plan
 
 
-class AfterSweep:
-    """`wanted` sees each sweep, True stops the search; so does an exception, which must not pass through C.
+class Device(Protocol):
+    """A search elsewhere, as that of the core (DeviceSearch in controller/core/problem/horizon_problem.h)."""
 
-    It is needed without `wanted` too: Python sees Ctrl-C only while it runs.
+    def improve(self, problem: Any, options: Any, plan: IntPlan, after_sweep: Callable[[int], bool]) -> tuple[int, int]:
+        """Improve a plan (layers, nx, ny) in place; a CORE_... and the number of sweeps.
+
+        problem, options: HorizonProblem and SearchOptions of C; after_sweep: takes the sweeps made, True stops here.
+        """
+
+
+class Calls:
+    """Calls from the core. An exception must not pass through C: it stops the search, and is kept.
+
+    after_sweep: `wanted` sees each sweep, True stops the search. It is needed without `wanted` too: Python sees Ctrl-C
+    only while it runs.
     """
 
-    def __init__(self, wanted: Callable[[SearchProgress], bool] | None = None) -> None:
-        self._wanted = wanted
+    def __init__(self, wanted: Callable[[SearchProgress], bool] | None = None, device: Device | None = None) -> None:
+        self._wanted, self._device = wanted, device
         self._raised: BaseException | None = None
-        self.callback = AFTER_SWEEP(self._ask)
+        self.after_sweep = AFTER_SWEEP(self._ask)
+        self.device = DEVICE_SEARCH(self._repair) if device else DEVICE_SEARCH()
 
     def was_interrupted(self) -> bool:
         """Whether Ctrl-C has stopped the search; any other exception is raised now."""
@@ -121,6 +137,22 @@ class AfterSweep:
         except BaseException as error:
             self._raised = error
             return 1
+
+    def _repair(self, problem: Any, options: Any, plan: Any, report: Any) -> int:
+        found, given = report.contents, problem.contents
+
+        def ask(sweeps: int) -> bool:
+            found.sweeps = sweeps
+            return self._ask(None, report) != 0
+
+        try:
+            assert self._device
+            droplets = np.ctypeslib.as_array(plan, (given.layers, given.nx, given.ny))
+            code, found.sweeps = self._device.improve(given, options.contents, droplets, ask)
+            return code
+        except BaseException as error:
+            self._raised = error
+            return CORE_STOPPED if isinstance(error, KeyboardInterrupt) else CORE_NO_DEVICE
 
 
 def droplets_of(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
@@ -153,9 +185,9 @@ def objective_of(found: Any) -> Objective:
 
 def answered(code: int) -> int:
     """The code that C has returned. Raises MemoryError where it had none, ValueError for no scan."""
-    if code == _NO_MEMORY:
+    if code == CORE_NO_MEMORY:
         raise MemoryError("no memory for the search of a plan; it takes about 40 bytes per cell and 10 more per step")
-    if code == _NO_SCAN:
+    if code == CORE_NO_SCAN:
         raise ValueError(
             "the first scan has readings on less than 2 % of the cells; needs one of the surface to print on: look at "
             "the sensor"

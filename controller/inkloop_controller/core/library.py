@@ -14,7 +14,7 @@ from inkloop_controller.problem.arrays import pointer
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, KINDS_MAX, HorizonProblem
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 18  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 19  # CORE_INTERFACE of inkloop_core.h
 
 
 def structure(name: str, *fields: tuple[Any, str]) -> Any:
@@ -48,6 +48,20 @@ ReportStruct = structure(
     (c_int64, "sweeps evaluations flips swaps shifts"),
 )
 AFTER_SWEEP = ctypes.CFUNCTYPE(c_int32, c_void_p, POINTER(ReportStruct))
+SearchOptionsStruct = structure(
+    "SearchOptions",
+    (c_int32, "moves"),
+    (c_int64, "annealing_sweeps sweeps_max"),
+    (c_uint64, "seed"),
+    (c_double, "seconds_max"),
+    (c_int32, "threads"),
+    (AFTER_SWEEP, "after_sweep"),
+    (c_void_p, "caller"),
+)
+DEVICE_SEARCH = ctypes.CFUNCTYPE(
+    c_int32, POINTER(ProblemStruct), POINTER(SearchOptionsStruct), _INTEGERS, POINTER(ReportStruct)
+)
+CORE_DONE, CORE_BUDGET, CORE_TIME, CORE_STOPPED, CORE_NO_MEMORY, CORE_NO_SCAN, CORE_NO_DEVICE = range(7)
 FinishStruct = structure("Finish", (c_int32, "horizon foreign_horizon"), (c_double, "layer_worth"))
 PlanReportStruct = structure(
     "PlanReport",
@@ -113,7 +127,10 @@ _ENTRY_POINTS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "layer_problem": (None, (_STEP, POINTER(SurfaceStruct), c_int32, POINTER(ProblemMapsStruct), _PROBLEM)),
     "plan": (
         _RESULT,
-        (_STEP, c_int32, _PROBLEM, c_int32, _REALS, _INTEGERS, c_size_t, c_double, AFTER_SWEEP, _INTEGERS, _PLANNED),
+        (
+            *(_STEP, c_int32, _PROBLEM, c_int32, _REALS, _INTEGERS, c_size_t, c_double, DEVICE_SEARCH, AFTER_SWEEP),
+            *(_INTEGERS, _PLANNED),
+        ),
     ),
 }
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from inkloop.component import FloatMap
-from inkloop_controller.core.bindings import AfterSweep, answered, objective_of
+from inkloop_controller.core.bindings import Calls, Device, answered, objective_of
 from inkloop_controller.core.layer_step import LayerStep
 from inkloop_controller.core.library import FinishStruct, PlanReportStruct, library, problem_struct
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
@@ -58,23 +58,26 @@ def best_plan(
     relaxed: RelaxedStart = "gradient",
     last: IntPlan,
     seconds_max: float,
+    device: Device | None = None,
     after_sweep: Callable[[SearchProgress], bool] | None = None,
 ) -> FoundPlan:
     """The best plan found (controller/core/planner/shortest_plan.h); its first layer is not empty unless all are.
 
     step: its options say how much work it may take; layer: number of the last layer; last: (layers, nx, ny) the last
-    plan, of any number of layers; that of another grid is not used; seconds_max: guard by the clock; after_sweep: sees
-    each sweep of a repair, True ends them, as does Ctrl-C.
+    plan, of any number of layers; that of another grid is not used; seconds_max: guard by the clock; device: repairs
+    plans in place of the core, and what it raises is raised; after_sweep: sees each sweep of a repair, True ends them,
+    as does Ctrl-C.
     """
-    asked = AfterSweep(after_sweep)
+    calls = Calls(after_sweep, device)
     how, droplets = _RELAX_HERE if isinstance(relaxed, str) else _RELAX_NOTHING, None
     if isinstance(relaxed, np.ndarray):
         how, droplets = _RELAX_GIVEN, pointer(checked("relaxed", relaxed, "f8", problem.choices.shape))
-    start = (how, droplets, _usable(problem, last), len(last), seconds_max, asked.callback)
+    start = (how, droplets, _usable(problem, last), len(last), seconds_max, calls.device, calls.after_sweep)
     plan, report = np.empty(problem.choices.shape, np.int32), PlanReportStruct()
     task = (step.struct, layer, problem_struct(problem))
-    answered(library().inkloop_plan(*task, *start, pointer(plan), report))
-    asked.was_interrupted()
+    code = library().inkloop_plan(*task, *start, pointer(plan), report)
+    calls.was_interrupted()
+    answered(code)
     return FoundPlan(
         plan=plan,
         objective=objective_of(report.objective),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from inkloop.component import FloatMap, Job
-from inkloop_controller.core.bindings import split
+from inkloop.errors import InkloopError, require
+from inkloop_controller.core.bindings import Device, split
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model import DropletChoices, LayerModel, LayerProblems
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from inkloop_controller.program.program import HorizonProgram
     from inkloop_controller.program.sequential_program import SequentialProgram
 
+_LOG = logging.getLogger(__name__)
+
+DeviceName: TypeAlias = Literal["cpu", "gpu", "auto"]
 Relaxation: TypeAlias = Literal["gradient", "slp", "ipopt", "highs", "none"]
 
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
@@ -52,9 +57,10 @@ class LayerMpc:
     both with horizon 3 where EstimateFigures.is_foreign;
     horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
     of it; relaxation: its engine, "gradient" of the core, by CasADi "slp" for any horizon, "ipopt" for small grids,
-    "highs" for one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound;
-    after_sweep: sees each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it. Raises
-    ValueError for impossible options.
+    "highs" for one layer and alpha = 1; device: that repairs plans, "cpu", "gpu" (by OpenCL; layers of one pass, one
+    drop size), or "auto", a GPU as long as one can; certified: for one layer and alpha = 1, every plan comes with a
+    bound; after_sweep: sees each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it.
+    Raises ValueError for impossible options.
     """
 
     def __init__(
@@ -67,10 +73,11 @@ class LayerMpc:
         choices: DropletChoices | None = None,
         relaxation: Annotated[Relaxation, declared("relaxation")] = default("relaxation"),
         work: Work = DEFAULT_WORK,
+        device: Annotated[DeviceName, declared("device")] = default("device"),
         certified: Annotated[bool, declared("certified")] = default("certified"),
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        refuse(errors_of(finish=finish, horizon=horizon, relaxation=relaxation))
+        refuse(errors_of(finish=finish, horizon=horizon, relaxation=relaxation, device=device))
         given, horizon = horizon, ending_of(finish).horizon if horizon is None else horizon
         if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(
@@ -84,11 +91,14 @@ class LayerMpc:
         self.horizon = horizon
         has_bound = certified or relaxation == "highs"  # of the predicted surface
         self._relaxation, self._certified, self._time_limit = relaxation, certified, work.time_limit
+        choices = choices or DropletChoices(job)
+        self._device = None if device == "cpu" else _device(device, job, choices)
+        self._is_device_needed = device == "gpu"
         self._problems = LayerProblems(
             job,
             replace(criterion, droplet_std=0.0) if has_bound else criterion,
-            choices or DropletChoices(job),
-            threads=work.threads,
+            choices,
+            threads=work.cores,
             finish=finish,
             horizon=given,
             sweeps_max=work.sweeps,
@@ -110,15 +120,21 @@ class LayerMpc:
         """The best plan found; DONE if that is to print nothing. elapsed: time since the scan [s]."""
         watch, problem = Stopwatch(self._time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
-        found = best_plan(
-            self._problems.step,
-            layer,
-            problem,
+        find = partial(
+            best_plan,
+            *(self._problems.step, layer, problem),
             relaxed=relaxed.droplets,
             last=last,
-            seconds_max=watch.remaining,
             after_sweep=self._after_sweep,
         )
+        try:
+            found = find(seconds_max=watch.remaining, device=self._device)
+        except InkloopError as error:
+            if self._is_device_needed:
+                raise
+            _LOG.warning("%s; the processor plans from layer %d on", error, layer + 1)
+            self._device = None
+            found = find(seconds_max=watch.remaining)
         is_uncertified = self._certified and watch.remaining == 0.0
         bound, confidence = self._bound(problem, found.plan, relaxed.bound, watch)
         is_proven = found.objective.value - bound <= PROVEN * problem.kinds[0].layer_height
@@ -181,6 +197,23 @@ class LayerMpc:
                 else HorizonProgram(problem, self._relaxation, seconds_max=seconds_max)
             )
         return self._programs[kind]
+
+
+def _device(name: DeviceName, job: Job, choices: DropletChoices) -> Device | None:
+    """The search on a device; None where "auto" finds none. Raises ValueError for "gpu" where it cannot be."""
+    reasons = [f"layers of {job.passes} passes"] * (job.passes > 1)
+    reasons += [f"{choices.drop_levels} drop sizes"] * (choices.drop_levels > 1)
+    try:
+        if reasons:
+            raise InkloopError(f"{' and '.join(reasons)} are planned on the processor")
+        require("pyopencl", "it")
+        search: Device = import_module("inkloop_controller.gpu.search").DeviceSearch()
+        return search
+    except InkloopError as error:
+        if name == "gpu":
+            raise ValueError(f"device is 'gpu', and {error}; set device = 'cpu' or 'auto'") from error
+        _LOG.info("the processor plans: %s", error)
+        return None
 
 
 def _of_layers(plan: IntPlan, layers: int) -> IntPlan:

@@ -7,14 +7,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
+from inkloop.limits import usable_cores
 from inkloop_controller.problem.options import declared, default, errors_of, options, refuse
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
 
 ALPHA = declared("alpha", form=float | list[tuple[int, float]])
+THREADS = declared("threads", form=int | Literal["auto"])
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Work:
 
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for
     a single layer, up to 200 for a small plan of several, none for a large one), with it every start;
-    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s],
+    iterations: of the relaxation; threads: at most, "auto": one a core; time_limit: guard by the clock [s],
     from the scan on.
     Raises ValueError, all errors in one sentence, for invalid budgets.
     """
@@ -82,12 +84,17 @@ class Work:
     sweeps: Annotated[int, declared("sweeps_max")] = default("sweeps_max")
     annealing_sweeps: Annotated[int | None, declared("annealing_sweeps")] = default("annealing_sweeps")
     iterations: Annotated[int, declared("iterations")] = default("iterations")
-    threads: Annotated[int, declared("threads")] = default("threads")
+    threads: Annotated[int | Literal["auto"], THREADS] = "auto"
     time_limit: Annotated[float, declared("time_limit")] = default("time_limit")
 
     def __post_init__(self) -> None:
-        given = {name: value for name, value in vars(self).items() if name != "sweeps"}
+        given = {name: value for name, value in vars(self).items() if name != "sweeps"} | {"threads": self.cores}
         refuse(options()["sweeps_max"].errors(self.sweeps, "sweeps") + errors_of(**given))
+
+    @property
+    def cores(self) -> int:
+        """Threads at most."""
+        return usable_cores() if isinstance(self.threads, str) else self.threads
 
 
 DEFAULT_WORK = Work()

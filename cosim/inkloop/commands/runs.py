@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -151,13 +152,19 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _add_info(commands: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser("info", help="describe an FMU or a run")
-    parser.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file, or a run folder")
+    parser.add_argument("path", type=Path, nargs="?", metavar="FMU|RUN", help="an .fmu file, or a run folder")
+    parser.add_argument("--devices", action="store_true", help='list the devices for device = "gpu" instead')
     return parser
 
 
 def _info(options: argparse.Namespace) -> int:
     """Show the lines of the description; the exit code."""
-    if options.path.is_dir():
+    if options.devices:
+        require("pyopencl", "--devices")
+        shown = import_module("inkloop_controller.gpu.device").lines()
+    elif options.path is None:
+        raise InkloopError("info: name an FMU or a run, or --devices")
+    elif options.path.is_dir():
         from inkloop.report.run_report import lines
 
         shown = lines(options.path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import cos, radians, sin
 from typing import Literal
 
@@ -19,7 +19,8 @@ class Body:
 
     triangles: (n, 3 corners, x y z), counterclockwise from outside; in metres, or in the unit of the file. paint: names
     of the materials of its triangles where they have several; `material` is "" then. resolution: of the coordinates,
-    as their file rounds them, in their unit.
+    as their file rounds them, in their unit. cut: triangles of closed surfaces whose inside is not part of it. remarks:
+    what was mended or left out, one sentence each.
     """
 
     triangles: NDArray[np.float64]
@@ -27,10 +28,15 @@ class Body:
     material: str = ""
     paint: tuple[str, ...] = ()
     resolution: float = 0.0
+    cut: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3, 3)))
+    remarks: tuple[str, ...] = ()
 
     @property
     def volume(self) -> float:
-        """Enclosed volume by the divergence theorem, below 0 for faces that point inwards; of a closed surface only."""
+        """Enclosed volume by the divergence theorem, below 0 for faces that point inwards; of a closed surface only.
+
+        Without regard to `cut`.
+        """
         corners = self.triangles - self.triangles.reshape(-1, 3).mean(axis=0)
         return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
 
@@ -42,11 +48,15 @@ def transformed(body: Body, matrix: FloatMap, shift: FloatMap) -> Body:
     """
     if (matrix == np.eye(3)).all() and not shift.any():
         return body
-    x, y, z = np.moveaxis(body.triangles, -1, 0)
+    resolution = body.resolution * float(np.abs(matrix).sum(axis=1).max())
+    triangles, cut = (_moved(triangles, matrix, shift) for triangles in (body.triangles, body.cut))
+    return replace(body, triangles=triangles, cut=cut, resolution=resolution)
+
+
+def _moved(triangles: NDArray[np.float64], matrix: FloatMap, shift: FloatMap) -> NDArray[np.float64]:
+    x, y, z = np.moveaxis(triangles, -1, 0)
     corners = np.stack([row[0] * x + row[1] * y + row[2] * z + add for row, add in zip(matrix, shift, strict=True)], -1)
-    if np.linalg.det(matrix) < 0.0:
-        corners = corners[:, ::-1]
-    return replace(body, triangles=corners, resolution=body.resolution * float(np.abs(matrix).sum(axis=1).max()))
+    return corners[:, ::-1] if np.linalg.det(matrix) < 0.0 else corners
 
 
 def bounds(bodies: Sequence[Body]) -> tuple[FloatMap, FloatMap]:
@@ -122,7 +132,7 @@ class Placement:
         low, high = bounds(turned)
         x, y = self.position or ((nx - 1) / 2 * pitch, (ny - 1) / 2 * pitch)
         shift = np.array([x - (low[0] + high[0]) / 2, y - (low[1] + high[1]) / 2, -low[2]])
-        return tuple(replace(body, triangles=body.triangles + shift) for body in turned)
+        return tuple(replace(body, triangles=body.triangles + shift, cut=body.cut + shift) for body in turned)
 
 
 def _rotation(axis: int, angle_deg: float) -> FloatMap:

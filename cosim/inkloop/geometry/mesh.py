@@ -46,7 +46,7 @@ class MeshColumns:
 
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
-    """All bodies as one: they may overlap. Parts outside the grid are cut off. Coordinates in metres, finite."""
+    """All bodies as one, also where they overlap, without regard to `cut`, cut off at the grid; in metres, finite."""
     check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
     triangles /= (pitch, pitch, 1.0)
@@ -151,29 +151,38 @@ def _placed(
 def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
 ) -> MeshColumns:
-    """Columns, the open ones filled. Raises GeometryError for too many, and for bodies that are inside out."""
-    found = mesh_columns(bodies, nx, ny, pitch)
-    limit = OPEN_MAX * found.occupied
-    if found.inside_out > limit:
-        raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
-    if found.occupied == 0:
+    """Columns of bodies, without what is cut away. Raises GeometryError for bodies that are open or inside out."""
+    grid = nx, ny, pitch, open_columns
+    found = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
+    columns = found.columns
+    for body in bodies:
+        if len(body.cut):
+            cut = _closed(f"{source}, negative volume of {body.name!r}", [Body(body.cut)], *grid)
+            columns |= _closed(source, [body], *grid).columns - cut.columns
+    if columns.tops.size == 0:
         low, high = bounds(bodies)
-        size, room = (
-            " x ".join(f"{MM_PER_M * each:.4g}" for each in box) for box in (high - low, (nx * pitch, ny * pitch))
-        )
+        size = " x ".join(f"{MM_PER_M * side:.4g}" for side in high - low)
+        room = " x ".join(f"{MM_PER_M * count * pitch:.4g}" for count in (nx, ny))
         raise GeometryError(
             f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
             f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
+    return replace(found, columns=columns)
+
+
+def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, mode: OpenColumns) -> MeshColumns:
+    """Columns of bodies as they are, without regard to what is cut away."""
+    found = mesh_columns(bodies, nx, ny, pitch)
+    limit = OPEN_MAX * found.occupied
+    if found.inside_out > limit:
+        raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
     if found.open_cells.size == 0:
         return found
-    if open_columns == "neighbours" and found.open_cells.size <= limit:
+    if mode == "neighbours" and found.open_cells.size <= limit:
         return replace(found, columns=_filled_by_neighbours(found.columns, found.open_cells))
-    remedy = (
-        f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
-        if found.open_cells.size > limit
-        else f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
-    )
+    remedy = f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
+    if found.open_cells.size > limit:
+        remedy = f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
     raise GeometryError(
         f"{source}: {_share(found.open_cells.size, found.occupied)} are open: a line upwards enters the surface and "
         f"does not leave it, or the other way round; the first at {_places(found.open_cells, ny, pitch)}; {remedy}"
@@ -184,10 +193,7 @@ def _inside_out(found: MeshColumns, ny: int, pitch: float) -> str:
     place = _places(np.array([found.inside_out_cell]), ny, pitch)
     columns = f"{_share(found.inside_out, found.occupied)} are inside out, the first at {place}"
     if found.open_cells.size == 0:
-        return (
-            f"{columns}: faces point into the body; turn them round (flip normals), or save the mesh with "
-            "counterclockwise faces"
-        )
+        return f"{columns}: faces point into the body; turn them round (flip normals)"
     return (
         f"{columns}, and {found.open_cells.size:,} are open, the first at {_places(found.open_cells, ny, pitch)}: some "
         "faces point into the body, or are missing; make the normals consistent, and close the holes"

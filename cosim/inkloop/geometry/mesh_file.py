@@ -14,25 +14,26 @@ import numpy as np
 from inkloop.errors import GeometryError, damaged, require
 from inkloop.files import reason_of
 from inkloop.geometry.body import Body
+from inkloop.geometry.mending import is_closed, mended, rounding
 from inkloop.limits import memory_error, unpacked_error
 from inkloop.units import LENGTHS
 
 COPIES = 12
 """Times its size that reading a file takes (assumed): binary STL has 50 bytes for the 72 of a triangle."""
 _FORMATS: Mapping[str, tuple[str, str, str]] = {
-    ".stl": ("inkloop.geometry.triangle_file", "read_stl", "trimesh"),
-    ".obj": ("inkloop.geometry.triangle_file", "read_obj", "trimesh"),
-    ".ply": ("inkloop.geometry.triangle_file", "read_ply", "trimesh"),
+    ".stl": ("inkloop.geometry.triangle_file", "read_stl", ""),
+    ".obj": ("inkloop.geometry.triangle_file", "read_obj", ""),
+    ".ply": ("inkloop.geometry.ply_file", "read_ply", "trimesh"),
     ".3mf": ("inkloop.geometry.three_mf", "read_3mf", "lib3mf"),
 }
-"""Suffix -> module, function, and the library that the module imports."""
+"""Suffix -> module, function, and the library that the module imports, "" for none."""
 
 Contents: TypeAlias = tuple[list[Body], str | None]
 """Bodies in the unit of the file, and that unit; None where the format has none."""
 
 
 def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
-    """The bodies of a mesh file in metres: STL, OBJ and PLY with `inkloop[formats]`, 3MF with `inkloop[3mf]`.
+    """The bodies of a mesh file in metres: STL, OBJ, PLY with `inkloop[formats]`, 3MF with `inkloop[3mf]`.
 
     unit: um, mm, cm, m, in or ft; may be left to 3MF, which states it. Raises GeometryError.
     """
@@ -56,8 +57,15 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
 
 def _in_metres(body: Body, factor: float) -> Body:
     """The body with the resolution of single precision: STL and 3MF have no other, texts hardly more digits."""
-    corners = body.triangles * factor
-    return replace(body, triangles=corners, resolution=float(np.abs(corners).max() * np.finfo(np.float32).eps))
+    triangles, cut = body.triangles * factor, body.cut * factor
+    resolution = float(np.abs(triangles).max() * np.finfo(np.float32).eps)
+    found, remarks = triangles, body.remarks
+    if not is_closed(triangles):
+        found, done = mended(triangles, rounding(body.triangles) * factor)
+        remarks += tuple(f"{body.name}: {each}" if body.name else each for each in done)
+    if not is_closed(cut):
+        cut, _ = mended(cut, rounding(body.cut) * factor)
+    return replace(body, triangles=found, cut=cut, remarks=remarks, resolution=resolution)
 
 
 def _contents(path: Path) -> Contents:
@@ -67,7 +75,8 @@ def _contents(path: Path) -> Contents:
     try:
         if reason := _size_error(path):
             raise GeometryError(f"{path}: {reason}")
-        require(package, f"{path}: a mesh in this format", GeometryError)
+        if package:
+            require(package, f"{path}: a mesh in this format", GeometryError)
         reader: Callable[[Path], Contents] = getattr(importlib.import_module(module), name)
         return reader(path)
     except GeometryError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from inkloop.errors import GeometryError
 from inkloop.geometry.body import Body, transformed
+from inkloop.geometry.slicer_parts import CUT, NO_PART, NOTHING, SOLID, SlicerParts
 from inkloop.limits import XmlError, check_xml, memory_error
 
 _BYTES_PER_TRIANGLE = 3 * 72
@@ -31,26 +31,43 @@ _EXTENSIONS = {
 """Namespaces that a file may require; lib3mf reads them. Levelsets, slices and others are the geometry itself."""
 _COPIES_MAX = 1_000_000
 """Of meshes in one assembly (assumed): lib3mf takes 10 ns for each."""
-_FOREIGN_ATTRIBUTE = 0x80A7
-"""Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
-_PAINT = re.compile(rb'\b(?:mmu_segmentation|paint_color)="[^"]')
-"""Attributes of painted triangles in files of PrusaSlicer, Bambu Studio and their relatives."""
-_OBJECT_OR_PAINT = re.compile(rb'<(?:\w+:)?object\b[^>]*?\bid="(\d+)"|' + _PAINT.pattern)
+_SHAPELESS = {
+    *(0x805C, 0x805D, 0x80AE, 0x80B2, 0x80C6),  # metadata
+    *(0x809C, 0x80A0, 0x80AD, 0x80B0),  # UUIDs
+    *(0x80B6, 0x80B7, 0x80B8),  # thumbnails
+}
+"""Warnings of lib3mf that touch no shape."""
+_OBEYED = {0x80A7, 0x80BD}
+"""Warnings of attributes that the standard does not know, of slicers above all, and of objects of type other."""
+_TYPES = ("other", "model", "support", "solidsupport", "surface")
+"""In the order of lib3mf's ObjectType."""
 
 
 def read_3mf(path: Path) -> tuple[list[Body], str]:
     """The bodies of the build, in the unit of the file, and that unit. Raises GeometryError, and errors of lib3mf."""
     if errors := list(_package_errors(path)):
         raise GeometryError(f"{path}: " + "; ".join(errors))
+    with zipfile.ZipFile(path) as archive:
+        slicer = SlicerParts.of(path, archive)
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
     reader.SetStrictModeActive(False)  # slicers write attributes of their own
-    reader.ReadFromFile(str(path))
-    warnings = [reader.GetWarning(n) for n in range(reader.GetWarningCount())]
-    if texts := sorted({text for code, text in warnings if code != _FOREIGN_ATTRIBUTE}):
+    try:
+        reader.ReadFromFile(str(path))
+    except lib3mf.ELib3MFException as error:
+        reason = str(error).rpartition(": ")[2]  # without the place, which lib3mf does not know
+        raise GeometryError(f"{path}: lib3mf refuses it: {reason}; save it again") from error
+    warnings = dict(reader.GetWarning(n) for n in range(reader.GetWarningCount()))
+    if texts := sorted({text for code, text in warnings.items() if code not in _OBEYED | _SHAPELESS}):
         raise GeometryError(f"{path}: holds what lib3mf would leave out: {' '.join(texts)} Save it as plain 3MF")
-    found = _Model(path, model)
-    return list(found.bodies()), _UNITS[int(model.GetUnit())]
+    found = _Model(path, model, slicer)
+    bodies = list(found.bodies())
+    remarks = [f"not printed: {', '.join(found.left_out)}"] if found.left_out else []
+    if not bodies:
+        raise GeometryError(f"{path}: {'; '.join(remarks)}; nothing is left, save it with the objects to be printed")
+    remarks += [f"lib3mf: {text}: touches no shape" for code, text in sorted(warnings.items()) if code in _SHAPELESS]
+    bodies[0] = replace(bodies[0], remarks=(*remarks, *bodies[0].remarks))
+    return bodies, _UNITS[int(model.GetUnit())]
 
 
 def _package_errors(path: Path) -> Iterator[str]:
@@ -111,27 +128,14 @@ def _required(data: bytes) -> dict[str, str]:
     return {}
 
 
-def _painted_by_slicer(path: Path) -> Iterator[tuple[str, int]]:
-    """Part and number of the objects with triangles that a slicer has painted, which lib3mf leaves out."""
-    with zipfile.ZipFile(path) as archive:
-        for member in archive.infolist():
-            data = archive.read(member)
-            number = 0
-            for found in _OBJECT_OR_PAINT.finditer(data) if _PAINT.search(data) else ():
-                if found[1]:
-                    number = int(found[1])
-                else:
-                    yield f"/{member.filename}", number
-
-
 class _Model:
-    """A model of lib3mf; `Any` is its objects, which have no types."""
+    """A model of lib3mf; `Any` is its objects, which have no types. left_out: what is not printed, and why."""
 
-    def __init__(self, path: Path, model: Any) -> None:
-        self._path, self._model = path, model
-        self._painted = set(_painted_by_slicer(path))
+    def __init__(self, path: Path, model: Any, slicer: SlicerParts) -> None:
+        self._path, self._model, self._slicer = path, model, slicer
         self._counts: dict[int, int] = {}
-        self._own: dict[int, Body] = {}
+        self._own: dict[tuple[int, int], Body] = {}
+        self.left_out: list[str] = []
 
     def bodies(self) -> Iterator[Body]:
         """One for each mesh of each item that is to be built."""
@@ -141,8 +145,19 @@ class _Model:
         count = sum(self._count(item.GetObjectResource()) for item in items)
         if reason := memory_error(_BYTES_PER_TRIANGLE * count):
             raise GeometryError(f"{self._path}: has {count:,} triangles in all copies of its objects: {reason}")
-        for item in items:
-            yield from self._placed(item.GetObjectResource(), *_placement(item.GetObjectTransform()), "")
+        for item, is_skipped in zip(items, self._slicer.skipped, strict=True):
+            entry = item.GetObjectResource()
+            if is_skipped:
+                self._leave_out(entry, 'printable="0"')
+                continue
+            built = entry.GetModelResourceID()
+            found = list(self._placed(entry, *_placement(item.GetObjectTransform()), "", built))
+            cut = np.concatenate([np.empty((0, 3, 3)), *(body.cut for body in found)])
+            remarks = (f"a negative volume is taken away from {_called(entry)}",) if len(cut) else ()
+            yield from (replace(body, cut=cut, remarks=remarks) for body in found if len(body.triangles))
+
+    def _leave_out(self, entry: Any, why: str) -> None:
+        self.left_out.append(f"{_called(entry)} ({why})")
 
     def _count(self, entry: Any) -> int:
         """Triangles of an object with all that it consists of; an object is counted once, whatever refers to it."""
@@ -153,41 +168,67 @@ class _Model:
             elif entry.IsComponentsObject():
                 self._counts[key] = sum(self._count(part.GetObjectResource()) for part in _parts(entry))
             else:
-                name = entry.GetName() or f"number {entry.GetResourceID()}"
-                raise GeometryError(f"{self._path}: object {name} is a level set, which is not read; save it as a mesh")
+                raise GeometryError(
+                    f"{self._path}: {_called(entry)} is a level set, which is not read; save it as a mesh"
+                )
         return self._counts[key]
 
-    def _placed(self, entry: Any, matrix: NDArray[Any], shift: NDArray[Any], name: str) -> Iterator[Body]:
+    def _placed(self, entry: Any, matrix: NDArray[Any], shift: NDArray[Any], name: str, built: int) -> Iterator[Body]:
+        if why := _no_part(entry):
+            self._leave_out(entry, why)
+            return
         name = entry.GetName() or name
         if entry.IsMeshObject():
-            own = self._body(entry)
+            own = self._body(entry, built)
             yield transformed(replace(own, name=name), matrix, shift)
             return
         for part in _parts(entry):
             inner, offset = _placement(part.GetTransform())
-            yield from self._placed(part.GetObjectResource(), matrix @ inner, matrix @ offset + shift, name)
+            yield from self._placed(part.GetObjectResource(), matrix @ inner, matrix @ offset + shift, name, built)
 
-    def _body(self, entry: Any) -> Body:
-        key = entry.GetUniqueResourceID()
+    def _body(self, entry: Any, built: int) -> Body:
+        """Triangles of its solid volumes and of its negative ones; built: number of the object that it belongs to."""
+        key = entry.GetUniqueResourceID(), built
         if key not in self._own:
             vertices = np.frombuffer(b"".join(entry.GetVertices()), dtype=np.float32).reshape(-1, 3)
             indices = np.frombuffer(b"".join(entry.GetTriangleIndices()), dtype=np.uint32).reshape(-1, 3)
-            names = self._materials(entry)
+            roles = np.empty(len(indices), np.int8)
+            for kind, role, triangles in self._slicer.volumes(built, entry.GetModelResourceID(), len(indices)):
+                roles[triangles] = role
+                if role == NOTHING:
+                    self._leave_out(entry, kind)
+            names = self._materials(entry, roles == SOLID)
             material, paint = (names[0], ()) if len(names) == 1 else ("", tuple(names))
-            self._own[key] = Body(vertices[indices].astype(np.float64), "", material, paint)
+            solid, cut = (vertices[indices[roles == role]].astype(np.float64) for role in (SOLID, CUT))
+            self._own[key] = Body(solid, "", material, paint, cut=cut)
         return self._own[key]
 
-    def _materials(self, mesh: Any) -> list[str]:
-        """Names of the materials of its triangles; materials other than base materials are numbered."""
-        rows = np.frombuffer(b"".join(mesh.GetAllTriangleProperties()), dtype=np.uint32).reshape(-1, 4)
+    def _materials(self, mesh: Any, which: NDArray[np.bool_]) -> list[str]:
+        """Names of the materials of some triangles; materials other than base materials are numbered."""
+        rows = np.frombuffer(b"".join(mesh.GetAllTriangleProperties()), dtype=np.uint32).reshape(-1, 4)[which]
         pairs = np.unique(np.stack([rows[:, [0, 0, 0]], rows[:, 1:]], axis=-1).reshape(-1, 2), axis=0).tolist()
         groups = {one.GetUniqueResourceID(): one for one in _iterated(self._model.GetBaseMaterialGroups())}
         names = ["" if group == 0 else f"colour {entry} of group {group}" for group, entry in pairs]
         for number, (group, entry) in enumerate(pairs):
             if group in groups:
                 names[number] = str(groups[group].GetName(entry))
-        is_painted = (mesh.PackagePart().GetPath(), mesh.GetModelResourceID()) in self._painted
+        is_painted = (mesh.PackagePart().GetPath(), mesh.GetModelResourceID()) in self._slicer.painted
         return [*names, "colours of a slicer"] if is_painted else names
+
+
+def _called(entry: Any) -> str:
+    return f"object {entry.GetName() or f'number {entry.GetModelResourceID()}'}"
+
+
+def _no_part(entry: Any) -> str:
+    """The reason why an object is no part; "" for a part."""
+    if (kind := _TYPES[int(entry.GetType())]) != "model":
+        return f"type {kind}"
+    group = entry.GetMetaDataGroup()
+    for data in (group.GetMetaData(n) for n in range(group.GetMetaDataCount())):
+        if (name := data.GetName().rpartition(":")[2]) in NO_PART and data.GetValue().lower() in ("true", "1"):
+            return str(name)
+    return ""
 
 
 def _parts(entry: Any) -> Iterator[Any]:

@@ -1,104 +1,143 @@
-"""STL, OBJ and PLY: one body, read by trimesh; content that its readers silently skip is an error here."""
+"""STL and OBJ: one body; what a file has that its format does not know is an error with its line."""
 
 from __future__ import annotations
 
-import io
 import re
-import warnings
+from array import array
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.exchange.obj import load_obj
-from trimesh.exchange.ply import load_ply
-from trimesh.exchange.stl import load_stl
-from trimesh.geometry import triangulate_quads
 
 from inkloop.errors import GeometryError
 from inkloop.geometry.body import Body
 
-_HEADER, _TRIANGLE = 84, 50
-"""Bytes of binary STL: header with the number of triangles, and each of them."""
+_HEADER = 84
+"""Bytes before the triangles of binary STL; the last four are their number."""
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_BLANKS = b"\0 \t\r\n\f\v"
+_FACET = b"facet normal # # # outer loop vertex x y z vertex x y z vertex x y z endloop endfacet".split()
+"""The words of a facet; x, y, z are numbers, and # is not read."""
+_KEYWORDS = {n: word for n, word in enumerate(_FACET) if len(word) > 1}
+_CORNERS = [n for n, word in enumerate(_FACET) if word in b"xyz"]
+_NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid[^\n]*", re.MULTILINE)
+_ELEMENTS = {
+    b"v": "three numbers",
+    b"f": "three vertices or more, counted from 1, or back from -1",
+    b"surf": "faces of vertices; free-form surfaces are not read",
+}
+_SHOWN = 3
 
 
 def read_stl(path: Path) -> tuple[list[Body], None]:
-    """Binary where the number of triangles agrees with the length, whatever the header says; else ASCII."""
+    """Binary where its number of triangles agrees with the length, whatever the header says; else text.
+
+    Less than a triangle, or any number of blanks, may follow; texts may begin with a mark of UTF-8.
+    """
     data = path.read_bytes()
     count = int.from_bytes(data[_HEADER - 4 : _HEADER], "little")
-    if len(data) == _HEADER + count * _TRIANGLE:
-        return [Body(_consecutive(load_stl(io.BytesIO(data))), path.stem)], None
-    _check_ascii(path, data, count)
-    count = len(re.findall(rb"\bfacet\s+normal\b", data, re.IGNORECASE))
-    return [_body(path, count, load_stl, data)], None
+    end = _HEADER + count * _RECORD.itemsize
+    if end <= len(data) and (len(data) < end + _RECORD.itemsize or not data[end:].strip(_BLANKS)):
+        records = np.frombuffer(data, _RECORD, count, _HEADER)
+        return [Body(records["corners"].astype(np.float64), path.stem)], None
+    text = data.removeprefix(b"\xef\xbb\xbf").rstrip(_BLANKS)
+    _check_text(path, data, text, count)
+    return [Body(_text_triangles(path, text), path.stem)], None
 
 
-def read_obj(path: Path) -> tuple[list[Body], None]:
-    """All objects as one body; polygons become fans of triangles. Materials are not read."""
-    data = path.read_bytes()
-    if re.search(rb"^[ \t]*f[ \t][^\n]*-", data, re.MULTILINE):
-        raise GeometryError(f"{path}: has faces with relative (negative) indices; save it with absolute ones")
-    count = len(re.findall(rb"^[ \t]*f[ \t]", data, re.MULTILINE))
-    try:
-        return [_body(path, count, load_obj, data, skip_materials=True)], None
-    except IndexError as error:
-        vertices = len(re.findall(rb"^[ \t]*v[ \t]", data, re.MULTILINE))
-        raise GeometryError(
-            f"{path}: has faces of vertices that it does not hold ({error}); needs 1 to {vertices}: save it again"
-        ) from error
-
-
-def read_ply(path: Path) -> tuple[list[Body], None]:
-    """ASCII or binary; polygons become fans of triangles."""
-    data = path.read_bytes()
-    declared = re.search(rb"^element\s+face\s+(\d+)", data, re.MULTILINE)
-    return [_body(path, int(declared[1]) if declared else 0, load_ply, data, skip_materials=True)], None
-
-
-def _check_ascii(path: Path, data: bytes, count: int) -> None:
+def _check_text(path: Path, data: bytes, text: bytes, count: int) -> None:
     """Raises GeometryError for a file that is neither text nor binary of the right length."""
-    begins_as_text = data.lstrip()[:5].lower() == b"solid"
-    if begins_as_text and b"\0" not in data:
+    begins_as_text = text.lstrip()[:5].lower() == b"solid"
+    if begins_as_text and b"\0" not in text:
         return
     if len(data) < _HEADER:
         found = f"has {len(data)} bytes" if data else "is empty"
         raise GeometryError(
-            f"{path}: {found}; expected 'solid', as ASCII STL begins, or binary STL of {_HEADER} bytes at least; "
+            f"{path}: {found}; expected 'solid', as text STL begins, or binary STL of {_HEADER} bytes at least; "
             "save it again"
         )
-    expected = _HEADER + count * _TRIANGLE
-    found = "begins with 'solid' as ASCII STL does, but is binary, and" if begins_as_text else "is binary STL that"
+    expected = _HEADER + count * _RECORD.itemsize
+    found = "begins with 'solid' as text STL does, but is binary, and" if begins_as_text else "is binary STL that"
     raise GeometryError(
         f"{path}: {found} states {count:,} triangles in its header, {expected:,} bytes; it has {len(data):,}; "
         "the file is cut off, damaged or no STL: save it again"
     )
 
 
-def _body(path: Path, count: int, reader: Any, data: bytes, **options: Any) -> Body:
-    """The triangles of all meshes in a file of `count` faces. Raises GeometryError if the reader skipped any."""
-    with warnings.catch_warnings():  # NumPy only warns where a word is no number, or an index is none that fits
-        warnings.filterwarnings("error", "string or file could not be read to its end", DeprecationWarning)
-        warnings.simplefilter("error", RuntimeWarning)
-        loaded: dict[str, Any] = reader(io.BytesIO(data), **options)
-    meshes = loaded["geometry"].values() if "geometry" in loaded else [loaded]
-    triangles = np.concatenate([np.empty((0, 3, 3)), *(_triangles(path, mesh) for mesh in meshes)])
-    if len(triangles) < count:
-        raise GeometryError(f"{path}: has {count:,} faces, of which {len(triangles):,} can be read; save it again")
-    return Body(triangles, path.stem)
+def _text_triangles(path: Path, text: bytes) -> NDArray[np.float64]:
+    """Triangles of all solids in a text, in either case of letters. Raises GeometryError."""
+    text = _NAMES.sub(b"", text.lower().replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    words = text.split()
+    count, rest = divmod(len(words), len(_FACET))
+    try:
+        if rest or b"_" in text or any(words[n :: len(_FACET)] != [word] * count for n, word in _KEYWORDS.items()):
+            raise ValueError
+        corners = [np.fromiter(map(float, words[n :: len(_FACET)]), np.float64, count) for n in _CORNERS]
+    except ValueError as error:
+        raise GeometryError(f"{path}: {_fault(text)}: the file is cut off or damaged, save it again") from error
+    return np.stack(corners, axis=-1).reshape(-1, 3, 3)
 
 
-def _consecutive(loaded: dict[str, Any]) -> NDArray[np.float64]:
-    """Triangles of binary STL, whose corners trimesh gives in their order."""
-    return np.asarray(loaded.get("vertices", np.empty((0, 3))), dtype=np.float64).reshape(-1, 3, 3)
+def _fault(text: bytes) -> str:
+    """The first word that does not belong where it is."""
+    count = 0
+    for found in re.finditer(rb"\S+", text):
+        at, word = count % len(_FACET), found[0]
+        expected = "a number" if at in _CORNERS else repr(_FACET[at].decode())
+        if not (_is_number(word) if at in _CORNERS else word == _KEYWORDS.get(at, word)):
+            line = 1 + text.count(b"\n", 0, found.start())
+            return f"line {line}: found {word.decode(errors='replace')!r}, expected {expected}"
+        count += 1
+    return f"ends within facet {count // len(_FACET) + 1:,}"
 
 
-def _triangles(path: Path, mesh: dict[str, Any]) -> Any:
-    faces = mesh.get("faces")
-    if faces is None or not len(faces):
-        return np.empty((0, 3, 3))
-    vertices, indices = np.asarray(mesh["vertices"], dtype=np.float64), triangulate_quads(faces)
-    if indices.min() < 0 or indices.max() >= len(vertices):
-        raise GeometryError(
-            f"{path}: has faces of vertices {indices.min()} to {indices.max()}; needs 0 to {len(vertices) - 1}"
-        )
-    return vertices[indices]
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return b"_" not in word
+
+
+def read_obj(path: Path) -> tuple[list[Body], None]:
+    """All objects as one body; polygons become fans of triangles. Materials are not read. Raises GeometryError."""
+    vertices, fans, lines, faults = array("d"), array("q"), array("q"), list[str]()
+    begun = b""
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        if line.endswith(b"\\"):
+            begun += line[:-1] + b" "
+            continue
+        line, begun = begun + line, b""
+        keyword, *words = line.split() or (b"",)
+        try:
+            if keyword in _ELEMENTS and b"_" in line:
+                raise ValueError
+            if keyword == b"v":
+                x, y, z = map(float, words[:3])
+                vertices.extend((x, y, z))
+            elif keyword == b"f":
+                first, second, third, *others = [_index(word, len(vertices) // 3) for word in words]
+                for one, other in pairwise((second, third, *others)):
+                    fans.extend((first, one, other))
+                    lines.append(number)
+            elif keyword == b"surf":
+                raise ValueError
+        except ValueError:
+            found = line.strip().decode(errors="replace")
+            faults.append(f"line {number}: found {found!r}, expected {_ELEMENTS[keyword]}")
+    indices, count = np.array(fans, np.int64).reshape(-1, 3), len(vertices) // 3
+    for n in np.flatnonzero(indices.max(axis=1, initial=-1) >= count):
+        faults.append(f"line {lines[n]}: found a face of vertex {indices[n].max() + 1}, expected 1 to {count}")
+    if faults:
+        more = f"; and {len(faults) - _SHOWN:,} more" if len(faults) > _SHOWN else ""
+        raise GeometryError(f"{path}: {'; '.join(faults[:_SHOWN])}{more}; save it again")
+    return [Body(np.array(vertices).reshape(-1, 3)[indices], path.stem)], None
+
+
+def _index(word: bytes, count: int) -> int:
+    """Number of a corner's vertex, from 0; count: vertices so far. Raises ValueError."""
+    index = int(word.partition(b"/")[0])
+    if not -count <= index != 0:
+        raise ValueError
+    return index - 1 if index > 0 else count + index

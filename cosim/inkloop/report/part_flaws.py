@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, FloatMap
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
+from inkloop.geometry.mending import open_edges, welded
 
 
 @dataclass(frozen=True)
@@ -28,34 +29,20 @@ class Hole:
 
 def holes(bodies: Sequence[Body]) -> list[Hole]:
     """All holes and seams, the largest first; none of a watertight mesh, also where bodies touch or overlap."""
-    corners, index = _welded(np.concatenate([body.triangles for body in bodies]))
-    directed = np.concatenate([index[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges, which = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
-    ways = np.bincount(which.ravel(), np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0), len(edges))
-    is_edge = edges[:, 0] != edges[:, 1]
-    rims = {False: is_edge & (ways % 2 == 1), True: is_edge & (ways % 2 == 0) & (ways != 0.0)}
+    corners, index = welded(np.concatenate([body.triangles for body in bodies]))
+    edges, ways = open_edges(index)
+    rims = {False: ways % 2 == 1, True: ways % 2 == 0}
     found = [hole for is_seam, rim in rims.items() for hole in _chains(corners, edges[rim], is_seam)]
     return sorted(found, key=lambda hole: -hole.size)
 
 
 def solids(body: Body) -> int:
     """Number of separate solids: surfaces without a common corner, those around cavities left out; at least 1."""
-    corners, index = _welded(body.triangles)
+    corners, index = welded(body.triangles)
     labels = _connected(len(corners), index[:, [0, 1, 1, 2]].reshape(-1, 2))
     a, b, c = np.moveaxis(body.triangles - corners.mean(axis=0), 1, 0)
     volumes = np.bincount(labels[index[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)))
     return max(1, int((volumes > 0.0).sum()))
-
-
-def _welded(triangles: NDArray[np.float64]) -> tuple[FloatMap, NDArray[np.int64]]:
-    """Different corners of triangles (m, 3), and the indices of theirs (n, 3)."""
-    points = triangles.reshape(-1, 3)
-    order = np.lexsort(points.T)
-    is_new = np.ones(len(points), np.bool_)
-    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
-    index = np.empty(len(points), np.int64)
-    index[order] = np.cumsum(is_new) - 1
-    return points[order[is_new]], index.reshape(-1, 3)
 
 
 def _connected(count: int, edges: NDArray[np.int64]) -> NDArray[np.int32]:

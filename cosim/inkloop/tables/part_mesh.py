@@ -69,7 +69,8 @@ class MeshTable(PlacedTable):
             raise PartError([f"file: {error}"]) from error
         whole, region = _joined({ink: each.columns for ink, each in found.items()})
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
-        remarks = [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
+        remarks = list(dict.fromkeys(remark for body in bodies for remark in body.remarks))
+        remarks += [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
         return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), _volume(bodies, found.values(), whole))
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
@@ -103,11 +104,11 @@ def _joined(by_ink: dict[str, Columns]) -> tuple[Columns, Columns | None]:
 
 
 def _volume(bodies: Sequence[Body], found: Collection[MeshColumns], whole: Columns) -> float | None:
-    """Volume that the bodies fill [m3]; None where one is open. found, whole: on the grid.
+    """Volume that the bodies fill [m3]; None where one is open or cut. found, whole: on the grid.
 
     What they share counts once, as FINE columns along their longer side see it.
     """
-    if any(each.open_cells.size for each in found):
+    if any(each.open_cells.size for each in found) or any(len(body.cut) for body in bodies):
         return None
     volume = sum(body.volume for body in bodies)
     shared = sum(each.overlap + each.columns.volume for each in found) - whole.volume

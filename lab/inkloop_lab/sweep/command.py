@@ -139,9 +139,9 @@ def _site(
     if options.scheduler:
         return on_cluster(options.scheduler, order, bundle)
     controllers = study.scenario.tables.components.values()
-    threads = max((int(table.options.get("threads", 1)) for table in controllers), default=1)
-    asked_threads = [int(value) for key, values in study.axes.items() if key.endswith(".threads") for value in values]
-    workers, note = fitting(options.workers, max([threads, *asked_threads]))
+    threads = [table.options.get("threads") for table in controllers]
+    threads += [value for key, values in study.axes.items() if key.endswith(".threads") for value in values]
+    workers, note = fitting(options.workers, max((each for each in threads if isinstance(each, int)), default=1))
     if note:
         console.sentence(f"{note} at a time")
     return on_processes(workers, order)

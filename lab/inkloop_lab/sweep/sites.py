@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 
 from inkloop import __version__
 from inkloop.errors import InkloopError, require
+from inkloop.limits import usable_cores
 from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site
 from inkloop_lab.sweep.task import Order, Record, Task, perform
@@ -109,7 +110,7 @@ def fitting(workers: int | None, threads: int) -> tuple[int, str]:
 
     workers: as asked for, None: as many as fit; threads: of a print. Raises InkloopError for none.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     if workers is not None and workers < 1:
         raise InkloopError(f"--workers is {workers}; expected a number of processes from 1")
     most = max(1, cores // threads)

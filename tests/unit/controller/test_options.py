@@ -60,6 +60,8 @@ def test_option_has_default_unit_and_meaning_of_its_variable(keyword: Keyword) -
     assert keyword.key == keyword.argument + {"m": "_um", "s": "_s", "1": ""}[variable.unit]
     if variable.name == "dead_nozzles":
         assert keyword.default == ()
+    elif variable.name == "threads":
+        assert keyword.default == "auto"
     elif keyword.default is None:
         assert variable.number(variable.default) == variable.start
         assert keyword.option.absent == variable.absent
@@ -111,7 +113,7 @@ def test_error_says_what_was_found_and_what_is_needed(variable: Variable, value:
 def test_all_errors_are_named_at_once_by_the_argument() -> None:
     assert errors_of(alpha=2.0, threads=0) == [
         "alpha is 2.0; needs a weight between 0 (evenness only) and 1 (height only)",
-        "threads is 0; needs at least 1",
+        'threads is 0; needs a number of at least 1, or "auto"',
     ]
     assert variables()["sweeps_max"].errors(0, "sweeps") == ["sweeps is 0; needs at least 1"]
 

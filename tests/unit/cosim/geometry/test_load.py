@@ -130,22 +130,63 @@ def partly_turned(triangles: meshes.Triangles) -> meshes.Triangles:
 
 
 TORUS = meshes.torus(150, 60, 1.6, 0.6)
+TEXT, BINARY = meshes.ascii_stl(WEDGE), meshes.binary_stl(WEDGE)
+OBJ, PLY = meshes.obj(WEDGE), meshes.ply(WEDGE)
+LINE = 1 + TEXT[: TEXT.index(b"4.0")].count(b"\n")
+AS_OTHERS_WRITE = {
+    "mark of UTF-8.stl": b"\xef\xbb\xbf" + TEXT,
+    "upper case.stl": TEXT.upper(),
+    "padded with NUL.stl": TEXT + bytes(57),
+    "end solid.stl": TEXT.replace(b"endsolid", b"  End solid"),
+    "words in the name.stl": TEXT.replace(b"solid part", b"solid vertex 1 2 3 facet normal endsolid"),
+    "several solids.stl": meshes.ascii_stl(WEDGE[:5]) + meshes.ascii_stl(WEDGE[5:]),
+    "carriage returns.stl": TEXT.replace(b"\n", b"\r"),
+    "normals of zero area.stl": TEXT.replace(b"normal 0 0 0", b"normal -nan(ind) nan 1e999"),
+    "on one line.stl": TEXT.replace(b"\n", b" ").replace(b"part", b"part\n", 1).replace(b"end", b"\nend"),
+    "one byte more.stl": BINARY + b"\7",
+    "padded binary.stl": BINARY + bytes(1000),
+    "relative.obj": "".join(
+        "".join(f"v {x!r} {y!r} {z!r} 0.5 0.5 0.5\n" for x, y, z in corners) + "f -3 -2 -1\n"
+        for corners in WEDGE.tolist()
+    ).encode(),
+    "textures.obj": re.sub(rb"f (\d+) (\d+)", rb"  f \1/7/8 \\\n\2//-9", OBJ),
+}
+
+
+@pytest.mark.parametrize("name", AS_OTHERS_WRITE)
+def test_variants_of_the_formats_are_read(tmp_path: Path, name: str) -> None:
+    (body,) = read_bodies(written(tmp_path, name, AS_OTHERS_WRITE[name]), "m")
+    np.testing.assert_array_equal(body.triangles, WEDGE)
+    assert body.remarks == ()
+
+
 REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "no unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": None}, "not state the unit.*give unit .--unit.: um, mm"),
     "other unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": "mile"}, "unit is 'mile'; expected one of um"),
     "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
     "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),
     "binary solid": ("a.stl", meshes.binary_stl(WEDGE, b"solid")[:-7], {}, "begins with 'solid'.*but is binary"),
-    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "damaged.*be read as .stl"),
-    "facet lost": ("a.stl", meshes.ascii_stl(WEDGE) + b"facet normal 0 0 0", {}, "has 9 faces, of which 8 can be read"),
+    "word for number": ("a.stl", TEXT.replace(b"4.0", b"four"), {}, f"line {LINE}: found 'four', expected a number"),
+    "number in code": ("a.stl", TEXT.replace(b"4.0", b"4_0"), {}, f"line {LINE}: found '4_0', expected a number"),
+    "word for word": ("a.stl", TEXT.replace(b"endloop", b"end", 2), {}, "line 7: found 'end', expected 'endloop'"),
+    "fourth number": ("a.stl", TEXT.replace(b"4.0", b"4.0 0", 1), {}, "line 5: found '0.0', expected 'vertex'"),
+    "facet lost": ("a.stl", TEXT + b"facet normal 0 0 0", {}, "ends within facet 9"),
     "nan": ("a.stl", meshes.binary_stl(np.where(WEDGE == 4, np.nan, WEDGE)), {}, "nan or infinite, in 6 of"),
     "infinite": ("a.ply", meshes.ply(WEDGE).replace(b"4.0", b"inf"), {}, "nan or infinite, in 6 of"),
     "no faces": ("a.ply", meshes.ply(WEDGE[:0]), {}, "holds no triangles"),
     "empty": ("a.stl", b"", {}, "is empty; expected 'solid'"),
     "no mesh": ("a.stl", b"hello", {}, "has 5 bytes; expected 'solid'.*or binary STL of 84 bytes at least"),
-    "vertex beyond": ("a.obj", meshes.obj(WEDGE).replace(b"f 1 2 3", b"f 1 2 99"), {}, "does not hold.*needs 1 to 24"),
-    "face beyond": ("a.ply", meshes.ply(WEDGE).replace(b"3 0 1 2", b"3 0 1 99"), {}, "vertices 0 to 99; needs 0 to 23"),
-    "relative": ("a.obj", meshes.obj(WEDGE).replace(b"f 1 2 3", b"f -1 -2 -3"), {}, "negative.*absolute"),
+    "vertex beyond": ("a.obj", OBJ.replace(b"f 1 2 3", b"f 1 2 99"), {}, "line 25: .* vertex 99, expected 1 to 24"),
+    "face beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 99"), {}, "number 1: found 0, 1, 99; expected 0 to 23"),
+    "relative beyond": ("a.obj", OBJ.replace(b"f 1 2", b"f -1 -25", 1), {}, "line 25: found 'f -1 -25 3', expected"),
+    "counted from 0": (
+        "a.obj", re.sub(rb"f (\d+)", lambda m: b"f %d" % (int(m[1]) - 1), OBJ), {},
+        "line 25: found 'f 0 2 3', expected three vertices or more, counted from 1, or back from -1; save it again",
+    ),
+    "all zero": ("a.obj", re.sub(rb"f .*", b"f 0 0 0", OBJ), {}, "line 25.*line 26.*line 27: [^;]*; and 5 more; save"),
+    "two corners": ("a.obj", OBJ.replace(b"f 1 2 3", b"f 1 2"), {}, "line 25: found 'f 1 2', expected three vertices"),
+    "two numbers": ("a.obj", OBJ.replace(b"f 1 2 3", b"v 1 2"), {}, "line 25: found 'v 1 2', expected three numbers"),
+    "free form": ("a.obj", OBJ + b"surf 0 1 0 1 1 2 3 4\n", {}, "line 33: .*free-form surfaces are not read"),
     "too wide": ("a.stl", meshes.binary_stl(2 * WEDGE), {}, r"reaches from x = -1.05 mm to 6.95 mm; the cells"),
     "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre.*0.04 x .*another unit"),
     "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),

@@ -138,8 +138,8 @@ def test_attributes_of_a_slicer_are_skipped(tmp_path: Path) -> None:
     [
         ("<triangles>", "<triangles><quad/>", "would leave out: Invalid Element"),
         ("millimeter", "parsec", "would leave out: Invalid Model Unit"),
-        ('v1="0"', 'v1="99"', "it cannot be read as .3mf"),
-        ('x="3.0"', 'x="nan"', "it cannot be read as .3mf"),
+        ('v1="0"', 'v1="99"', "Invalid model node index"),
+        ('x="3.0"', 'x="nan"', "Invalid Model Coordinates"),
     ],
 )
 def test_models_that_cannot_be_read_whole_are_refused(tmp_path: Path, found: str, put: str, message: str) -> None:

@@ -1,0 +1,1 @@
+"""The search of plans on a graphics processor, by OpenCL."""

@@ -1,0 +1,197 @@
+"""The repair of plans on an OpenCL device: as good as the core's, repeatable, refused by name, and replaced."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink
+from inkloop.errors import InkloopError
+from inkloop.testing import job
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.core.bindings import objective
+from inkloop_controller.core.layer_step import LayerStep
+from inkloop_controller.core.library import CORE_TIME, SearchOptionsStruct, problem_struct
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.model import DropletChoices
+from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
+from inkloop_controller.problem.horizon_problem import HorizonProblem, SearchProgress
+from support.closed_loop import block, print_part
+from support.core_search import search
+from support.extras import sentence
+from support.layer_problems import nearly_flat, random_plan, rough, with_everything
+
+cl = pytest.importorskip("pyopencl", reason="needs OpenCL: pip install 'inkloop[gpu]'")
+device = pytest.importorskip("inkloop_controller.gpu.device")
+if not device.devices():
+    pytest.skip("needs an OpenCL device: pip install pocl-binary-distribution", allow_module_level=True)
+from inkloop_controller.gpu.search import DeviceSearch, PlanOnDevice  # noqa: E402
+
+PROBLEMS = {
+    "one layer": rough((13, 21)),
+    "deviation": nearly_flat((21, 13), 2, alpha=0.8),
+    "chance": nearly_flat((17, 23), 3, droplet_std=0.06, overshoot=1.07),
+    "everything": with_everything((23, 17), 2, 1, 5, droplet_std=0.06),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def any_device() -> Iterator[None]:
+    """The first device, which may be a processor, stands in for a GPU."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(device.CHOICE, "0")
+        yield
+
+
+@pytest.fixture(scope="module")
+def on_device(any_device: None) -> DeviceSearch:
+    return DeviceSearch()
+
+
+def found_by(searching: DeviceSearch | None, problem: HorizonProblem, **options: Any) -> FoundPlan:
+    step = LayerStep(job(), layer_worth=0.0)
+    nothing = np.zeros((0, *problem.height.shape), np.int32)
+    return best_plan(step, 3, problem, **{"last": nothing, "seconds_max": inf, **options}, device=searching)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_surfaces_are_kept_up_to_date_to_the_last_bit(name: str, on_device: DeviceSearch) -> None:
+    """After a sweep of moves they are those of the plan, printed again."""
+    problem = PROBLEMS[name]
+    struct, plan = problem_struct(problem), random_plan(problem, 1)
+    surface = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
+    assert list(surface.sweep(True))
+    assert surface.made
+    surface.read_plan(plan)
+    again = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
+    np.testing.assert_array_equal(surface.read_heights(), again.read_heights())
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_core_finds_no_better_move_and_the_plan_repeats(name: str, on_device: DeviceSearch) -> None:
+    problem = PROBLEMS[name]
+    found, again = (found_by(on_device, problem) for _ in range(2))
+    assert found.status is PlanStatus.REPAIRED
+    np.testing.assert_array_equal(found.plan, again.plan)
+    assert found.objective == objective(problem, found.plan)
+    tried = search(problem, found.plan, sweeps_max=2)
+    assert tried.objective.value > found.objective.value - 2e-3 * Ink().h1 / problem.part.sum()
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_plan_is_as_good_as_that_of_the_core(name: str, on_device: DeviceSearch) -> None:
+    problem = PROBLEMS[name]
+    assert found_by(on_device, problem).objective.value < 1.04 * found_by(None, problem).objective.value
+
+
+@pytest.mark.long
+def test_thirty_plans_are_as_good_as_those_of_the_core(on_device: DeviceSearch) -> None:
+    problems = [
+        problem
+        for seed in range(6)
+        for problem in (
+            rough((40, 31), 1, seed),
+            nearly_flat((31, 40), 2, seed, droplet_std=0.06, overshoot=1.07),
+            nearly_flat((40, 30), 3, seed, alpha=0.8),
+            nearly_flat((30, 40), 4, seed, droplet_std=0.06),
+            nearly_flat((30, 35), 5, seed),
+        )
+    ]
+    excess = [found_by(on_device, one).objective.value / found_by(None, one).objective.value - 1.0 for one in problems]
+    assert np.mean(excess) < 0.01, excess
+
+
+def test_time_limit_and_ctrl_c_end_the_search(on_device: DeviceSearch) -> None:
+    problem = nearly_flat((12, 15), 3)
+    late = found_by(on_device, problem, seconds_max=1e-9)
+    assert (late.status, late.left_out & LeftOut.REPAIR) == (PlanStatus.FALLBACK, LeftOut.REPAIR)
+    plan = random_plan(problem, 1)
+    options = SearchOptionsStruct(sweeps_max=30, seconds_max=0.0)
+    assert on_device.improve(problem_struct(problem), options, plan, lambda _: False) == (CORE_TIME, 1)
+
+    def interrupt(_: SearchProgress) -> bool:
+        raise KeyboardInterrupt
+
+    stopped = found_by(on_device, problem, after_sweep=interrupt)
+    assert (stopped.status, stopped.sweeps) == (PlanStatus.INTERRUPTED, 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "passes", "reason"),
+    [({}, 4, "layers of 4 passes"), ({"drop_levels": 2}, 1, "2 drop sizes")],
+    ids=["four passes", "grey head"],
+)
+def test_what_the_device_does_not_plan_is_refused_or_planned_here(
+    options: dict[str, Any], passes: int, reason: str
+) -> None:
+    part = replace(block(8, 7, 3e-5), passes=passes)
+    choices = DropletChoices(part, **options)
+    with pytest.raises(ValueError, match=f"{reason} are planned on the processor; set device = 'cpu' or 'auto'"):
+        LayerMpc(part, device="gpu", choices=choices)
+    assert LayerMpc(part, device="auto", choices=choices)._device is None
+
+
+def test_processor_takes_over_where_a_device_is_lost(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def lost(*_: object) -> None:
+        with device.device_errors("the GPU"):
+            raise cl.RuntimeError("out of resources")
+
+    part, height = block(9, 8, 1.1e-5), np.random.default_rng(1).uniform(0.0, 8e-6, (9, 8))
+    planners = [LayerMpc(part, device=name) for name in ("cpu", "auto", "gpu")]
+    monkeypatch.setattr(DeviceSearch, "improve", lost)
+    task = (Estimate.exact(height, part.inks), 0, np.zeros((0, 9, 8), np.int32))
+    here, taken_over = (planner.plan(*task) for planner in planners[:2])
+    np.testing.assert_array_equal(taken_over.plan, here.plan)
+    assert "the GPU has failed (out of resources)" in caplog.text
+    assert "from layer 1 on" in caplog.text
+    with pytest.raises(InkloopError, match="plan on the processor with device = 'cpu'"):
+        planners[2].plan(*task)
+
+
+@pytest.fixture
+def no_gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.delenv(device.CHOICE)
+    monkeypatch.setattr(device, "devices", lambda: [])
+    device.chosen_device.cache_clear()
+    yield
+    device.chosen_device.cache_clear()
+
+
+@pytest.mark.usefixtures("no_gpu")
+def test_machine_without_a_gpu_says_so() -> None:
+    with pytest.raises(ValueError, match=r"no GPU here, but no OpenCL device at all; .* device = 'cpu'"):
+        LayerMpc(block(5, 4, 1e-5), device="gpu")
+    assert LayerMpc(block(5, 4, 1e-5), device="auto")._device is None
+    assert "no GPU here" in device.lines()[-1]
+
+
+def test_plan_that_does_not_fit_the_device_is_refused(on_device: DeviceSearch) -> None:
+    problem = problem_struct(nearly_flat((5, 6), 3))
+    problem.nx = problem.ny = 1 << 20
+    with pytest.raises(InkloopError, match=r"a plan of 3 layers of 1048576 x 1048576 cells takes .* GiB"):
+        on_device._check_memory(problem)
+
+
+def test_whole_print_on_a_device_ends_as_even() -> None:
+    part = block(24, 19, 3e-5)
+    planned = (LayerMpcController(part, device=name, horizon=2) for name in ("gpu", "cpu"))
+    ours, cores = (print_part(controller, part, variation=0.2).errors_um(part) for controller in planned)
+    assert ours[1:] == pytest.approx(cores[1:], rel=0.25, abs=0.0)
+
+
+def test_missing_opencl_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyopencl", None)
+    with pytest.raises(ValueError, match=re.escape(f"device is 'gpu', and it {sentence('pyopencl')}")):
+        LayerMpc(block(5, 4, 1e-5), device="gpu")
+    assert LayerMpc(block(5, 4, 1e-5), device="auto")._device is None
