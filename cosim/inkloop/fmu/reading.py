@@ -22,6 +22,7 @@ from xml.etree import ElementTree
 
 from inkloop.errors import FmuError
 from inkloop.files import reason_of, temporary_folder
+from inkloop.fmu.bus_terminals import read_buses
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
 from inkloop.limits import check_xml, memory_error, size_text, unpacked_error
@@ -61,6 +62,7 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
             model = read_model_description(str(path), validate=False)
             has_offset = any(unit.baseUnit is not None and unit.baseUnit.offset for unit in model.unitDefinitions)
             differences = _differences(archive) if has_offset else frozenset[str]()
+            buses = read_buses(archive, model)
     except (OSError, FmuError):
         raise
     except zipfile.BadZipFile as error:
@@ -76,7 +78,8 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         offered = "model exchange" if model.modelExchange is not None else "scheduled execution"
         raise FmuError(f"{path}: offers {offered} only; export it for co-simulation")
     platforms = sorted({parts[1] for parts in names if parts[0] == "binaries" and len(parts) > 2})
-    return _translated(path, model, tuple(platforms), differences)
+    described = _translated(path, model, tuple(platforms), differences)
+    return replace(described, **buses)
 
 
 def _description_error(archive: zipfile.ZipFile) -> str | None:
@@ -117,6 +120,8 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences:
         is_single=bool(model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
         needs_tool=bool(model.coSimulation.needsExecutionTool),
         can_serialize=bool(model.coSimulation.canSerializeFMUstate),
+        needs_events=bool(getattr(model.coSimulation, "hasEventMode", False))
+        and any(v.type == "Clock" for v in model.modelVariables),
         can_vary_step=bool(model.coSimulation.canHandleVariableCommunicationStepSize),
         description=model.description or "",
         version=model.version or "",
