@@ -260,7 +260,14 @@ def test_document_types_are_refused_in_xml_of_any_file(
 
 def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
     """In what is written here too: descriptions of our own FMUs, and of those that `describe` has read."""
-    checked = {"limits", "fmu.reading", "geometry.three_mf", "fmu_writer.cross", "exchange.ssp.folder"}
+    checked = {
+        "limits",
+        "fmu.bus_terminals",
+        "fmu.reading",
+        "geometry.three_mf",
+        "fmu_writer.cross",
+        "exchange.ssp.folder",
+    }
     parsers = re.compile(r"\b(fromstring|iterparse|XMLParser|XMLPullParser|ParserCreate|minidom|lxml|etree\.parse)\b")
     found = {name for name, path in modules().items() if parsers.search(path.read_text(encoding="utf-8"))}
     assert found == {f"inkloop.{name}" for name in checked}
