@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, write_json
+from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, write_json
 
 from inkloop.bench.commands import emulation_of
 from inkloop.cli import main
@@ -48,7 +48,6 @@ PICTURES = {
 DEFAULT_PICTURE = "open-against-closed"
 LOOK_AT = "What to look at: "
 """Begins the second part of a comment; the page shows what follows."""
-COLUMNS = {"mean_error_um": "mean error", "std_um": "std"}
 
 
 def run(*names: str) -> None:
@@ -105,30 +104,25 @@ def figures(run: Result) -> dict[str, float]:
 
 
 def texts() -> Texts:
-    """The figures of all runs and the entries of the page, from the scenarios and the record."""
+    """The entries of the page, from the scenarios and the record."""
     record = read_json(RECORD)
-    paths = sorted(SCENARIOS.glob("*.toml"))
-    lines = [line for path in paths for line in figure_lines(path.stem, record[path.stem])]
-    entries = (entry(path, record[path.stem]) for path in paths)
-    heads = ("scenario: run", *COLUMNS.values(), "layers")
-    return {HERE / "README.md": {"figures": table(heads, lines), "scenarios": block(["", *entries])}}
-
-
-def figure_lines(name: str, record: Mapping[str, Any]) -> Iterator[list[str]]:
-    """A line of the table for each run of a scenario."""
-    for label, each in record["runs"].items():
-        errors = (f"{each[key]:z.2f}" for key in COLUMNS)
-        yield [f"{name}: {label}", *errors, f"{each['layers']}"]
+    entries = (entry(path, record[path.stem]) for path in sorted(SCENARIOS.glob("*.toml")))
+    return {HERE / "README.md": {"scenarios": block(["", *entries])}}
 
 
 def entry(path: Path, record: Mapping[str, Any]) -> str:
-    """Title, the comment on top of the file as text, mismatch of two inks, and the picture."""
-    runs = record["runs"]
-    shares = [f"{label} {each['mismatch_percent']:.1f} %" for label, each in runs.items() if "mismatch_percent" in each]
-    mismatch = f"Mismatch: {', '.join(shares)}.\n\n" if shares else ""
+    """Title, the comment on top of the file as text, figures that its picture does not show, and the picture."""
+    runs = [f"{label} {shown(each)}" for label, each in record["runs"].items()]
+    figures = "" if PICTURES.get(path.stem, COMPARISON) == COMPARISON else f"Error: {'; '.join(runs)}.\n\n"
     link = f"[{path.name}](../../scenarios/{path.name})"
     title = Scenario.load(path).tables.title
-    return f"## {title}\n\n{link}: {comment(path)}\n\n{mismatch}![{path.stem}]({path.stem}.png)\n"
+    return f"## {title}\n\n{link}: {comment(path)}\n\n{figures}![{path.stem}]({path.stem}.png)\n"
+
+
+def shown(run: Mapping[str, float]) -> str:
+    """Mean error and standard deviation of a run, and the mismatch of two inks."""
+    mismatch = f" (mismatch {run['mismatch_percent']:.1f} %)" if "mismatch_percent" in run else ""
+    return f"{run['mean_error_um']:z.2f} ± {run['std_um']:.2f} µm{mismatch}"
 
 
 def comment(path: Path) -> str:

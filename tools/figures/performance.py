@@ -14,8 +14,11 @@ RECORD = PAGE.with_suffix(".json")
 PRINTERS = "whole_layer"
 RECORD_ONLY = frozenset({"controller_time", "estimator", "time_limit"})
 """Benchmarks whose tables are in the record only."""
-FOLLOWING = frozenset({"Numba / inkloop", "Numba, branch-free / inkloop", "NumPy / inkloop", "FMPy / inkloop", "gain"})
-"""Columns of the record that follow from other columns, which the page leaves out."""
+LEFT_OUT = frozenset({
+    "Numba / inkloop", "Numba, branch-free / inkloop", "NumPy / inkloop", "FMPy / inkloop", "gain",
+    "of it columns", "intervals", "open columns", "membership of a cell",
+})  # fmt: skip
+"""Columns of the record that follow from others or that readers do not compare; the page leaves them out."""
 
 
 def run(*parts: str) -> None:
@@ -57,7 +60,7 @@ def _list(values: Mapping[str, str]) -> str:
 def _tables(tables: Sequence[Mapping[str, Any]]) -> str:
     lines: list[str] = []
     for each in tables:
-        command = f"`python -m benchmarks {each['benchmark']}`, {each['processor_s']:g} s of processor time."
+        command = f"`python -m benchmarks {each['benchmark']}`"
         lines += ["", f"**{each['title'][:1].upper()}{each['title'][1:]}.** {command}", ""]
         lines += _shown(each["headings"], each["rows"]).strip("\n").splitlines()
         lines += [line for note in each["notes"] for line in ("", f"{note[:1].upper()}{note[1:]}.")]
@@ -65,5 +68,5 @@ def _tables(tables: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _shown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    kept = [index for index, heading in enumerate(headings) if heading not in FOLLOWING]
+    kept = [index for index, heading in enumerate(headings) if heading not in LEFT_OUT]
     return table([headings[index] for index in kept], [[row[index] for index in kept] for row in rows])

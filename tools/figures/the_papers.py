@@ -1,6 +1,6 @@
 """Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures.
 
-All figures of a paper are in a CSV file beside the page; the page has those that the paper prints.
+All figures of a paper are in a CSV file beside the page; the page has those that are not reproduced.
 """
 
 from __future__ import annotations
@@ -37,12 +37,10 @@ SCORE_PAGE = """# The score board
 
 Each plant is a file of [plant-v1](../../lab/inkloop_lab/score/plant-v1) or
 [plant-v2](../../lab/inkloop_lab/score/plant-v2) (displaced, incomplete scans). A version never changes: tables with the
-same hash (after "plants") can be compared. Your class is the same as [in a
-scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
-run the command in the folder of `module.py`.
+same hash (after "plants") can be compared. A class is that [of a scenario](../how-to/bring-your-own-component.md), a
+policy that of [Learn a policy](../how-to/learn-a-policy.md); run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, `score.tex`, `score.csv` (every print) and `score.png`. To cite, use the line below a
-table, [CITATION.cff](../../CITATION.cff), and the papers of the plants.
+The run folder holds `score.md`, `score.tex`, `score.csv` (every print) and `score.png`.
 
 | plant | the printer | the sensor |
 |---|---|---|
@@ -64,9 +62,6 @@ table, [CITATION.cff](../../CITATION.cff), and the papers of the plants.
 random layers printed on the plant. "Single droplet" is what one droplet leaves on flat ground; "superposition" (greedy
 geometric feedback, Cohen and Lipson 2010) adds it up. "Learning" also fits the three heights during the print
 (`adapt_ink = "full"`).
-
-With the scans of version 2 superposition, error diffusion and the paper's search pour ink on walls that are not where
-the scan shows them.
 """
 
 
@@ -126,10 +121,11 @@ def texts() -> Texts:
 
 
 def printed_figures(paper: str) -> str:
-    """Table of the figures that a paper prints and that can be compared; a place is named in its first row."""
+    """How many of the figures that a paper prints are reproduced, and a table of the others."""
     verdict, is_printed = HEADINGS.index("reproduced"), HEADINGS.index("printed")
     rows = [row for row in rows_of(paper) if "-" not in (row[is_printed], row[verdict])]
-    places = [row[0] for row in rows]
-    above = ["", *places[:-1]]
-    shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(rows, above, strict=True)]
-    return table(HEADINGS, shown)
+    others = [row for row in rows if row[verdict] != "yes"]
+    above = ["", *(row[0] for row in others)]
+    shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(others, above, strict=False)]
+    count = f"Reproduced: {len(rows) - len(others)} of {len(rows)} printed figures that can be compared. The others:\n"
+    return "\n" + count + table(HEADINGS, shown)

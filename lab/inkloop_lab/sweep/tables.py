@@ -57,7 +57,7 @@ class SeedsTable(Table):
     """`[seeds]`: the prints of a point; the same seeds at every point."""
 
     count: int = Field(default=1, ge=1, le=SEEDS_MAX, description="prints of each point; with `until` the first ones")
-    first: int | None = Field(default=None, ge=0, le=2**31 - 1, description="left out: the scenario's; then one more")
+    first: int | None = Field(default=None, ge=0, le=2**31 - 1, description="the first one; none: the scenario's")
     until: Until | None = Field(default=None, description="print further seeds until the standard error is this small")
     max: int | None = Field(default=None, ge=1, le=SEEDS_MAX, description="seeds of a point at most, with `until`")
 
