@@ -19,7 +19,7 @@ from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import DISCARD, ERROR, EVERY_FORM, OK, Driver
 from support.small_block import assert_same_layers, printed
 
-OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
+OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "planned_droplets", "solve_time"}
 
 
 def planned_ahead(controller: Any) -> tuple[bool, int]:

@@ -18,7 +18,7 @@ from support.closed_loop import SECOND
 from support.half_spaces import Above
 from support.sheets import Sheets
 
-OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
+OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "planned_droplets", "solve_time"}
 PITCH = 1e-4
 PIPES = PipeJunction(4 * PITCH, 4 * PITCH, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6)
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
