@@ -41,7 +41,7 @@ PROBLEMS = {
     "one layer": rough((13, 21)),
     "deviation": nearly_flat((21, 13), 2, alpha=0.8),
     "deviation, far below the target": replace(
-        nearly_flat((13, 21), 2, alpha=0.8), target=np.full((13, 21), 3e-3)
+        nearly_flat((13, 21), 2, alpha=0.3), target=np.full((13, 21), 3e-3)
     ),
     "chance": nearly_flat((17, 23), 3, droplet_std=0.06, overshoot=1.07),
     "everything": with_everything((23, 17), 2, 1, 5, droplet_std=0.06),
