@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks import on_device as on_device_benchmark
 
 from inkloop.component import Ink
 from inkloop.errors import InkloopError
@@ -192,8 +193,16 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     device.chosen_device.cache_clear()
 
 
+def test_benchmark_compares_the_device_with_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(on_device_benchmark, "HORIZONS", (1, 2))
+    table = on_device_benchmark.measure(9)
+    ours, cores = ([float(text) for text in table.columns[number].cells] for number in (4, 2))
+    assert ours == pytest.approx(cores, rel=0.1, abs=0.0)
+
+
 @pytest.mark.usefixtures("no_gpu")
 def test_machine_without_a_gpu_says_so() -> None:
+    assert "no GPU here" in str(on_device_benchmark.measure())
     with pytest.raises(ValueError, match=r"no GPU here, but no OpenCL device at all; .* device = 'cpu'"):
         LayerMpc(block(5, 4, 1e-5), device="gpu")
     assert LayerMpc(block(5, 4, 1e-5), device="auto")._device is None
