@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from benchmarks import use_one_thread
 
-from inkloop import limits
 from inkloop.component import Job
 from inkloop.components import catalog
 from inkloop.components.fmu_parameters import options_of_controller_fmu
@@ -124,7 +123,7 @@ def test_all_errors_are_named_at_once_by_the_argument() -> None:
 def test_auto_takes_the_cores_there_are_and_benchmarks_one(
     limit: str, cores: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(limits.os, "sched_getaffinity", lambda _: range(6), raising=False)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(6), raising=False)
     monkeypatch.setenv("OMP_NUM_THREADS", limit)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     assert (Work().cores, Work(threads=2).cores) == (cores, 2)

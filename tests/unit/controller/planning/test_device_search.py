@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks import on_device as on_device_benchmark
+from rich.table import Table
 
 from inkloop.component import Ink
 from inkloop.errors import InkloopError
@@ -26,7 +27,7 @@ from inkloop_controller.model import DropletChoices
 from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem, SearchProgress
+from inkloop_controller.problem.horizon_problem import HorizonProblem
 from support.closed_loop import block, print_part
 from support.core_search import search
 from support.extras import sentence
@@ -41,9 +42,7 @@ from inkloop_controller.gpu.search import DeviceSearch, PlanOnDevice  # noqa: E4
 PROBLEMS = {
     "one layer": rough((13, 21)),
     "deviation": nearly_flat((21, 13), 2, alpha=0.8),
-    "deviation, far below the target": replace(
-        nearly_flat((13, 21), 2, alpha=0.3), target=np.full((13, 21), 3e-3)
-    ),
+    "deviation, far below the target": replace(nearly_flat((13, 21), 2, alpha=0.3), target=np.full((13, 21), 3e-3)),
     "chance": nearly_flat((17, 23), 3, droplet_std=0.06, overshoot=1.07),
     "everything": with_everything((23, 17), 2, 1, 5, droplet_std=0.06),
 }
@@ -139,7 +138,7 @@ def test_time_limit_and_ctrl_c_end_the_search(on_device: DeviceSearch) -> None:
     options = SearchOptionsStruct(sweeps_max=30, seconds_max=0.0)
     assert on_device.improve(problem_struct(problem), options, plan, lambda _: False) == (CORE_TIME, 1)
 
-    def interrupt(_: SearchProgress) -> bool:
+    def interrupt(_: object) -> bool:
         raise KeyboardInterrupt
 
     options, start = SearchOptionsStruct(sweeps_max=30, seconds_max=inf), plan.copy()
@@ -196,7 +195,8 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_benchmark_compares_the_device_with_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(on_device_benchmark, "HORIZONS", (1, 2))
     table = on_device_benchmark.measure(9)
-    ours, cores = ([float(text) for text in table.columns[number].cells] for number in (4, 2))
+    assert isinstance(table, Table)
+    ours, cores = ([float(str(text)) for text in table.columns[number].cells] for number in (4, 2))
     assert ours == pytest.approx(cores, rel=0.1, abs=0.0)
 
 
@@ -211,9 +211,10 @@ def test_machine_without_a_gpu_says_so() -> None:
 
 def test_errors_of_a_device_are_a_line_with_what_to_do(on_device: DeviceSearch) -> None:
     """The first error of a log of the compiler; missing memory of this machine."""
-    with pytest.raises(InkloopError, match=r"^X has failed \(clBuild[^\n]*identifier 'b'\); plan .* 'cpu'[^\n]*$"):
-        with device.device_errors("X"):
-            cl.Program(on_device._queue.context, "kernel void f(global int *a) { a[0] = b; }\n" * 9).build()
+    program = cl.Program(on_device._queue.context, "kernel void f(global int *a) { a[0] = b; }\n" * 9)
+    line = r"^X has failed \(clBuild[^\n]*identifier 'b'\); plan .* 'cpu'[^\n]*$"
+    with pytest.raises(InkloopError, match=line), device.device_errors("X"):
+        program.build()
     with pytest.raises(InkloopError, match=r"^X has failed \(no memory\)"), device.device_errors("X"):
         raise MemoryError
 
@@ -228,7 +229,7 @@ def test_broken_driver_hides_no_device_and_single_precision_is_refused(monkeypat
     monkeypatch.setattr(cl, "get_platforms", lambda: [SimpleNamespace(get_devices=broken), working])
     monkeypatch.delenv(device.CHOICE)
     assert device.devices() == [found]
-    with pytest.raises(InkloopError, match="G .* has no double precision"):
+    with pytest.raises(InkloopError, match=r"G .* has no double precision"):
         device.chosen_device.__wrapped__()
 
 
