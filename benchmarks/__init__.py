@@ -1,5 +1,6 @@
 """Measured comparisons: ours against floors and peers in the same run, and against targets."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -19,5 +20,10 @@ RECORDED = (
 """Modules here with a function `measure`, measured by `make benchmarks` for the page: some six minutes together."""
 PRINTING = {"closed_loop": 10, "lying_scans": 3}
 """Print whole parts, with so many seeds if no number is given."""
-NAMES = (*RECORDED, *PRINTING, "bench_bus")
+NAMES = (*RECORDED, "on_device", *PRINTING, "bench_bus")
 """Run by `python -m benchmarks` if none is named."""
+
+
+def use_one_thread() -> None:
+    """Plan, estimate and multiply matrices on one thread where a benchmark names no other number; before NumPy."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")

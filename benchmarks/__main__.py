@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 import sys
 
 from rich.console import Console
 
-from benchmarks import NAMES, PRINTING
+from benchmarks import NAMES, PRINTING, use_one_thread
 
 
 def main(arguments: list[str]) -> int:
@@ -25,7 +24,7 @@ def main(arguments: list[str]) -> int:
     if unknown:
         print(f"no benchmark called {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)
         return 1
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other would count as processor time
+    use_one_thread()
     console = Console(width=140)
     for name in names or NAMES:
         seeds = {"seeds": options.seeds or PRINTING[name]} if name in PRINTING else {}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks import RECORDED
+from benchmarks import RECORDED, use_one_thread
 from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
 
 PAGE = DOCS / "reference" / "performance.md"
@@ -22,12 +21,16 @@ LEFT_OUT = frozenset({
 
 
 def run(*parts: str) -> None:
-    """Measure everything, or these benchmarks; keep the other tables of the record."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    """Measure everything, or these benchmarks; keep the other tables of the record. The row of a GPU is shown only."""
+    use_one_thread()
+    from benchmarks import on_device
     from benchmarks.record import measured
     from rich.console import Console
 
-    found = measured(parts or RECORDED, Console(width=140))
+    console = Console(width=140)
+    found = measured(parts or RECORDED, console)
+    if not parts:
+        console.print(on_device.measure())
     if parts and RECORD.exists():
         kept = [each for each in read_json(RECORD)["tables"] if each["benchmark"] not in parts]
         found["tables"] = sorted([*kept, *found["tables"]], key=lambda each: _place(each["benchmark"]))

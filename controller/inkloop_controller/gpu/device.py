@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 
 import pyopencl as cl
@@ -21,10 +21,12 @@ class DeviceError(InkloopError):
 
 def devices() -> list[cl.Device]:
     """All OpenCL devices, processors included."""
-    try:
-        return [device for platform in cl.get_platforms() for device in platform.get_devices()]
-    except cl.Error:  # no platform at all
-        return []
+    found: list[cl.Device] = []
+    with suppress(cl.Error):  # no platform at all
+        for platform in cl.get_platforms():
+            with suppress(cl.Error):  # a driver that is broken
+                found += platform.get_devices()
+    return found
 
 
 def described(device: cl.Device) -> str:
@@ -57,18 +59,20 @@ def chosen_device() -> cl.Device:
             f"'cpu' ({CHOICE} takes another device)"
         )
     device = max(found, key=lambda device: device.global_mem_size)
-    if not device.double_fp_config:
+    if "cl_khr_fp64" not in device.extensions.split():
         raise DeviceError(f"{described(device)} has no double precision, which the search needs: device = 'cpu'")
     return device
 
 
 @contextmanager
 def device_errors(where: str) -> Iterator[None]:
-    """Turn errors of OpenCL within the block into DeviceError."""
+    """Turn errors of OpenCL within the block, and missing memory, into DeviceError."""
     try:
         yield
-    except (cl.Error, cl.LogicError) as error:
-        reason = str(error).strip().splitlines()[0]
+    except (cl.Error, MemoryError) as error:
+        lines = str(error).splitlines() or ["no memory"]
+        log = [line for line in lines[1:] if "error" in line.lower()]  # of a compiler, which may be long
+        reason = ": ".join([lines[0], *log[:1]])
         raise DeviceError(
             f"{where} has failed ({reason}); plan on the processor with device = 'cpu', or 'auto', which goes on there"
         ) from error

@@ -120,12 +120,15 @@ kernel void add_up(constant Rules *rules, global const double *height, global co
     atom_add(&sums[1], squares);
 }
 
-/* Change of the standard deviation by a change of the sums (objective.c). */
+/* Change of the standard deviation by a move (objective.c). Where other cells share the launch, the change on the tangent:
+ * the deviation is concave in the sums, so what their moves change together is not above the sum of these. */
 double deviation_change(constant Rules *rules, global const long *sums, double height, double square) {
-    const double count = rules->count, heights = sums[0] * rules->height_step, mean = heights / count;
+    const double count = rules->count, mean = sums[0] * rules->height_step / count;
     const double before = fmax(sums[1] * rules->square_step / count - mean * mean, 0.0);
-    const double change = square / count - height * (2.0 * heights + height) / (count * count);
-    const double deviations = sqrt(before) + sqrt(fmax(before + change, 0.0));
+    const bool is_shared = get_num_groups(0) > 1;
+    const double change = (square - 2.0 * mean * height) / count - (is_shared ? 0.0 : height * height / (count * count));
+    const double after = is_shared && before > 0.0 ? before : fmax(before + change, 0.0);
+    const double deviations = sqrt(before) + sqrt(after);
     return deviations > 0.0 ? change / deviations : 0.0;
 }
 #endif

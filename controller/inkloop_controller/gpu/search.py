@@ -24,7 +24,7 @@ ABYSS = -1.0  # height of the frame [m], of controller/core/search/plan_surface.
 UNIFORM_BOUND = sqrt(3.0)  # of a distribution with standard deviation 1
 LEAST_SHARE_OF_DROPLET = 1e-9  # of plan_surface.c: gains below are rounding
 LATTICE = 2.0**54  # heights are multiples of its inverse, of controller/core/model/lattice.h
-HEIGHT_STEP, SQUARE_STEP = 2.0**-70, 2.0**-80  # of the sums, per cell [m], [m2]
+SUM_STEP = 2.0**-60  # of the sums, as a share of the most that they can be
 RULES = np.dtype(
     [(name, "i8") for name in ("nx", "ny", "stride", "framed", "tiles")]
     + [(name, "f8") for name in ("upward", "skew", "ceiling_cost", "chance", "least_chance")]
@@ -36,8 +36,9 @@ LAUNCH = np.dtype([(name, "i4") for name in ("layer", "period", "ci", "cj")])
 class DeviceSearch:
     """The search on one device; problems of the same form share their program.
 
-    It ends when no move of a single cell improves the plan; the same problem gives the same plan on a device. Raises
-    DeviceError where there is no device, where it fails, or where it lacks memory.
+    It ends when no move of a single cell improves the plan, for alpha < 1 by a bound that moves made together keep: no
+    sweep worsens the plan. The same problem gives the same plan on a device. Raises DeviceError where there is no
+    device, where it fails, or where it lacks memory.
     """
 
     def __init__(self) -> None:
@@ -53,9 +54,10 @@ class DeviceSearch:
         with device_errors(self._name):
             self._check_memory(problem)
             surface = PlanOnDevice(self._queue, self._program(problem), problem, plan)
-            found = _sweeps(surface, options.sweeps_max, ends_at, after_sweep)
-            surface.read_plan(plan)
-        return found
+            try:
+                return _sweeps(surface, options.sweeps_max, ends_at, after_sweep)
+            finally:  # after Ctrl-C too
+                surface.read_plan(plan)
 
     def _program(self, problem: Any) -> cl.Program:
         form = (problem.layers, problem.kinds, int(_has_ceiling(problem)), int(problem.alpha < 1.0))
@@ -88,13 +90,14 @@ class PlanOnDevice:
         target = _array(problem.target, self._shape, np.float64)
         weight = _array(problem.weight, self._shape, np.float64) if problem.weight else part.astype(np.float64)
         ceiling = _array(problem.ceiling, self._shape, np.float64) if _has_ceiling(problem) else np.zeros((1, 1))
-        rules = _rules(problem, part, target)
+        droplets = _droplets(problem)
+        rules = _rules(problem, part, droplets)
         moves = np.array(list(_launches(layers)), LAUNCH)
         spans = [
             -(-(side - moves[name]) // moves["period"]) for side, name in zip(self._shape, ("ci", "cj"), strict=True)
         ]
         self._groups = [int(rows * columns) if rows > 0 < columns else 0 for rows, columns in zip(*spans, strict=True)]
-        self._rules, self._droplets = self._buffer(rules), self._buffer(_droplets(problem))
+        self._rules, self._droplets = self._buffer(rules), self._buffer(droplets)
         self._height, self._chance = self._buffer(self._heights()), self._buffer(_framed(np.zeros(self._shape)))
         self._plan, self._part = self._buffer(_framed(plan.astype(np.uint8))), self._buffer(_framed(part))
         tiles = np.ones((-(-problem.nx // TILE), rules["tiles"]), np.uint8)
@@ -200,18 +203,21 @@ def _has_ceiling(problem: Any) -> bool:
     return problem.ceiling_cost > 0.0 and bool(problem.ceiling)
 
 
-def _rules(problem: Any, part: NDArray[np.uint8], target: NDArray[np.float64]) -> NDArray[Any]:
-    """The Rules of moves.cl. Heights are added up from the mean target on."""
+def _rules(problem: Any, part: NDArray[np.uint8], droplets: NDArray[np.float64]) -> NDArray[Any]:
+    """The Rules of moves.cl. Heights are added up from the mean of the first surface on, which lies near the last."""
     kinds, count = problem.kind[: problem.kinds], float(part.sum())
     chance, stride = UNIFORM_BOUND * problem.droplet_std, problem.ny + 2
+    height = _array(problem.height, part.shape, np.float64)[part > 0]
+    reference = np.rint(height.mean() * LATTICE) / LATTICE
+    most = abs(height - reference).max() + 2.0 * problem.layers * droplets[:, 0].max()  # of a cell: its own, and shares
     return np.array(
         (
             *(problem.nx, problem.ny, stride, (problem.nx + 2) * stride, -(-problem.ny // TILE)),
             *(0.5 * (problem.overshoot + 1.0), 0.5 * (problem.overshoot - 1.0), problem.ceiling_cost),
             *(chance, chance * min(kind.h1 for kind in kinds)),
-            *(problem.alpha, count, np.rint(target[part > 0].mean() * LATTICE) / LATTICE),
+            *(problem.alpha, count, reference),
             LEAST_SHARE_OF_DROPLET * max(kind.h1 for kind in kinds) / count,
-            *(count * HEIGHT_STEP, count * SQUARE_STEP),
+            *(count * most * SUM_STEP, count * most**2 * SUM_STEP),
         ),
         RULES,
     )

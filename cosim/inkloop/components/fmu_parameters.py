@@ -177,6 +177,7 @@ _INSTEAD: Mapping[str, str] = {
     "dead_nozzles": "mark the cells that nozzles reach in jettable",
     "nozzle_pitch": "mark the cells that nozzles reach in jettable",
     "threads": "it plans on one thread; leave it out",
+    "device": "it plans on the processor; leave it out, or take kind 'LayerMpc'",
     "relaxation": "it relaxes by projected gradients; leave it out, or take kind 'LayerMpc'",
     "certified": "it proves no bound; take kind 'LayerMpc' for one",
 }

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from benchmarks import use_one_thread
 
 from inkloop.component import Job
 from inkloop.components import catalog
@@ -116,6 +117,18 @@ def test_all_errors_are_named_at_once_by_the_argument() -> None:
         'threads is 0; needs a number of at least 1, or "auto"',
     ]
     assert variables()["sweeps_max"].errors(0, "sweeps") == ["sweeps is 0; needs at least 1"]
+
+
+@pytest.mark.parametrize(("limit", "cores"), [("0", 1), ("3", 3), ("1000", 6), ("abc", 6), ("", 6)])
+def test_auto_takes_the_cores_there_are_and_benchmarks_one(
+    limit: str, cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(6), raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    assert (Work().cores, Work(threads=2).cores) == (cores, 2)
+    use_one_thread()
+    assert Work().cores == 1
 
 
 def test_option_of_a_class_is_written_in_the_unit_of_its_key() -> None:

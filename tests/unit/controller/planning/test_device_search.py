@@ -7,10 +7,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks import on_device as on_device_benchmark
+from rich.table import Table
 
 from inkloop.component import Ink
 from inkloop.errors import InkloopError
@@ -24,7 +27,7 @@ from inkloop_controller.model import DropletChoices
 from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem, SearchProgress
+from inkloop_controller.problem.horizon_problem import HorizonProblem
 from support.closed_loop import block, print_part
 from support.core_search import search
 from support.extras import sentence
@@ -39,6 +42,7 @@ from inkloop_controller.gpu.search import DeviceSearch, PlanOnDevice  # noqa: E4
 PROBLEMS = {
     "one layer": rough((13, 21)),
     "deviation": nearly_flat((21, 13), 2, alpha=0.8),
+    "deviation, far below the target": replace(nearly_flat((13, 21), 2, alpha=0.3), target=np.full((13, 21), 3e-3)),
     "chance": nearly_flat((17, 23), 3, droplet_std=0.06, overshoot=1.07),
     "everything": with_everything((23, 17), 2, 1, 5, droplet_std=0.06),
 }
@@ -87,6 +91,22 @@ def test_core_finds_no_better_move_and_the_plan_repeats(name: str, on_device: De
     assert tried.objective.value > found.objective.value - 2e-3 * Ink().h1 / problem.part.sum()
 
 
+@pytest.mark.parametrize("alpha", [0.5, 0.0])
+def test_moves_made_together_do_not_worsen_the_plan(alpha: float, on_device: DeviceSearch) -> None:
+    """Each of two moves alone would bring the two cells of the part closer, both together further apart."""
+    problem, start = rough((1, 25), 2, alpha=alpha), np.zeros((2, 1, 25), np.int32)
+    ends = np.zeros((1, 25), np.bool_)
+    ends[0, [0, -1]] = True
+    height = np.where(np.arange(25) == 24, -0.4 * Ink().h1, 0.0).reshape(1, 25)
+    choices = (np.arange(2).reshape(2, 1, 1) * ends).astype(np.uint16)
+    problem = replace(problem, height=height, target=height * 0.0, part=ends, choices=choices)
+    start[1, 0, 24] = 1
+    plan = start.copy()
+    options = SearchOptionsStruct(sweeps_max=1, seconds_max=inf)
+    on_device.improve(problem_struct(problem), options, plan, lambda _: False)
+    assert objective(problem, plan).value <= objective(problem, start).value
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_plan_is_as_good_as_that_of_the_core(name: str, on_device: DeviceSearch) -> None:
     problem = PROBLEMS[name]
@@ -118,9 +138,13 @@ def test_time_limit_and_ctrl_c_end_the_search(on_device: DeviceSearch) -> None:
     options = SearchOptionsStruct(sweeps_max=30, seconds_max=0.0)
     assert on_device.improve(problem_struct(problem), options, plan, lambda _: False) == (CORE_TIME, 1)
 
-    def interrupt(_: SearchProgress) -> bool:
+    def interrupt(_: object) -> bool:
         raise KeyboardInterrupt
 
+    options, start = SearchOptionsStruct(sweeps_max=30, seconds_max=inf), plan.copy()
+    with pytest.raises(KeyboardInterrupt):
+        on_device.improve(problem_struct(problem), options, plan, interrupt)
+    assert objective(problem, plan).value < objective(problem, start).value
     stopped = found_by(on_device, problem, after_sweep=interrupt)
     assert (stopped.status, stopped.sweeps) == (PlanStatus.INTERRUPTED, 1)
 
@@ -168,12 +192,45 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     device.chosen_device.cache_clear()
 
 
+def test_benchmark_compares_the_device_with_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(on_device_benchmark, "HORIZONS", (1, 2))
+    table = on_device_benchmark.measure(9)
+    assert isinstance(table, Table)
+    ours, cores = ([float(str(text)) for text in table.columns[number].cells] for number in (4, 2))
+    assert ours == pytest.approx(cores, rel=0.1, abs=0.0)
+
+
 @pytest.mark.usefixtures("no_gpu")
 def test_machine_without_a_gpu_says_so() -> None:
+    assert "no GPU here" in str(on_device_benchmark.measure())
     with pytest.raises(ValueError, match=r"no GPU here, but no OpenCL device at all; .* device = 'cpu'"):
         LayerMpc(block(5, 4, 1e-5), device="gpu")
     assert LayerMpc(block(5, 4, 1e-5), device="auto")._device is None
     assert "no GPU here" in device.lines()[-1]
+
+
+def test_errors_of_a_device_are_a_line_with_what_to_do(on_device: DeviceSearch) -> None:
+    """The first error of a log of the compiler; missing memory of this machine."""
+    program = cl.Program(on_device._queue.context, "kernel void f(global int *a) { a[0] = b; }\n" * 9)
+    line = r"^X has failed \(clBuild[^\n]*identifier 'b'\); plan .* 'cpu'[^\n]*$"
+    with pytest.raises(InkloopError, match=line), device.device_errors("X"):
+        program.build()
+    with pytest.raises(InkloopError, match=r"^X has failed \(no memory\)"), device.device_errors("X"):
+        raise MemoryError
+
+
+def test_broken_driver_hides_no_device_and_single_precision_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise cl.RuntimeError("the driver is broken")
+
+    found = SimpleNamespace(type=cl.device_type.GPU, name="G", global_mem_size=1, extensions="cl_khr_fp16")
+    working = SimpleNamespace(name="P", get_devices=lambda: [found])
+    found.platform = working
+    monkeypatch.setattr(cl, "get_platforms", lambda: [SimpleNamespace(get_devices=broken), working])
+    monkeypatch.delenv(device.CHOICE)
+    assert device.devices() == [found]
+    with pytest.raises(InkloopError, match=r"G .* has no double precision"):
+        device.chosen_device.__wrapped__()
 
 
 def test_plan_that_does_not_fit_the_device_is_refused(on_device: DeviceSearch) -> None:

@@ -178,6 +178,7 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
         ({"alpha": [[1, 0.8], [4, 0.3]]}, "alpha is a schedule; .* take kind 'LayerMpc' .* sets alpha between steps"),
         ({"sweeps": 3}, "sweeps is no option of LayerController; write sweeps_max"),
         ({"dead_nozzles": [1]}, "dead_nozzles is no option of .*; mark the cells that nozzles reach in jettable"),
+        ({"device": "gpu"}, "device is no option of .*; it plans on the processor; leave it out, or .* 'LayerMpc'"),
         ({"certified": True}, "certified is no option of .*; it proves no bound; take kind 'LayerMpc' for one"),
         ({"foo": 1}, "foo is no option of LayerController; known: .* fringe_weight, h1_a_um, h1_b_um, h2_a_um, .*"),
     ],
