@@ -19,13 +19,13 @@ from inkloop.metrology import map_readers
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_readers import PIXEL_TOLERANCE, FileContents, length_factor
 from inkloop.metrology.table_file import read_table
-from inkloop.units import UM_PER_M
+from inkloop.units import M_PER_UM, UM_PER_M
 
 __all__ = ["read"]
 
 COPIES = 3
 """Times its size that reading an array takes: what is stored, the heights, and their transposed copy."""
-FIELD_MIN, FIELD_MAX = 1e-6, 1.0
+FIELD_MIN, FIELD_MAX = M_PER_UM, 1.0
 """Width of a field that a profiler can have measured [m] (assumed); no larger are its heights."""
 STEEPEST = 10.0
 """Range of nearly all heights over the width of the field, above which a unit must be wrong (assumed)."""

@@ -26,7 +26,7 @@ def apply_overrides(document: tomlkit.TOMLDocument, overrides: Mapping[str, Any]
     """
     if not isinstance(overrides, Mapping):
         raise TypeError(f"overrides are {overrides!r}; expected a mapping, e.g. {{'components.controller.alpha': 0.5}}")
-    leaves = [("".join(path.split()), value) for path, value in _leaves(overrides)]
+    leaves = [(".".join(key.strip() for key in path.split(".")), value) for path, value in _leaves(overrides)]
     errors = [error for path, value in leaves if (error := _apply(document, path, value))]
     given = {path.partition(".")[0] for path, _ in leaves}
     noted = [_noted(path, value) for path, value in leaves if path.partition(".")[0] not in UNPRINTED]

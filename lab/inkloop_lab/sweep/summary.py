@@ -90,7 +90,7 @@ def winner(study: Study, found: Sequence[Mapping[str, Any]]) -> str:
     seeds, do not count.
     """
     own = label(study.tables.metric)
-    whole = [each for each in found if each[own] is not None and not each["failed"]]
+    whole = [each for each in found if each.get(own) is not None and not each["failed"]]
     known = sorted(whole, key=lambda each: abs(each[own]))
     if len(known) < 2:
         return ""

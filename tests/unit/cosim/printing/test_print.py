@@ -58,6 +58,7 @@ class Loop:
         run = SimpleNamespace(**{**plain, "real_time_factor": None, **limits})
         self.tables = SimpleNamespace(run=run, title="Block", label="closed loop", seed=7, metrology=None)
         self.events, self.text, self._saves, self._fails_ns = events, "title = 'Block'", saves, fails_ns
+        self.buses = ()
         self.parts = self.build(None)
 
     def build(self, folder: Path | None) -> dict[str, Any]:

@@ -66,13 +66,14 @@ INNER, CROSSING = parts.box((1.0, 3.0), (1.0, 3.0), 1.0, 3.0), parts.box((1.0, 5
 )
 @pytest.mark.parametrize("axes", [[0, 1, 2], [1, 0, 2]])
 def test_separate_solids_and_the_volume_that_they_fill_are_those_of_the_file(
-    triangles: list[Any], bodies: int, volume: float, axes: list[int], tmp_path: Path, capsys: Any
+    triangles: list[Any], bodies: int, volume: float, axes: list[int], tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     """A cavity is no solid; what two solids share counts once; two that share corners are one."""
     mesh = np.concatenate(triangles)[..., axes]
     mesh = mesh if axes[0] == 0 else mesh[:, ::-1]  # exchanged axes mirror
-    (tmp_path / "part.stl").write_bytes(parts.stl(mesh))
-    arguments = ["geometry", str(tmp_path / "part.stl"), "--pitch-um", "270", "--no-pictures", "--json"]
+    monkeypatch.chdir(tmp_path)
+    Path("part.stl").write_bytes(parts.stl(mesh))
+    arguments = ["geometry", "part.stl", "--pitch-um", "270", "--no-pictures", "--json"]
     assert main(arguments) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["bodies"] == bodies

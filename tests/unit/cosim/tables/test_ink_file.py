@@ -99,5 +99,5 @@ def test_scenario_takes_the_ink_of_a_file_next_to_it_into_its_text(overrides: di
         assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6), rel=1e-9, abs=0.0)
         options = found.tables.components["printer"].options
         assert options == {"height_scale_um": 7.5, "mv_plus_per_um": 0.005, "guard": True}
-    assert "file =" not in scenario.text
+    assert "\nfile =" not in scenario.text
     assert overrides or "from inks/mine.toml" in scenario.text
