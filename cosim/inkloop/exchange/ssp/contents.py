@@ -163,7 +163,8 @@ def _mapping(holder: ET.Element, archive: zipfile.ZipFile, errors: list[str]) ->
 
 def _values(entry: Entry, variable: Variable, place: str, errors: list[str]) -> list[Value]:
     text = entry.value.get("value", "")
-    texts = [text] if variable.items or variable.type == TEXT else text.split()
+    texts = [each.get("value", "") for each in entry.value.findall(f"{SSV}Value")]  # of texts and enumerations
+    texts = texts or ([text] if variable.items or variable.type == TEXT else text.split())
     conversion = Conversion(1.0)
     unit = entry.value.get("unit")
     if unit and entry.way.converts:
@@ -181,7 +182,7 @@ def _values(entry: Entry, variable: Variable, place: str, errors: list[str]) -> 
         values = []
     if len(values) == 1 or (values and is_array):
         return values
-    errors.append(f"parameter {place} is {text!r}; expected {variable.type}")
+    errors.append(f"parameter {place} is {' '.join(texts)!r}; expected {variable.type}")
     return [0]
 
 
