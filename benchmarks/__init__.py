@@ -19,5 +19,5 @@ RECORDED = (
 """Modules here with a function `measure`, measured by `make benchmarks` for the page: some six minutes together."""
 PRINTING = {"closed_loop": 10, "lying_scans": 3}
 """Print whole parts, with so many seeds if no number is given."""
-NAMES = (*RECORDED, *PRINTING)
+NAMES = (*RECORDED, *PRINTING, "bench_bus")
 """Run by `python -m benchmarks` if none is named."""

@@ -1,4 +1,5 @@
 /* FMI 3.0 co-simulation: life cycle and steps. */
+#include "events.h"
 #include "fmi3_component.h"
 
 #include <stdio.h>
@@ -16,7 +17,7 @@ static const struct {
     [EXIT_CONFIGURATION] = {CONFIGURATION, fmi3Error},
     [ENTER_INITIALIZATION] = {INSTANTIATED, fmi3Error},
     [EXIT_INITIALIZATION] = {INITIALIZATION, fmi3Error},
-    [TERMINATE] = {STEP, fmi3Error},
+    [TERMINATE] = {INITIALIZED, fmi3Error},
     [RESET] = {ANY_MODE, fmi3Error},
     [GET] = {ANY_MODE, fmi3Error},
     [SET] = {RUNNING | CONFIGURATION, fmi3Discard},
@@ -24,6 +25,9 @@ static const struct {
     [SET_STATE] = {HOLDS_STATE, fmi3Error},
     [SERIALIZE_STATE] = {ANY_MODE, fmi3Error},
     [DO_STEP] = {STEP, fmi3Discard},
+    [ENTER_EVENT] = {STEP, fmi3Error},
+    [ENTER_STEP] = {EVENT, fmi3Error},
+    [IN_EVENT] = {EVENT, fmi3Error},
 };
 
 fmi3Status fmi3_report(const Component *component, const char *function, fmi3Status status) {
@@ -66,9 +70,10 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     (void)earlyReturnAllowed, (void)requiredIntermediateVariables, (void)intermediateUpdate;
     char message[MESSAGE_SIZE] = "";
     Component *component = NULL;
-    if (eventModeUsed)
-        snprintf(message, sizeof message, "eventModeUsed is true, but %s has no Event Mode (hasEventMode)",
-                 FMU_MODEL->table->model);
+    if (eventModeUsed != (FMU_MODEL->update != NULL))
+        snprintf(message, sizeof message, "eventModeUsed is %s, but %s %s (hasEventMode)",
+                 eventModeUsed ? "true" : "false", FMU_MODEL->table->model,
+                 eventModeUsed ? "has no Event Mode" : "has clocks and needs it");
     else if (nRequiredIntermediateVariables > 0)
         snprintf(message, sizeof message, "%s provides no intermediate variables", FMU_MODEL->table->model);
     else if (!(component = calloc(1, sizeof *component)))
@@ -131,15 +136,6 @@ fmi3Status fmi3Reset(fmi3Instance instance) {
     return ANSWER(instance, RESET, instance_reset(core_of(instance)));
 }
 
-fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
-    const Component *component = instance;
-    if (!component)
-        return fmi3Error;
-    misuse(component->core, "%s has no Event Mode to come from; Step Mode begins with the end of initialisation",
-           FMU_MODEL->table->model);
-    return fmi3_report(component, __func__, fmi3Error);
-}
-
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
                       fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
                       fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
@@ -152,7 +148,8 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
                            missing(component->core, "eventHandlingNeeded, terminateSimulation, earlyReturn or "
                                                     "lastSuccessfulTime"));
     const Outcome outcome = instance_do_step(component->core, currentCommunicationPoint, communicationStepSize);
-    *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
+    *terminateSimulation = *earlyReturn = fmi3False;
+    *eventHandlingNeeded = any_clock_ticks(component->core);
     *lastSuccessfulTime = instance_time(component->core);
     return fmi3_finish(component, DO_STEP, __func__, outcome);
 }

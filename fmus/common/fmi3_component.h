@@ -24,7 +24,10 @@ typedef enum {
     GET_STATE,
     SET_STATE,
     SERIALIZE_STATE,
-    DO_STEP
+    DO_STEP,
+    ENTER_EVENT,
+    ENTER_STEP,
+    IN_EVENT
 } Call;
 
 /* True, and an error in the log, if the call is not legal in the present mode. */

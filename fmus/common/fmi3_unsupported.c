@@ -1,4 +1,5 @@
-/* The functions of FMI 3.0 that these models do not support: other types, clocks, derivatives, other interfaces. */
+/* The functions of FMI 3.0 that these models do not support: other types, intervals of clocks, derivatives, other
+ * interfaces. */
 #include "fmi3_component.h"
 
 #include <stdio.h>
@@ -30,7 +31,6 @@ NO_VARIABLES_OF(UInt8)
 NO_VARIABLES_OF(Int16)
 NO_VARIABLES_OF(UInt16)
 NO_VARIABLES_OF(UInt32)
-NO_VARIABLES_OF(String)
 
 /* No instance for another interface than co-simulation. */
 static fmi3Instance not_offered(fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
@@ -56,12 +56,6 @@ static fmi3Instance not_offered(fmi3InstanceEnvironment environment, fmi3LogMess
 
 typedef fmi3ValueReference Reference;
 typedef fmi3IntervalQualifier Qualifier;
-
-UNSUPPORTED(GetBinary, (fmi3Instance c, const Reference r[], size_t n, size_t s[], fmi3Binary v[], size_t nv), n)
-UNSUPPORTED(SetBinary,
-            (fmi3Instance c, const Reference r[], size_t n, const size_t s[], const fmi3Binary v[], size_t nv), n)
-UNSUPPORTED(GetClock, (fmi3Instance c, const Reference r[], size_t n, fmi3Clock v[]), n)
-UNSUPPORTED(SetClock, (fmi3Instance c, const Reference r[], size_t n, const fmi3Clock v[]), n)
 
 UNSUPPORTED(GetNumberOfVariableDependencies, (fmi3Instance c, Reference r, size_t *n), 1)
 UNSUPPORTED(GetVariableDependencies,
@@ -89,12 +83,7 @@ UNSUPPORTED(SetShiftDecimal, (fmi3Instance c, const Reference r[], size_t n, con
 UNSUPPORTED(SetShiftFraction,
             (fmi3Instance c, const Reference r[], size_t n, const fmi3UInt64 s[], const fmi3UInt64 d[]), n)
 
-UNSUPPORTED(EnterEventMode, (fmi3Instance c), 1)
 UNSUPPORTED(EvaluateDiscreteStates, (fmi3Instance c), 1)
-UNSUPPORTED(UpdateDiscreteStates,
-            (fmi3Instance c, fmi3Boolean *a, fmi3Boolean *b, fmi3Boolean *d, fmi3Boolean *e, fmi3Boolean *f,
-             fmi3Float64 *t),
-            1)
 
 UNSUPPORTED(EnterContinuousTimeMode, (fmi3Instance c), 1)
 UNSUPPORTED(CompletedIntegratorStep, (fmi3Instance c, fmi3Boolean a, fmi3Boolean *b, fmi3Boolean *d), 1)

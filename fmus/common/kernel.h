@@ -11,7 +11,22 @@
 #include <stddef.h>
 #include <stdint.h>
 
-typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_COUNT } ValueType;
+typedef enum {
+    TYPE_REAL,
+    TYPE_INTEGER,
+    TYPE_BOOLEAN,
+    TYPE_ENUMERATION,
+    TYPE_COUNT,
+    TYPE_CLOCK,
+    TYPE_STRING,
+    TYPE_BINARY
+} ValueType;
+
+/* Value of a string or a binary; 0 follows its bytes. */
+typedef struct ByteString {
+    uint32_t size;
+    unsigned char bytes[];
+} ByteString;
 
 /* The order of the table; TUNABLE parameters stand among the others; STATE is saved with the instance but not exposed,
  * SCRATCH neither. */
@@ -23,10 +38,11 @@ typedef enum { ONE_VALUE, MAP, MAPS } Shape;
 
 typedef struct {
     const char *name;
-    ValueType type; /* stored as double, int32_t, bool, int64_t, uint64_t */
+    ValueType type; /* stored as double, int32_t, bool, int64_t, uint64_t, bool: it ticks, ByteString */
     Causality causality;
     Shape shape;
-    double start, min, max; /* reals must also be finite */
+    double start, min, max; /* reals must also be finite; max of a string or binary: most bytes */
+    size_t clock;           /* number of the clock of a clocked variable; 0: not clocked */
 } VariableDefinition;
 
 typedef struct {
@@ -88,6 +104,11 @@ typedef struct {
 
     /* One communication step with inputs held. If it refuses, it has changed nothing. */
     Outcome (*do_step)(Instance *instance, double start, double end);
+
+    /* End of an instant of Event Mode: takes what came with the input clocks, clears what went with the output clocks,
+     * and sets those that tick in the next instant. Initialisation and steps may set output clocks too. NULL: the model
+     * has no clocks and no Event Mode. */
+    Outcome (*update)(Instance *instance);
 } Model;
 
 #endif

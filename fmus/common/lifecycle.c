@@ -1,5 +1,6 @@
 #include "lifecycle.h"
 
+#include "events.h"
 #include "resources.h"
 #include "snapshot.h"
 #include "values.h"
@@ -136,7 +137,7 @@ Outcome instance_exit_configuration(Instance *instance) {
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
         for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps are reset */
             if (table->variables[k].shape == ONE_VALUE && table->variables[k].causality != STRUCTURAL)
-                memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
+                memcpy(values_of(instance, k), values_of(&old, k), value_size(&table->variables[k]));
         if (reserve(instance) != ACCEPTED) {
             memcpy(old.message, instance->message, MESSAGE_SIZE);
             storage_release(instance);
@@ -161,7 +162,7 @@ Outcome instance_enter_initialization(Instance *instance, double start_time) {
 Outcome instance_exit_initialization(Instance *instance) {
     const Outcome outcome = instance->model->initialize(instance);
     if (outcome == ACCEPTED) {
-        instance->mode = STEP;
+        instance->mode = instance->model->update ? EVENT : STEP;
         instance->is_outdated = false;
     }
     return outcome;
@@ -192,6 +193,8 @@ static Outcome check_outputs(Instance *instance) {
 
 Outcome instance_do_step(Instance *instance, double start, double step) {
     const double now = instance_time(instance);
+    if (any_clock_ticks(instance))
+        return misuse(instance, "an event waits (eventHandlingNeeded); handle it in Event Mode before the next step");
     if (!isfinite(start) || !isfinite(step) || !isfinite(start + step) || start + step <= start)
         return refuse(instance, "the step is %g s from %g s on; expected finite numbers and an end after the beginning",
                       step, start);

@@ -61,8 +61,8 @@ static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size
         return misuse(instance, "the state has %s %llu; this instance has %llu",
                       instance->model->table->variables[DEPTH].name, (unsigned long long)found.depth,
                       (unsigned long long)own.depth);
-    const bool is_mode =
-        found.mode == INSTANTIATED || found.mode == INITIALIZATION || found.mode == STEP || found.mode == TERMINATED;
+    const bool is_mode = found.mode == INSTANTIATED || found.mode == INITIALIZATION || found.mode == STEP ||
+                         found.mode == TERMINATED || (found.mode == EVENT && instance->model->update);
     const uint64_t expected = sizeof found + instance->saved_size + found.kept_size;
     if (size != expected || found.kept_size > size || !is_mode)
         return misuse(instance, "the state is damaged: %lu bytes; expected %llu", (unsigned long)size,

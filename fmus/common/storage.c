@@ -44,15 +44,20 @@ const char *mode_name(Mode mode) {
         return "Initialization Mode";
     case STEP:
         return "Step Mode";
+    case EVENT:
+        return "Event Mode";
     case TERMINATED:
         return "Terminated";
     }
     return "no mode";
 }
 
-size_t value_size(ValueType type) {
-    static const size_t SIZES[] = {sizeof(double), sizeof(int32_t), sizeof(bool), sizeof(int64_t), sizeof(uint64_t)};
-    return SIZES[type];
+size_t value_size(const VariableDefinition *definition) {
+    static const size_t SIZES[] = {sizeof(double),  sizeof(int32_t),  sizeof(bool),
+                                   sizeof(int64_t), sizeof(uint64_t), sizeof(bool)};
+    if (definition->type == TYPE_STRING || definition->type == TYPE_BINARY)
+        return sizeof(ByteString) + (size_t)definition->max + 1;
+    return SIZES[definition->type];
 }
 
 size_t value_count(const Instance *instance, size_t variable) {
@@ -120,8 +125,12 @@ static void fill(Instance *instance, size_t variable) {
     case TYPE_COUNT:
         start.count = (uint64_t)definition->start;
         break;
+    case TYPE_CLOCK:
+    case TYPE_STRING:
+    case TYPE_BINARY:
+        break; /* silent, and empty */
     }
-    const size_t size = value_size(definition->type);
+    const size_t size = value_size(definition);
     if (definition->start == 0.0)
         return; /* fresh memory is zero already, and writing would use its pages */
     for (size_t k = 0; k < value_count(instance, variable); k++)
@@ -132,7 +141,7 @@ static void fill(Instance *instance, size_t variable) {
 static void poison_red_zones(const Instance *instance, Causality causality, bool is_poisoned) {
     const VariableTable *table = instance->model->table;
     for (size_t k = 0; k < table->count; k++) {
-        const size_t bytes = value_count(instance, k) * value_size(table->variables[k].type);
+        const size_t bytes = value_count(instance, k) * value_size(&table->variables[k]);
         const size_t length = instance->offsets[k + 1] - instance->offsets[k];
         if ((table->variables[k].causality == SCRATCH) == (causality == SCRATCH))
             set_red_zone(place_of(instance, instance->offsets[k]) + bytes, length - bytes, is_poisoned);
@@ -172,7 +181,7 @@ bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t dep
         size_t end = 0, reference = 0;
         sized.saved_size = 0;
         for (size_t k = 0; k < table->count; k++) {
-            const size_t size = value_count(&sized, k) * value_size(table->variables[k].type);
+            const size_t size = value_count(&sized, k) * value_size(&table->variables[k]);
             sized.offsets[k] = end;
             if (k < table->exposed_count) {
                 sized.first_references[k] = reference;

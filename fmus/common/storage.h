@@ -6,8 +6,9 @@
 #include "kernel.h"
 
 /* Modes of an instance; bits, so that a call can be legal in several modes. */
-typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
-enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
+typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16, EVENT = 32 } Mode;
+enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, INITIALIZED = STEP | EVENT };
+enum { RUNNING = BEFORE_STEP | INITIALIZED, ANY_MODE = 63 };
 enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
 enum { MAX_CELLS = 1 << 26 }; /* 8192 x 8192; a larger grid is more likely an error */
 enum { TIME, NX, NY, DEPTH }; /* the first variables of every model; the last one of those that have MAPS */
@@ -56,7 +57,7 @@ void storage_give_workplace(Instance *instance);
 void storage_save(const Instance *instance, void *bytes);
 void storage_load(Instance *instance, const void *bytes);
 
-size_t value_size(ValueType type);
+size_t value_size(const VariableDefinition *definition);
 size_t value_count(const Instance *instance, size_t variable);
 
 /* Like refuse, for a call that the standard does not allow. */

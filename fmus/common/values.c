@@ -4,7 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-static const char *const TYPE_NAMES[] = {"real", "integer", "Boolean", "enumeration", "unsigned integer"};
+static const char *const TYPE_NAMES[] = {"real",  "integer", "Boolean", "enumeration", "unsigned integer",
+                                         "clock", "string",  "binary"};
 
 static const VariableDefinition *definition_of(const Instance *instance, Span span) {
     return &instance->model->table->variables[span.variable];
@@ -27,9 +28,13 @@ Outcome find_span(Instance *instance, uint32_t reference, Span *span) {
     return ACCEPTED;
 }
 
-static Outcome check_mode(Instance *instance, const VariableDefinition *definition) {
+Outcome check_mode(Instance *instance, const VariableDefinition *definition) {
     switch (definition->causality) {
     case INPUT:
+        if (definition->clock > 0 && !*(const bool *)values_of(instance, definition->clock))
+            return misuse(instance, "%s cannot be set while its clock does not tick; set %s first", definition->name,
+                          instance->model->table->variables[definition->clock].name);
+        /* fall through */
     case TUNABLE:
         if (instance->mode & RUNNING)
             return ACCEPTED;
@@ -65,6 +70,10 @@ static double as_double(ValueType type, const void *value) {
         return (double)*(const int64_t *)value;
     case TYPE_COUNT:
         return (double)*(const uint64_t *)value;
+    case TYPE_CLOCK: /* these have no number */
+    case TYPE_STRING:
+    case TYPE_BINARY:
+        break;
     }
     return NAN;
 }
@@ -88,7 +97,7 @@ static Outcome refuse_value(Instance *instance, Span span, size_t at, double val
 
 Outcome check_values(Instance *instance, Span span, const void *values) {
     const VariableDefinition *definition = definition_of(instance, span);
-    const size_t size = value_size(definition->type);
+    const size_t size = value_size(definition);
     Outcome (*const check_value)(Instance *, size_t, const void *) = instance->model->check_value;
     Outcome outcome = check_mode(instance, definition);
     for (size_t k = 0; k < span.count && outcome == ACCEPTED; k++) {
@@ -102,13 +111,16 @@ Outcome check_values(Instance *instance, Span span, const void *values) {
 }
 
 static void *place_of(Instance *instance, Span span) {
-    return (unsigned char *)values_of(instance, span.variable) +
-           span.first * value_size(definition_of(instance, span)->type);
+    return (unsigned char *)values_of(instance, span.variable) + span.first * value_size(definition_of(instance, span));
 }
 
 void write_values(Instance *instance, Span span, const void *values) {
-    memcpy(place_of(instance, span), values, span.count * value_size(definition_of(instance, span)->type));
-    instance->is_outdated = instance->mode != STEP;
+    memcpy(place_of(instance, span), values, span.count * value_size(definition_of(instance, span)));
+    values_changed(instance);
+}
+
+void values_changed(Instance *instance) {
+    instance->is_outdated = !(instance->mode & INITIALIZED);
 }
 
 void update_outputs(Instance *instance) {
@@ -131,7 +143,7 @@ Outcome check_arrays(Instance *instance, const void *references, const void *val
                   references ? "values" : "value references");
 }
 
-static Outcome find_typed(Instance *instance, ValueType type, uint32_t reference, size_t left, Span *span) {
+Outcome find_typed(Instance *instance, ValueType type, uint32_t reference, size_t left, Span *span) {
     const Outcome outcome = find_span(instance, reference, span);
     if (outcome != ACCEPTED)
         return outcome;
@@ -162,8 +174,8 @@ Outcome get_values(Instance *instance, ValueType type, const uint32_t references
         const Outcome outcome = find_typed(instance, type, references[k], value_total - used, &span);
         if (outcome != ACCEPTED)
             return outcome;
-        memcpy((unsigned char *)values + used * value_size(type), read_values(instance, span),
-               span.count * value_size(type));
+        const size_t size = value_size(definition_of(instance, span));
+        memcpy((unsigned char *)values + used * size, read_values(instance, span), span.count * size);
         used += span.count;
     }
     return check_total(instance, used, value_total);
@@ -179,7 +191,7 @@ Outcome set_values(Instance *instance, ValueType type, const uint32_t references
     for (size_t k = 0; k < count; k++) {
         Outcome outcome = find_typed(instance, type, references[k], value_total - used, &span);
         if (outcome == ACCEPTED)
-            outcome = check_values(instance, span, bytes + used * value_size(type));
+            outcome = check_values(instance, span, bytes + used * value_size(definition_of(instance, span)));
         if (outcome != ACCEPTED)
             return outcome;
         used += span.count;
@@ -189,7 +201,7 @@ Outcome set_values(Instance *instance, ValueType type, const uint32_t references
     for (size_t k = 0; k < count; k++) {
         find_span(instance, references[k], &span);
         write_values(instance, span, bytes);
-        bytes += span.count * value_size(type);
+        bytes += span.count * value_size(definition_of(instance, span));
     }
     return ACCEPTED;
 }

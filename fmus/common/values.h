@@ -11,6 +11,15 @@ typedef struct {
 
 Outcome find_span(Instance *instance, uint32_t reference, Span *span);
 
+/* The same for a variable of this type, of at most `left` values. */
+Outcome find_typed(Instance *instance, ValueType type, uint32_t reference, size_t left, Span *span);
+
+/* MISUSED if the variable cannot be set now. */
+Outcome check_mode(Instance *instance, const VariableDefinition *definition);
+
+/* After a value was set: outputs that may depend on it are calculated before they are read. */
+void values_changed(Instance *instance);
+
 /* MISUSED if the variable cannot be set now, REFUSED if a value is not accepted; `values` are of the variable's own
  * type. */
 Outcome check_values(Instance *instance, Span span, const void *values);

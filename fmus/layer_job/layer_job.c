@@ -71,7 +71,7 @@ static void publish(Instance *job, const LayerJobVariables *v, const JobParts *p
     for (size_t k = 0; k < sizeof SHOWN / sizeof *SHOWN; k++) {
         const size_t own = variable_of(job, SHOWN[k].name);
         memcpy(values_of(job, own), read_part(parts, SHOWN[k].role, SHOWN[k].name),
-               value_size(job->model->table->variables[own].type));
+               value_size(&job->model->table->variables[own]));
     }
     publish_error(v, parts);
     publish_course(v, course);
@@ -187,7 +187,7 @@ static Outcome read_file(Instance *instance) {
     unsigned char *bytes = read_resource(instance->resources, "job.bin", &size, message, sizeof message);
     if (!bytes)
         return refuse(instance, "%s; what the FMU prints is written by inkloop export job", message);
-    Outcome outcome = read_job(instance, bytes, size, instance->mark, &parts);
+    Outcome outcome = read_job(instance, bytes, size, &parts);
     free(bytes);
     if (outcome == ACCEPTED)
         outcome = keep_parts(instance, &parts);

@@ -6,6 +6,7 @@
 #include "node_frames.h"
 
 BenchOptions *probe_options(void);
+size_t probe_options_size(void);
 Node *probe_node(Bench *bench, int node);
 void probe_tick(Bench *bench, uint32_t now);
 double *probe_surface(Bench *bench);
@@ -35,6 +36,10 @@ BenchOptions *probe_options(void) {
     static BenchOptions options;
     options = bench_defaults();
     return &options;
+}
+
+size_t probe_options_size(void) {
+    return sizeof(BenchOptions);
 }
 
 Node *probe_node(Bench *bench, int node) {

@@ -76,7 +76,7 @@ uint32_t probe_broken(void) {
     char why[200];
     Bench *bench = bench_create(&options, NULL, why, sizeof why);
     NodeFaults faulty;
-    node_faults_init(&faulty, &faults, bench, NULL, NULL);
+    node_faults_init(&faulty, &faults, bench, &(MasterAdapter){0}, NULL);
     node_faults_happen(&faulty, NULL, 0);
     const uint32_t broken = bench->world.broken;
     bench_delete(bench);
@@ -90,7 +90,7 @@ uint32_t probe_overruns(uint32_t id, uint32_t count) {
     const BenchOptions options = bench_defaults();
     char why[200];
     Bench *bench = bench_create(&options, NULL, why, sizeof why);
-    node_faults_init(&faulty, &faults, bench, NULL, frames);
+    node_faults_init(&faulty, &faults, bench, &(MasterAdapter){0}, frames);
     node_faults_power_up(&faulty, BENCH_HEAD, 0);
     const CanFrame frame = {.id = id, .length = CAN_DATA_MAX};
     for (uint32_t k = 0; k < count; k++)

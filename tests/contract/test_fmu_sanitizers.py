@@ -17,8 +17,7 @@ import pytest
 
 from support.compiled import sanitizer_libraries
 from support.fmus import fmu_library
-from support.fmus.fmu_driver import MODELS
-from support.fmus.fmu_library import FORMS, JOB, NAMES, Library, drawn, feed
+from support.fmus.fmu_library import FORMS, NAMES, Library, drawn, feed
 from support.places import ROOT
 
 pytestmark = [
@@ -44,7 +43,7 @@ THREAD = ("-fsanitize=thread",)
 def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Library]:
     """Every library with the address and undefined-behaviour sanitizers."""
     folder = tmp_path_factory.mktemp("address")
-    return dict(zip(NAMES, fmu_library.all_rebuilt((*MODELS, JOB), folder, "gcc", ADDRESS), strict=True))
+    return dict(zip(NAMES, fmu_library.all_rebuilt(fmu_library.PAIRS, folder, "gcc", ADDRESS), strict=True))
 
 
 def test_contract_suite_is_clean_under_the_address_sanitizer(checked: dict[str, Library], tmp_path: Path) -> None:

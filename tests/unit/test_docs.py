@@ -188,7 +188,7 @@ def test_scenario_page_names_every_key_and_kind() -> None:
     page = (ROOT / "docs/reference/scenario.md").read_text()
     tables = [table for table in vars(schema).values() if isinstance(table, type) and issubclass(table, BaseModel)]
     inner = {"components", "connections", "compare", "literature", "grid", "part", "substrate", "support", "ink"}
-    inner |= {"process", "run", "metrology", "bench"}
+    inner |= {"process", "run", "metrology", "bench", "buses"}
     keys = {key for table in tables for key in table.model_fields} - inner - {"a", "b"}
     assert not sorted(key for key in keys | set(catalog.kinds()) if f"`{key}`" not in page)
 

@@ -26,7 +26,7 @@ LINE, CHARACTER, COLOURS = 0.17, 0.068, 8
 def rows(model: ModelDefinition, causality: str) -> Iterator[tuple[str, str, bool]]:
     """Name, unit and kind of each port, and whether it is a map; before those of a terminal its name and a colon."""
     ports = [v for v in model.exposed if v.causality == causality]
-    for terminal in (*model.terminals, None):
+    for terminal in (*model.buses, *model.terminals, None):
         members = [v for v in ports if v.terminal == terminal]
         if members:
             yield f"{terminal or 'others'}:", "", False

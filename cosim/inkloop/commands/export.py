@@ -112,6 +112,24 @@ def _export_job(options: argparse.Namespace) -> int:
         return archive.export(scenario, options, screen(options))
 
 
+def _add_bench(commands: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "bench", help="write the emulated bench of a scenario as one FMU on a CAN bus (FMI-LS-BUS)"
+    )
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml)")
+    add_platforms(parser)
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="file to write (default: NAME-bench.fmu)")
+    add_overrides(parser)
+    return parser
+
+
+def _export_bench(options: argparse.Namespace) -> int:
+    from inkloop.bench import export
+
+    with scenario_of(options) as scenario:
+        return export.export(scenario, options, screen(options))
+
+
 def _add_layers(commands: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(
         "layers", help="write the droplet patterns of each layer as bitmaps, for print heads"
@@ -218,6 +236,7 @@ PARTS = (
     Part(_add_fmu, _export_fmu),
     Part(_add_ssp, _export_ssp),
     Part(_add_job, _export_job),
+    Part(_add_bench, _export_bench),
     Part(_add_layers, _export_layers),
     Part(_add_surface, _export_surface),
     Part(_add_services, _export_services),

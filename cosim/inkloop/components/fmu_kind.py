@@ -77,7 +77,10 @@ class FmuFile:
                 fmu = FmuComponent(path, name=name, parameters=parsed.parameters, structural=parsed.structural)
             return MappedPorts(fmu, inputs, outputs) if inputs or outputs else fmu
 
-        return Checked("Fmu", (), ports, construct, file.resolve() if parsed.description.is_single else None)
+        described = parsed.description
+        single = file.resolve() if described.is_single else None
+        buses = [bus.name for bus in described.buses]
+        return Checked("Fmu", (), ports, construct, single, buses, described.is_bus_simulation)
 
 
 def _make_model(model: str, form: str, file: Path, parsed: Parsed, name: str) -> FmuComponent:
@@ -112,13 +115,20 @@ def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
 
 
 def exchange_errors(description: FmuDescription) -> list[str]:
-    """The reason why the master cannot run an FMU: it has inputs or outputs, and none of them are exchanged."""
-    if not description.unused or any(each.causality in ("input", "output") for each in description.variables.values()):
-        return []
+    """Reasons why the master cannot run an FMU: buses that it cannot serve; inputs and outputs, none of them
+    exchanged.
+    """
+    unserved = [
+        f"file is {description.path.name!r}, whose bus {name} this master cannot serve: {reason}"
+        for name, reason in description.unserved.items()
+    ]
+    has_values = any(each.causality in ("input", "output") for each in description.variables.values())
+    if unserved or description.buses or has_values or not description.unused:
+        return unserved
     kinds = ", ".join(sorted({kind.split()[0] for kind in description.unused.values()}))
     return [
         f"file is {description.path.name!r}, whose inputs and outputs are of type {kinds}; this master exchanges "
-        "numbers and truth values, and has no Event Mode: run it in a tool that has one"
+        "numbers, truth values and what goes over a CAN bus (FMI-LS-BUS): run it in a tool that exchanges the others"
     ]
 
 

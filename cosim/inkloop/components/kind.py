@@ -67,7 +67,7 @@ def _free_name(folder: Path, name: str) -> Path:
 class Checked:
     """The checked options of one component. errors: one sentence each, beginning with the key; ports: None with errors.
 
-    single: an FMU file of which a process takes one instance.
+    single: an FMU file of which a process takes one instance; buses: its bus terminals.
 
     construct: makes a component from the options, of a loop's bench and by its name in it.
     """
@@ -77,6 +77,8 @@ class Checked:
     ports: Ports | None = None
     construct: Callable[[Bench, str], Component] | None = None
     single: Path | None = None
+    buses: Sequence[str] = ()
+    is_bus_simulation: bool = False
 
     def make(self, bench: Bench, name: str = "") -> Component:
         """A component, for the caller to terminate; bench: of all devices of its loop; name: its own in it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,6 +89,10 @@ class MappedPorts:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Advance the FMU by one communication step."""
         return self._translated(self._fmu.do_step(time_ns, step_ns, self._to_fmu(inputs)))
+
+    def exchange(self, received: Mapping[str, bytes]) -> dict[str, bytes]:
+        """Give operations to buses of the FMU, by name; what they have sent since."""
+        return self._fmu.exchange(received)
 
     def terminate(self) -> None:
         """End the FMU."""

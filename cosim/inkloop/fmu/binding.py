@@ -65,7 +65,8 @@ class Binding:
             if self._fmi == 2:
                 self._fmu.instantiate(callbacks=_fmi2_callbacks(self._environment, self._hear), loggingOn=True)
             else:
-                self._fmu.instantiate(loggingOn=True, logMessage=self._hear_fmi3)
+                events = self._description.needs_events
+                self._fmu.instantiate(loggingOn=True, eventModeUsed=events, logMessage=self._hear_fmi3)
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
             message = self._recent_messages()
             is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in message
@@ -87,7 +88,7 @@ class Binding:
             self._call(None, lambda: self._fmu.enterInitializationMode(startTime=time))
 
     def exit_initialization(self) -> None:
-        """Step Mode; the outputs are those of the start time from here on."""
+        """Step Mode, or Event Mode (`Events`); the outputs are those of the start time from here on."""
         self._call(None, self._fmu.exitInitializationMode)
 
     def set(self, ports: Sequence[Port], values: Values) -> None:
@@ -113,8 +114,11 @@ class Binding:
             values.update(found)
         return values
 
-    def do_step(self, time: float, step: float) -> None:
-        """One communication step from `time` [s] on, in several calls where the FMU returns early (FMI 3)."""
+    def do_step(self, time: float, step: float) -> bool:
+        """One communication step from `time` [s] on, in several calls where the FMU returns early (FMI 3).
+
+        Returns whether the FMU asks for Event Mode.
+        """
         self._messages.clear()
         end = time + step
         while True:
@@ -125,12 +129,12 @@ class Binding:
                     raise ComponentError(f"{_ENDED}; {error}") from error
                 raise
             if self._fmi == 2:
-                return
-            _, has_terminated, is_early, reached = answer
+                return False
+            is_event, has_terminated, is_early, reached = answer
             if has_terminated:
                 raise ComponentError(f"{_ENDED}{self._recent_messages()}")
-            if not is_early or reached >= end:
-                return
+            if not is_early or reached >= end or (is_event and self._description.needs_events):
+                return bool(is_event)
             if reached <= time:
                 raise ComponentError(f"fmi3DoStep returned early at {reached:g} s, where the step began")
             time, step = reached, end - reached
@@ -184,6 +188,10 @@ class Binding:
         """Unload the binary."""
         _listeners.pop(self._environment, None)
         self._fmu.freeLibrary()
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """One of FMPy's methods. Raises ComponentError."""
+        return self._call(None, getattr(self._fmu, name), *arguments)
 
     def _call(self, variables: str | None, function: Callable[..., Any], *arguments: Any) -> Any:
         try:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.files import is_full, reason_of, temporary_folder
+from inkloop.fmu.bus_terminals import COUNTDOWN
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import UNREADABLE, describe
 from inkloop.limits import unpacked_error
@@ -28,6 +29,7 @@ from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
+    from inkloop.fmu.events import Events
 
 
 _UNUSED = ("documentation", "sources", "terminalsAndIcons")
@@ -95,6 +97,9 @@ class FmuComponent:
         self._input_names = {port.name for port in self._inputs}
         self._outputs = self.description.ports("output", self._sizes)
         self._binding: Binding | None = None
+        self._events: Events | None = None
+        self._sent: dict[str, bytes] = {}
+        self._now = 0.0
         self._cleanup = contextlib.ExitStack()
         self.sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
         self._folder = self._extract(Path(path))
@@ -123,14 +128,40 @@ class FmuComponent:
         self._set(binding, inputs)
         binding.exit_initialization()
         self._cleanup.callback(binding.terminate)
+        self._now = time_ns / NS_PER_S
+        if self.description.needs_events:
+            from inkloop.fmu.events import Events  # it needs FMPy, as above
+
+            self._events = Events(binding, self.description.buses)
+            self._handle({})
         return binding.get(self._outputs)
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Advance by one communication step."""
+        self.advance(time_ns, step_ns, inputs)
+        return self._running().get(self._outputs)
+
+    def advance(self, time_ns: int, step_ns: int, inputs: Values) -> None:
+        """One communication step, without reading the outputs."""
         binding = self._running()
         self._set(binding, inputs)
-        binding.do_step(time_ns / NS_PER_S, step_ns / NS_PER_S)
-        return binding.get(self._outputs)
+        is_event = binding.do_step(time_ns / NS_PER_S, step_ns / NS_PER_S)
+        self._now = (time_ns + step_ns) / NS_PER_S
+        if self._events and (is_event or self._events.is_due(self._now)):
+            self._handle({})
+
+    def exchange(self, received: Mapping[str, bytes]) -> dict[str, bytes]:
+        """Give operations to buses, by name, at the present communication point; what the buses have sent since."""
+        self._running()
+        if received:
+            self._handle(received)
+        sent, self._sent = self._sent, {}
+        return sent
+
+    def _handle(self, received: Mapping[str, bytes]) -> None:
+        assert self._events is not None
+        for name, content in self._events.handle(self._now, received).items():
+            self._sent[name] = self._sent.get(name, b"") + content
 
     def terminate(self) -> None:
         """End the FMU, free the instance and remove its files, even after a failure."""
@@ -201,6 +232,8 @@ class FmuComponent:
         return self._binding
 
     def _serializable(self) -> Binding:
+        if any(bus.tx_interval == COUNTDOWN for bus in self.description.buses):
+            raise ComponentError(f"{self.description.name} cannot save its state: the clock of a bus counts down")
         if not self.description.can_serialize:
             raise ComponentError(f"{self.description.name} cannot save its state (canSerializeFMUState is false)")
         return self._running()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from inkloop.component import Port
 from inkloop.errors import FmuError
+from inkloop.fmu.bus_terminals import BusTerminal
 from inkloop.fmu.variable import Variable, summary
 from inkloop.suggest import nearest
 
@@ -18,7 +19,9 @@ class FmuDescription:
 
     platforms: folders with binaries in the archive; unused: variables that the master does not exchange, and their
     kinds; notes: on reading it, one sentence each; is_single: a process takes one instance; needs_tool: it runs where
-    the tool is installed that made it.
+    the tool is installed that made it; buses: its bus terminals (FMI-LS-BUS); unserved: those that the master cannot
+    serve, and why; needs_events: it has clocks, and Event Mode; is_bus_simulation: its buses
+    are joined in it.
     """
 
     path: Path
@@ -34,6 +37,10 @@ class FmuDescription:
     needs_tool: bool = False
     unused: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    buses: tuple[BusTerminal, ...] = ()
+    unserved: Mapping[str, str] = field(default_factory=dict)
+    needs_events: bool = False
+    is_bus_simulation: bool = False
     description: str = ""
     version: str = ""
     license: str = ""
@@ -103,6 +110,10 @@ class FmuDescription:
             yield "  instances  one in a process"
         if self.needs_tool:
             yield "  needs      the tool that made it, on this machine"
+        for bus in self.buses:
+            yield f"  bus        {bus.name}: CAN (FMI-LS-BUS), sends by a {bus.tx_interval} clock"
+        for name, reason in self.unserved.items():
+            yield f"  bus        {name}: {reason}"
         yield f"  licence    {self.license or 'not stated'}"
         yield f"  made by    {self.tool or 'not stated'}"
         for title, causalities in (
@@ -116,7 +127,7 @@ class FmuDescription:
             for row in rows:
                 yield f"  {row.name:{width}}  {summary(row)}"
         if self.unused:
-            yield "not exchanged (numbers and truth values are, texts as parameters; no clock ticks without Event Mode)"
+            yield "not exchanged (numbers and truth values are, texts as parameters, clocks and binaries of buses)"
             width = max(map(len, self.unused))
             for name, kind in self.unused.items():
                 yield f"  {name:{width}}  {kind}"

@@ -101,6 +101,8 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
     else:
         members["terminalsAndIcons/icon.png"] = options.icon.read_bytes()
         members["terminalsAndIcons/terminalsAndIcons.xml"] = documentation.terminals_xml(model)
+        if model.buses:
+            members[documentation.MANIFEST] = documentation.manifest_xml()
         build = documentation.build_description_xml(model, _sources(members))
         members["sources/buildDescription.xml"] = build
     return members

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition, c_causality
 
 _C_TYPES = {"real": "double", "integer": "int32_t", "boolean": "bool", "enumeration": "int64_t", "count": "uint64_t"}
+_C_TYPES |= {"clock": "bool", "string": "struct ByteString", "binary": "struct ByteString"}
 _EMULATOR_TYPES = {"real": "REAL", "integer": "SIGNED32", "enumeration": "KIND"}
 _WRITTEN_BY_KERNEL = ("output", "state", "scratch")
 _ORIGIN = "/* Written from variables.toml; change that. */"
@@ -133,8 +134,13 @@ def _macro(name: str, lines: Sequence[str]) -> Iterator[str]:
 def _rows(model: ModelDefinition) -> Iterator[str]:
     for v in model.variables:
         shape = "ONE_VALUE" if not v.is_grid else "MAP" if v.along is None else "MAPS"
-        limits = _limits(model, v)
-        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {c_causality(v).upper()}, {shape}, {v.start!r}, {limits}}},'
+        role, clock = c_causality(v).upper(), _clock(model, v)
+        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {role}, {shape}, {v.start!r}, {_limits(model, v)}, {clock}}},'
+
+
+def _clock(model: ModelDefinition, variable: VariableDefinition) -> int:
+    """Number of its clock; 0: not clocked."""
+    return [v.name for v in model.variables].index(variable.clock) if variable.clock else 0
 
 
 def _pointer(variable: VariableDefinition) -> str:

@@ -15,7 +15,9 @@ from inkloop.errors import FmuError
 EXPOSED = ("independent", "structural", "input", "output", "parameter")
 HIDDEN = ("state", "scratch")
 EMULATED_TYPES = ("real", "integer", "enumeration")
-TYPES = ("real", "integer", "boolean", "enumeration", "count")
+TYPES = ("real", "integer", "boolean", "enumeration", "count", "clock", "string", "binary")
+WITHOUT_NUMBER = ("clock", "string", "binary")
+"""Types only of scalars of FMI 3; the start value is a clock that does not tick, or empty."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class VariableDefinition:
     `along`: structural parameter that is the number of maps; None: one map. `initial_from`: variables that the start
     value is computed from; `declared`: the enumeration; `is_tunable`: the parameter may be set between steps.
     `emulated`: the member of the emulator's WorldOptions (world.h) that holds this parameter; None: the emulator has
-    none. `absent`, `unlimited`, `needs`, `scenario`: of the option in Python (inkloop_controller.problem.options),
+    none. `clock`: the clock of a clocked variable; `mime_type`: of a binary; `max` of a string or binary: most bytes.
+    `absent`, `unlimited`, `needs`, `scenario`: of the option in Python (inkloop_controller.problem.options),
     without meaning for an FMU.
     """
 
@@ -44,6 +47,8 @@ class VariableDefinition:
     initial_from: str | None = None
     is_tunable: bool = False
     emulated: str | None = None
+    clock: str | None = None
+    mime_type: str | None = None
     absent: str = ""
     unlimited: bool = False
     needs: str = ""
@@ -85,7 +90,10 @@ class EnumerationDefinition:
 
 @dataclass(frozen=True)
 class ModelDefinition:
-    """A model: its variables in the order of the C table, and the other content of a description."""
+    """A model: its variables in the order of the C table, and the other content of a description.
+
+    terminals, buses: name -> description; a bus is a terminal of FMI-LS-BUS.
+    """
 
     name: str
     description: str
@@ -94,6 +102,12 @@ class ModelDefinition:
     variables: tuple[VariableDefinition, ...]
     types: Mapping[str, EnumerationDefinition] = field(default_factory=dict)
     terminals: Mapping[str, str] = field(default_factory=dict)
+    buses: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def has_events(self) -> bool:
+        """True for a model with clocks, which needs Event Mode."""
+        return any(v.type == "clock" for v in self.variables)
 
     @property
     def exposed(self) -> tuple[VariableDefinition, ...]:
@@ -108,10 +122,13 @@ class ModelDefinition:
     @property
     def fingerprint(self) -> str:
         """16 hexadecimal digits that change with every property that the binary must know."""
-        known = [(v.name, c_causality(v), v.type, v.dimensions, v.start, *self.limits(v)) for v in self.variables]
+        known = [
+            (v.name, c_causality(v), v.type, v.dimensions, v.start, *self.limits(v), *filter(None, (v.clock,)))
+            for v in self.variables
+        ]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 
-    def sizes(self, given: Mapping[str, float]) -> dict[str, int]:
+    def sizes(self, given: Mapping[str, Any]) -> dict[str, int]:
         """The structural parameters, nx and ny first: the values given, else the start values."""
         return {v.name: int(given.get(v.name, v.start)) for v in self.variables if v.causality == "structural"}
 
@@ -125,7 +142,7 @@ class ModelDefinition:
 
     def limits(self, variable: VariableDefinition) -> tuple[float | None, float | None]:
         """Smallest and largest value, None where there is no limit."""
-        if variable.type == "boolean":
+        if variable.type in ("boolean", "clock"):
             return 0, 1
         if variable.declared is None:
             return variable.min, variable.max
@@ -164,6 +181,7 @@ def load(text: str, source: str | Path) -> ModelDefinition:
         variables=variables,
         types=types,
         terminals=table.get("terminals", {}),
+        buses=table.get("buses", {}),
     )
 
 
@@ -192,7 +210,13 @@ def _errors(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any])
             yield f"{v.name}: has no description"
         if (v.type == "enumeration") != (v.declared in table.get("types", {})):
             yield f"{v.name}: declared is {v.declared!r}; an enumeration names one of [types], others none"
-        if v.terminal is not None and v.terminal not in table.get("terminals", {}):
-            yield f"{v.name}: terminal is {v.terminal!r}; it is not in [terminals]"
+        if v.terminal is not None and v.terminal not in {**table.get("terminals", {}), **table.get("buses", {})}:
+            yield f"{v.name}: terminal is {v.terminal!r}; it is not in [terminals] or [buses]"
+        if v.type in WITHOUT_NUMBER and (v.is_grid or v.start != 0):
+            yield f"{v.name}: is a {v.type}; it is one value without a start value"
+        if v.type in ("string", "binary") and v.max is None:
+            yield f"{v.name}: is a {v.type} without max, its most bytes"
+        if v.clock is not None and v.clock not in {each.name for each in variables if each.type == "clock"}:
+            yield f"{v.name}: clock is {v.clock!r}; there is no such clock"
         if v.initial_from is not None and v.initial_from not in names:
             yield f"{v.name}: initial_from is {v.initial_from!r}; there is no such variable"

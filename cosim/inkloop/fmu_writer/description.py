@@ -6,8 +6,9 @@ import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
-from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
+from inkloop.fmu_writer.definition import WITHOUT_NUMBER, ModelDefinition, VariableDefinition
 from inkloop.units import BASE_UNITS, si_unit
 
 _DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
@@ -26,7 +27,12 @@ _FMI3_TYPES = {
     "boolean": "Boolean",
     "enumeration": "Enumeration",
     "count": "UInt64",
+    "clock": "Clock",
+    "string": "String",
+    "binary": "Binary",
 }
+Starts: TypeAlias = Mapping[str, float | Sequence[float]]
+"""Start values by name, of a map one for all cells or each."""
 _LOG_CATEGORIES = {
     "logStatusDiscard": "Values and commands that were refused",
     "logStatusError": "Calls that were not allowed",
@@ -43,12 +49,13 @@ class Release:
 
 @dataclass(frozen=True)
 class Baked:
-    """Changes of an FMU's description by its resources: start values by name, and the text of its description.
+    """Changes of an FMU's description by its resources: start values (texts: of strings), and its own texts.
 
     mark: see `ModelDefinition.token`; None: as in the model.
     """
 
-    starts: Mapping[str, float] = field(default_factory=dict)
+    starts: Starts = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
     mark: str = ""
     description: str | None = None
     step_size: float | None = None
@@ -79,7 +86,7 @@ def write(
         return to_bytes(_fmi2(model, starts, token, sources, release))
     is_fixed = form == "fmi3-fixed"
     token = model.token(model.sizes(starts), resizable=not is_fixed, mark=baked.mark)
-    return to_bytes(_fmi3(model, starts, token, release, is_fixed=is_fixed))
+    return to_bytes(_fmi3(model, starts, token, release, baked, is_fixed=is_fixed))
 
 
 def to_bytes(root: ET.Element) -> bytes:
@@ -95,7 +102,7 @@ def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
 
 
 def _fmi3(
-    model: ModelDefinition, starts: Mapping[str, float], token: str, release: Release, *, is_fixed: bool
+    model: ModelDefinition, starts: Starts, token: str, release: Release, baked: Baked, *, is_fixed: bool
 ) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
@@ -106,7 +113,7 @@ def _fmi3(
         canHandleVariableCommunicationStepSize=True,
         canGetAndSetFMUState=True,
         canSerializeFMUState=True,
-        hasEventMode=False,
+        hasEventMode=model.has_events,
     )
     _add_units(root, model)
     if model.types:
@@ -123,21 +130,22 @@ def _fmi3(
         start = _start(v, sized, v.count(sizes))
         rest = {**_roles(v, is_fixed), **_type_attributes(v), "start": start}
         named = {"name": v.name, "valueReference": references[v.name], "description": v.description}
-        element = add(variables, _FMI3_TYPES[v.type], **named, **rest)
+        clocks = references[v.clock] if v.clock else None
+        element = add(variables, _FMI3_TYPES[v.type], **named, clocks=clocks, **rest)
+        if v.type in ("string", "binary") and v.causality != "output":
+            add(element, "Start", value=baked.texts.get(v.name, ""))
         for axis in v.dimensions:
             add(element, "Dimension", **({"start": sizes[axis]} if is_fixed else {"valueReference": references[axis]}))
     structure = add(root, "ModelStructure")
     for tag in ("Output", "InitialUnknown"):
         for v in model.exposed:
-            if v.causality == "output":
+            if v.causality == "output" and not (tag == "InitialUnknown" and v.clock):
                 known = str(references[v.initial_from]) if v.initial_from and tag == "InitialUnknown" else ""
                 add(structure, tag, valueReference=references[v.name], dependencies=known)
     return root
 
 
-def _fmi2(
-    model: ModelDefinition, starts: Mapping[str, float], guid: str, sources: Sequence[str], release: Release
-) -> ET.Element:
+def _fmi2(model: ModelDefinition, starts: Starts, guid: str, sources: Sequence[str], release: Release) -> ET.Element:
     sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="2.0", guid=guid)
     interface = add(
@@ -239,6 +247,8 @@ def _roles(variable: VariableDefinition, is_fixed: bool) -> dict[str, str]:
             return {"causality": "structuralParameter", "variability": "fixed"}
         case "parameter":
             return {"causality": "parameter", "variability": "tunable" if variable.is_tunable else "fixed"}
+        case "output" if variable.type == "clock":
+            return {"causality": "output"}
         case "output":
             return {"causality": "output", "variability": "discrete", "initial": "calculated"}
         case _:
@@ -248,6 +258,13 @@ def _roles(variable: VariableDefinition, is_fixed: bool) -> dict[str, str]:
 def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
     if variable.declared is not None:
         return {"declaredType": variable.declared}
+    match variable.type:
+        case "clock":
+            return {"intervalVariability": "triggered"}
+        case "binary":
+            return {"mimeType": variable.mime_type, "maxSize": variable.max}
+        case "string":
+            return {}
     has_unit = variable.unit != "1"
     return {
         "unit": variable.unit if has_unit else None,
@@ -258,10 +275,11 @@ def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
     }
 
 
-def _start(variable: VariableDefinition, value: float, count: int) -> str | None:
-    if variable.causality in ("independent", "output"):
+def _start(variable: VariableDefinition, value: float | Sequence[float], count: int) -> str | None:
+    if variable.causality in ("independent", "output") or variable.type in WITHOUT_NUMBER:
         return None
-    return " ".join([_number(variable, value)] * count)
+    values = [value] * count if isinstance(value, int | float) else value
+    return " ".join(_number(variable, each) for each in values)
 
 
 def _number(variable: VariableDefinition, value: float) -> str:

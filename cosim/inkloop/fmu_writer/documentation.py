@@ -29,6 +29,17 @@ pre {{ background: #eee; padding: 0.5em }}
 
 _VARIABLES = '<h2>Variables</h2>\n<p><img src="diagram.png" alt="Inputs and outputs; thick arrows are maps"></p>'
 
+BUS_TERMINAL = ("org.fmi-ls-bus.network-terminal", "org.fmi-ls-bus.transceiver")
+"""Kind and matching rule of a terminal that is a bus (FMI-LS-BUS, Network Abstraction)."""
+
+MANIFEST = "extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml"
+_LS_BUS = {
+    "fmi-ls-name": "org.fmi-standard.fmi-ls-bus",
+    "fmi-ls-version": "1.0.0",
+    "fmi-ls-description": "Layered Standard for the simulation of bus communication on a Physical Signal Abstraction "
+    "or Network Abstraction based level.",
+}
+
 
 def index_html(model: ModelDefinition, readme: str) -> bytes:
     """documentation/index.html: the model's readme and a table of its variables."""
@@ -50,12 +61,21 @@ def terminals_xml(model: ModelDefinition) -> bytes:
     add(graphics, "CoordinateSystem", x1=-100, y1=-100, x2=100, y2=100, suggestedScalingFactorTo_mm=0.1)
     add(graphics, "Icon", x1=-100, y1=-100, x2=100, y2=100)
     terminals = add(root, "Terminals")
-    for name, description in model.terminals.items():
-        terminal = add(terminals, "Terminal", name=name, matchingRule="bus", description=description)
+    for name, description in {**model.terminals, **model.buses}.items():
+        kind, rule = BUS_TERMINAL if name in model.buses else (None, "bus")
+        terminal = add(terminals, "Terminal", name=name, matchingRule=rule, terminalKind=kind, description=description)
         for v in model.exposed:
             if v.terminal == name:
                 add(terminal, "TerminalMemberVariable", variableName=v.name, memberName=v.name, variableKind="signal")
     return to_bytes(root)
+
+
+def manifest_xml() -> bytes:
+    """fmi-ls-manifest.xml of FMI-LS-BUS, for an FMU that is a node on its buses."""
+    space = "http://fmi-standard.org/fmi-ls-manifest"
+    ET.register_namespace("fmi-ls", space)
+    attributes = {f"{{{space}}}{name}": value for name, value in _LS_BUS.items()}
+    return to_bytes(ET.Element("fmiLayeredStandardManifest", {**attributes, "isBusSimulationFMU": "false"}))
 
 
 def build_description_xml(model: ModelDefinition, sources: Sequence[str]) -> bytes:

@@ -14,6 +14,7 @@ from inkloop.contract import MEASURED_HEIGHT
 from inkloop.course.events import Event, Manipulator
 from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ResultError
+from inkloop.fmu.bus_links import BusLinks
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import StopReason
@@ -53,12 +54,13 @@ class Print:
         self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None
         self._pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
         self._step_ns = round(limits.step_s * NS_PER_S)
+        buses = [BusLinks(self._components, scenario.buses)] if scenario.buses else []  # before a state is saved
         self._master = Master(
             self._components,
             scenario.connections,
             step_ns=self._step_ns,
             algorithm=limits.algorithm,
-            observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],
+            observers=[*buses, self._recorder, *([self._checkpoints] if self._checkpoints else [])],
             course=LayerCourse(
                 self._components,
                 layers_max=limits.layers_max,

@@ -19,6 +19,7 @@ from inkloop.components.kind import Checked
 from inkloop.course.events import Event
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
+from inkloop.fmu.bus_links import BusLink
 from inkloop.geometry import Columns
 from inkloop.master.wiring import Connection
 from inkloop.scenario import packaged
@@ -201,6 +202,11 @@ class Scenario:
     def ports(self) -> Mapping[str, Ports]:
         """The ports of the components in file order."""
         return self._loop.ports
+
+    @property
+    def buses(self) -> list[BusLink]:
+        """The buses between two components."""
+        return self._loop.buses
 
     @property
     def connections(self) -> list[Connection]:

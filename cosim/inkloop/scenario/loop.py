@@ -11,8 +11,10 @@ from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
 from inkloop.course.wiring import contract_connections, open_inputs
+from inkloop.fmu.bus_links import BusLink
 from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, check
+from inkloop.scenario.buses import bus_links
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
 from inkloop.tables.messages import read_quantities
@@ -31,6 +33,7 @@ class Loop:
     ports: Mapping[str, Ports]
     connections: list[Connection]
     events: list[Event]
+    buses: list[BusLink]
     errors: list[str]
 
     @classmethod
@@ -46,7 +49,8 @@ class Loop:
         counts = {name: table.options.get("nozzle_pitch") for name, table in components.items()}
         nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
         events, wrong = read_events(tables.events, ports, nozzle_pitch, tables.grid.pitch, unknown)
-        return cls(checked, ports, connections, events, errors + wrong)
+        buses, missing = ([], []) if unknown else bus_links(tables.buses, checked)
+        return cls(checked, ports, connections, events, buses, errors + wrong + missing)
 
     def build(self, bench: BenchTable, folder: Path | None) -> dict[str, Component]:
         """A component of each, for the caller to terminate; folder: of the run. Raises FmuError."""

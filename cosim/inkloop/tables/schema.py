@@ -145,6 +145,14 @@ class ConnectionTable(BaseModel):
         return dict(self.model_extra or {})
 
 
+class BusTable(Table):
+    """`[[buses]]`: two buses of FMUs (FMI-LS-BUS) that are one."""
+
+    between: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
+        description='two of "component.bus": two nodes, or a node and a bus simulation'
+    )
+
+
 class EventTable(BaseModel):
     """`[[events]]`: a change to what a component gives or gets, from a layer or a time on.
 
@@ -205,6 +213,7 @@ class ScenarioFile(Table):
     bench: BenchTable = BenchTable()
     components: dict[str, ComponentTable] = Field(min_length=1)
     connections: list[ConnectionTable] = Field(default=[])
+    buses: list[BusTable] = Field(default=[])
     events: list[EventTable] = Field(default=[])
     compare: dict[str, Comparison] = Field(default={})
     literature: dict[str, Literature] = Field(default={})

@@ -82,7 +82,7 @@ bool bench_set(BenchOptions *options, const char *name, double value) {
     return false;
 }
 
-static const char *fault_of(const BenchOptions *options) {
+const char *bench_fault(const BenchOptions *options) {
     const WorldOptions *world = &options->world;
     const double nanometres = world->instrument.resolution * 1e9;
     if ((uint32_t)world->nx * world->ny > PATTERN_CELLS_MAX)
@@ -103,30 +103,75 @@ static const char *open_files(Bench *bench, const char *folder) {
     return surface_file_read(&bench->world, bench->surface_path);
 }
 
-static void join(Bench *bench) {
+static uint32_t cells_of(const BenchOptions *options) {
+    return (uint32_t)options->world.nx * options->world.ny;
+}
+
+static uint32_t patterns_size(const BenchOptions *options) {
+    return (2 * cells_of(options) + 7) / 8;
+}
+
+size_t bench_size(const BenchOptions *options) {
+    return sizeof(Bench) + world_size(&options->world) + patterns_size(options);
+}
+
+/* The memory behind the bench: the grids of the world, then the patterns of the head. */
+static void *grids_of(Bench *bench) {
+    return bench + 1;
+}
+
+static uint8_t *pattern_memory(Bench *bench) {
+    return (uint8_t *)grids_of(bench) + world_size(&bench->options.world);
+}
+
+void bench_link(Bench *bench) {
+    world_link(&bench->world, grids_of(bench));
+    for (int k = 0; k < bench_node_count(bench); k++) {
+        Board *board = &bench->board[k];
+        Node *node = &bench->node[k];
+        board->world = &bench->world;
+        board->surface_path = bench->surface_path;
+        board->work.pattern = &node->pattern;
+        bench->hal[k] = board_hal(board);
+        node->hal = node->journal.hal = &bench->hal[k];
+        node->options.pattern_memory = node->pattern.cells = k == BENCH_HEAD ? pattern_memory(bench) : NULL;
+    }
+}
+
+void bench_unlink(Bench *bench) {
+    world_link(&bench->world, NULL);
+    memset(bench->hal, 0, sizeof bench->hal);
+    for (int k = 0; k < bench_node_count(bench); k++) {
+        Node *node = &bench->node[k];
+        bench->board[k].world = NULL;
+        bench->board[k].surface_path = NULL;
+        bench->board[k].work.pattern = NULL;
+        node->hal = node->journal.hal = NULL;
+        node->options.pattern_memory = node->pattern.cells = NULL;
+    }
+}
+
+Bench *bench_init(void *memory, const BenchOptions *options) {
+    Bench *bench = memory;
+    bench->options = *options;
+    bench->pattern_bytes = patterns_size(options);
+    world_init(&bench->world, &options->world, grids_of(bench));
     for (int node = 0; node < BENCH_NODES; node++) {
         Board *board = &bench->board[node];
         board_init(board, &bench->world, bench->surface_path);
         bench->hal[node] = board_hal(board);
     }
+    return bench;
 }
 
 Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room) {
-    const char *fault = fault_of(options);
-    Bench *bench = fault ? NULL : calloc(1, sizeof *bench);
-    if (bench) {
-        const uint32_t cells = (uint32_t)options->world.nx * options->world.ny;
-        bench->options = *options;
-        bench->pattern_bytes = (2 * cells + 7) / 8;
-        bench->pattern_memory = malloc(bench->pattern_bytes);
-        const bool complete = bench->pattern_memory && world_create(&bench->world, &options->world);
-        join(bench);
-        fault = complete ? NULL : "there is no memory for a grid of this size";
-        if (complete && folder)
-            fault = open_files(bench, folder);
-    } else if (!fault) {
-        fault = "there is no memory";
-    }
+    const char *fault = bench_fault(options);
+    void *memory = fault ? NULL : calloc(1, bench_size(options));
+    Bench *bench = memory ? bench_init(memory, options) : NULL;
+    if (bench && folder)
+        fault = open_files(bench, folder);
+    else if (!bench && !fault)
+        fault = "there is no memory for a grid of this size";
     if (!fault)
         return bench;
     snprintf(why, room, "%s", fault);
@@ -140,8 +185,6 @@ void bench_delete(Bench *bench) {
     for (int node = 0; node < BENCH_NODES; node++)
         if (bench->board[node].file)
             fclose(bench->board[node].file);
-    world_delete(&bench->world);
-    free(bench->pattern_memory);
     free(bench);
 }
 
@@ -152,11 +195,13 @@ int bench_node_count(const Bench *bench) {
 void bench_power_up(Bench *bench, int node, uint32_t now) {
     const bool head = node == BENCH_HEAD;
     Board *board = &bench->board[node];
-    const NodeOptions options = {.roles = bench->options.one_node ? ALL_ROLES : ROLES[node],
-                                 .limits = bench->options.limits,
-                                 .pattern_memory = head ? bench->pattern_memory : NULL,
-                                 .pattern_bytes = head ? bench->pattern_bytes : 0,
-                                 .by_watchdog = board->by_watchdog};
+    NodeOptions options;
+    memset(&options, 0, sizeof options); /* also between its members: equal benches are equal bytes */
+    options.roles = bench->options.one_node ? ALL_ROLES : ROLES[node];
+    options.limits = bench->options.limits;
+    options.pattern_memory = head ? pattern_memory(bench) : NULL;
+    options.pattern_bytes = head ? bench->pattern_bytes : 0;
+    options.by_watchdog = board->by_watchdog;
     world_tick(&bench->world, now);
     board->torn_at = -1;
     board->watched = board->by_watchdog = false;

@@ -1,7 +1,7 @@
 /* The emulator: the four nodes of the bench on one world, and the HAL that joins them.
  *
- * All memory is taken by bench_create. With a folder, journals and surface are files there that outlive the process:
- * journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
+ * All memory is one block of bench_size bytes. With a folder, journals and surface are files there that outlive the
+ * process: journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
 #ifndef INKLOOP_BENCH_H
 #define INKLOOP_BENCH_H
 
@@ -24,8 +24,7 @@ typedef struct {
     Board board[BENCH_NODES];
     Hal hal[BENCH_NODES];
     Node node[BENCH_NODES];
-    uint8_t *pattern_memory;
-    uint32_t pattern_bytes;
+    uint32_t pattern_bytes;               /* of the memory of the head */
     char surface_path[SURFACE_PATH_ROOM]; /* "": the surface is not kept */
 } Bench;
 
@@ -34,6 +33,19 @@ BenchOptions bench_defaults(void);
 /* Sets an option by its name, as variables.toml of the FMUs has it, SI; also pass_ms, scan_ms, home_ms, move_ms,
  * purge_ms, gate_ms, alive_ms, watchdog_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
 bool bench_set(BenchOptions *options, const char *name, double value);
+
+/* Why there can be no such bench, NULL if there can. */
+const char *bench_fault(const BenchOptions *options);
+
+/* Bytes of a bench with its grids and the memory of its head. */
+size_t bench_size(const BenchOptions *options);
+
+/* A bench without files in `memory` of that size, zeroed and aligned for doubles. */
+Bench *bench_init(void *memory, const BenchOptions *options);
+
+/* Sets every pointer of a bench that stands in its memory; unlinked, it has none: its bytes may be kept or moved. */
+void bench_link(Bench *bench);
+void bench_unlink(Bench *bench);
 
 /* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` holds the message. */
 Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room);

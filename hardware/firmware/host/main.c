@@ -13,15 +13,12 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "bench.h"
+#include "emulation.h"
 #include "fault_text.h"
 #include "hub.h"
-#include "measurements.h"
-#include "node_faults.h"
-#include "node_frames.h"
-#include "wire_faults.h"
+#include "inkloop.h"
 
-enum { TURN_MS = 1, FRAMES_AT_ONCE = 64, TEXT = 300 };
+enum { TURN_MS = 1, TEXT = 300 };
 
 typedef struct {
     BenchOptions bench;
@@ -33,14 +30,9 @@ typedef struct {
 } Options;
 
 typedef struct {
-    Bench *bench;
-    NodeFrames frames[BENCH_NODES];
-    Measurements measurements;
-    Faults faults;
-    WireFaults wire;
-    NodeFaults faulty;
+    Emulation emulation;
     Hub hub;
-    uint32_t now;
+    int master; /* client of the last MasterAlive */
 } Nodes;
 
 static volatile sig_atomic_t asked_to_end;
@@ -108,64 +100,29 @@ static const char *read_arguments(Options *options, int count, char **arguments)
     return NULL;
 }
 
-/* Takes a frame behind the wire faults. */
-static void deliver(void *context, Way way, const CanFrame *frame) {
-    Nodes *nodes = context;
-    if (way == FROM_NODES) {
-        hub_send(&nodes->hub, frame);
-        return;
-    }
-    for (int node = 0; node < bench_node_count(nodes->bench); node++)
-        node_faults_take(&nodes->faulty, node, frame);
+static void send_frame(void *context, const CanFrame *frame) {
+    hub_send(&((Nodes *)context)->hub, frame);
 }
 
-static void deliver_line(void *context, const char *bytes, size_t length) {
+static void send_line(void *context, const char *bytes, size_t length) {
     hub_send_line(&((Nodes *)context)->hub, bytes, length);
+}
+
+static void unplug(void *context, uint32_t refusals) {
+    Nodes *nodes = context;
+    hub_unplug(&nodes->hub, nodes->master, refusals);
+}
+
+static void bus_off(void *context, uint32_t times) {
+    Nodes *nodes = context;
+    hub_bus_off(&nodes->hub, nodes->master, times);
 }
 
 static void take(void *context, const CanFrame *frame) {
     Nodes *nodes = context;
-    CanFrame other;
-    node_faults_happen(&nodes->faulty, frame, nodes->now);
-    wire_faults_pass(&nodes->wire, TO_NODES, frame);
-    if (node_faults_intrude(&nodes->faulty, frame, &other)) {
-        deliver(nodes, TO_NODES, &other);
-        deliver(nodes, FROM_NODES, &other);
-    }
-}
-
-static void run_node(Nodes *nodes, int node) {
-    CanFrame frame;
-    if (!node_faults_tick(&nodes->faulty, node, nodes->now))
-        return;
-    for (int sent = 0; sent < FRAMES_AT_ONCE; sent++) {
-        if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
-            break;
-        wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
-    }
-    wire_faults_settle(&nodes->wire);
-    if (measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
-        wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
-}
-
-static void run_nodes(Nodes *nodes) {
-    world_tick(&nodes->bench->world, nodes->now);
-    faults_arm(&nodes->faults, nodes->bench);
-    node_faults_happen(&nodes->faulty, NULL, nodes->now);
-    for (int node = 0; node < bench_node_count(nodes->bench); node++) {
-        if (bench_watchdog_bites(nodes->bench, node, nodes->now))
-            node_faults_power_up(&nodes->faulty, node, nodes->now);
-        run_node(nodes, node);
-    }
-}
-
-static void begin(Nodes *nodes) {
-    const WireEnds ends = {.context = nodes, .frame = deliver, .line = deliver_line};
-    nodes->now = clock_ms();
-    wire_faults_init(&nodes->wire, &nodes->faults, &ends);
-    node_faults_init(&nodes->faulty, &nodes->faults, nodes->bench, &nodes->hub, nodes->frames);
-    for (int node = 0; node < bench_node_count(nodes->bench); node++)
-        node_faults_power_up(&nodes->faulty, node, nodes->now);
+    if (frame->id == INKLOOP_MASTER_ALIVE_FRAME_ID)
+        nodes->master = nodes->hub.sender;
+    emulation_take(&nodes->emulation, frame);
 }
 
 static bool stdin_is_closed(void) {
@@ -193,7 +150,7 @@ static bool open_channel(Hub *hub, const Options *options) {
 
 int main(int count, char **arguments) {
     static Nodes nodes;
-    Options options = {.bench = bench_defaults(), .faults = &nodes.faults, .why = ""};
+    Options options = {.bench = bench_defaults(), .faults = &nodes.emulation.faults, .why = ""};
     char why[TEXT];
     const char *wrong = read_arguments(&options, count, arguments);
     if (wrong) {
@@ -204,28 +161,29 @@ int main(int count, char **arguments) {
                 options.why[0] ? options.why : EXPECTED);
         return 2;
     }
-    nodes.bench = bench_create(&options.bench, options.folder, why, sizeof why);
-    if (!nodes.bench) {
+    Bench *bench = bench_create(&options.bench, options.folder, why, sizeof why);
+    if (!bench) {
         fprintf(stderr, "inkloop_bench_nodes: %s\n", why);
         return 1;
     }
-    begin(&nodes);
+    const EmulationBus bus = {.context = &nodes, .frame = send_frame, .line = send_line};
+    const MasterAdapter adapter = {.context = &nodes, .unplug = unplug, .bus_off = bus_off};
+    emulation_begin(&nodes.emulation, bench, &bus, &adapter, clock_ms());
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that must not grow is like a full disk: writing fails */
     signal(SIGTERM, end);
     signal(SIGINT, end);
     if (!open_channel(&nodes.hub, &options)) {
         fprintf(stderr, "inkloop_bench_nodes: the channel could not be opened: %s\n", strerror(errno));
-        bench_delete(nodes.bench);
+        bench_delete(bench);
         return 1;
     }
     while (!asked_to_end && !(options.until_stdin_closes && stdin_is_closed())) {
-        nodes.now = clock_ms();
-        hub_turn(&nodes.hub, TURN_MS, nodes.now, take, &nodes);
-        nodes.now = clock_ms();
-        run_nodes(&nodes);
+        nodes.emulation.now = clock_ms();
+        hub_turn(&nodes.hub, TURN_MS, nodes.emulation.now, take, &nodes);
+        emulation_turn(&nodes.emulation, clock_ms());
     }
     hub_close(&nodes.hub);
-    bench_delete(nodes.bench);
+    bench_delete(bench);
     return 0;
 }

@@ -3,10 +3,9 @@
 #include "emulated_parameters.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-enum { ALL_COLOURS = 255 };
+enum { ALL_COLOURS = 255, GRIDS = 6 /* of doubles */ };
 static const double NANOMETRE = 1e-9;
 
 WorldOptions world_defaults(void) {
@@ -20,32 +19,24 @@ static size_t cells_of(const World *world) {
     return (size_t)world->options.nx * world->options.ny;
 }
 
-bool world_create(World *world, const WorldOptions *options) {
-    memset(world, 0, sizeof *world);
-    world->options = *options;
-    const size_t cells = cells_of(world);
-    double **const grids[] = {&world->height, &world->before, &world->factor,
-                              &world->spot,   &world->lines,  &world->reading};
-    bool complete = true;
-    for (size_t k = 0; k < sizeof grids / sizeof *grids; k++) {
-        *grids[k] = calloc(cells, sizeof(double));
-        complete = complete && *grids[k];
-    }
-    world->jetted = calloc(cells, sizeof *world->jetted);
-    world->valid = calloc(cells, sizeof *world->valid);
-    if (complete && world->jetted && world->valid)
-        return true;
-    world_delete(world);
-    return false;
+size_t world_size(const WorldOptions *options) {
+    return (size_t)options->nx * options->ny * (GRIDS * sizeof(double) + sizeof(int32_t) + sizeof(bool));
 }
 
-void world_delete(World *world) {
-    double *const grids[] = {world->height, world->before, world->factor, world->spot, world->lines, world->reading};
-    for (size_t k = 0; k < sizeof grids / sizeof *grids; k++)
-        free(grids[k]);
-    free(world->jetted);
-    free(world->valid);
+void world_link(World *world, void *grids) {
+    const size_t cells = cells_of(world);
+    double *grid = grids, **const places[GRIDS] = {&world->height, &world->before, &world->factor,
+                                                   &world->spot,   &world->lines,  &world->reading};
+    for (size_t k = 0; k < GRIDS; k++)
+        *places[k] = grids ? grid + k * cells : NULL;
+    world->jetted = grids ? (int32_t *)(grid + GRIDS * cells) : NULL;
+    world->valid = grids ? (bool *)(world->jetted + cells) : NULL;
+}
+
+void world_init(World *world, const WorldOptions *options, void *grids) {
     memset(world, 0, sizeof *world);
+    world->options = *options;
+    world_link(world, grids);
 }
 
 static bool gate_has_arrived(const World *world) {

@@ -54,9 +54,15 @@ typedef struct {
 /* The start values of the FMUs, but a sensor with steps of 0.1 um; 9 x 9 cells, short mechanical times. */
 WorldOptions world_defaults(void);
 
-/* False: no memory. */
-bool world_create(World *world, const WorldOptions *options);
-void world_delete(World *world);
+/* Bytes of the grids of a world. */
+size_t world_size(const WorldOptions *options);
+
+/* A world over `grids`, memory of the caller of that size, zeroed and aligned for doubles. */
+void world_init(World *world, const WorldOptions *options, void *grids);
+
+/* Points a world at its grids, wherever they are now; NULL: at nothing, to be kept or moved as bytes. */
+void world_link(World *world, void *grids);
+
 void world_tick(World *world, uint32_t now);
 
 uint32_t world_lines(const World *world);

@@ -1,5 +1,6 @@
 /* FMI calls in any order with any arguments on one instance, while a second instance must not change. The FMU is the
  * one of the table named in INKLOOP_FMU_TABLE; an input is read as a sequence of calls. */
+#include "events.h"
 #include "values.h"
 
 #include <math.h>
@@ -14,6 +15,7 @@ typedef struct {
     Mode mode;
     uint64_t nx, ny, depth;
     double now;
+    bool waits;
 } Slot;
 
 typedef struct {
@@ -43,7 +45,7 @@ static void take_state(Run *run, Slot *slot) {
     if (!subject_end(s, "get state", legal_in(s, modes, SUCCEEDS), status))
         return;
     free(slot->bytes.bytes);
-    *slot = (Slot){slot->state, subject_save(s), s->mode, s->nx, s->ny, s->depth, s->now};
+    *slot = (Slot){slot->state, subject_save(s), s->mode, s->nx, s->ny, s->depth, s->now, s->waits};
 }
 
 static void restore(Run *run, const Slot *slot) {
@@ -56,6 +58,7 @@ static void restore(Run *run, const Slot *slot) {
     if (!subject_end(s, "set state", fits ? SUCCEEDS : IS_MISUSED, status))
         return;
     s->now = slot->now;
+    s->waits = slot->waits;
     demand(s, "set state", is_same(&s->before, &slot->bytes), "a restored state is the saved one");
 }
 
@@ -138,8 +141,13 @@ static void go_on(Subject *s, Input *input) {
     case INITIALIZATION:
         subject_exit(s);
         break;
+    case EVENT:
+        events_handle(s, input, false);
+        break;
     case STEP:
-        if (subject_offer(s, input_byte(input)) && subject_step(s, s->now, 10.0))
+        if (s->waits)
+            events_handle(s, input, true);
+        if (subject_offer(s, input_byte(input)) && subject_step(s, s->now, s->fmu->has_events ? 0.05 : 10.0))
             s->layers++;
         break;
     case TERMINATED:
@@ -195,6 +203,9 @@ static void any_call(Run *run, Input *input) {
         break;
     case 11:
         log_categories(s, input);
+        break;
+    case 12:
+        any_event_call(s, input);
         break;
     case 13:
     case 14:

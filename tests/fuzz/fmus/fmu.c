@@ -27,6 +27,7 @@ static void read_variables(Fmu *fmu, FILE *file, const char *table) {
         if (sscanf(line, "%63s %c %c %d %" SCNu32 " %lf %lf %lf %lf", v->name, &v->type, &v->role, &v->shape,
                    &v->reference, &v->start, &v->min, &v->max, &v->most_tried) != 9)
             give_up(line, table);
+        fmu->has_events = fmu->has_events || v->type == 'k';
     }
 }
 

@@ -19,9 +19,9 @@ typedef struct {
 
 enum { ONE_VALUE, MAP, MAPS }; /* shapes */
 
-/* type: r real, i integer, b Boolean, e enumeration, c count; role: i input, p parameter, t tunable parameter,
- * s structural parameter, - not settable. A map has nx * ny values, maps `depth` times as many; in FMI 2 each value has
- * a reference, from the first on. */
+/* type: r real, i integer, b Boolean, e enumeration, c count, and without numbers k clock, s string, y binary; role: i
+ * input, p parameter, t tunable parameter, s structural parameter, - not settable. A map has nx * ny values, maps
+ * `depth` times as many; in FMI 2 each value has a reference, from the first on. */
 typedef struct {
     char name[NAME_SIZE], type, role;
     int shape;
@@ -30,10 +30,22 @@ typedef struct {
     double most_tried; /* of what only means more work */
 } Variable;
 
+/* The calls of Event Mode, and of what is no number. */
+typedef struct {
+    Status (*enter)(void *instance);
+    Status (*leave)(void *instance);
+    Status (*update)(void *instance, bool *again);
+    Status (*get_clock)(void *instance, uint32_t reference, bool *ticks);
+    Status (*set_clock)(void *instance, uint32_t reference, bool ticks);
+    Status (*get_binary)(void *instance, uint32_t reference, size_t *size, const uint8_t **bytes);
+    Status (*set_binary)(void *instance, uint32_t reference, size_t size, const uint8_t *bytes);
+    Status (*set_string)(void *instance, uint32_t reference, const char *text);
+} EventCalls;
+
 /* The calls of one version. */
 typedef struct {
     bool (*load)(void *library);
-    void *(*instantiate)(const char *token, const char *resources, Log *log);
+    void *(*instantiate)(const char *token, const char *resources, bool with_events, Log *log);
     void (*release)(void *instance);
     char (*kind)(char type); /* the type whose functions access it */
     size_t (*value_size)(char kind);
@@ -44,7 +56,7 @@ typedef struct {
                   size_t total);
     Status (*enter)(void *instance, double start);
     Status (*exit)(void *instance);
-    Status (*step)(void *instance, double start, double step);
+    Status (*step)(void *instance, double start, double step, bool *event);
     Status (*terminate)(void *instance);
     Status (*reset)(void *instance);
     Status (*configure)(void *instance, bool enters); /* NULL: this version has no Configuration Mode */
@@ -55,6 +67,7 @@ typedef struct {
     Status (*serialize)(void *instance, void *state, unsigned char *bytes, size_t size);
     Status (*deserialize)(void *instance, const unsigned char *bytes, size_t size, void **state);
     Status (*set_categories)(void *instance, size_t count, const char *const categories[]);
+    const EventCalls *events; /* NULL: this version has no Event Mode */
 } Version;
 
 extern const Version VERSION_2, VERSION_3;
@@ -62,7 +75,7 @@ extern const Version VERSION_2, VERSION_3;
 typedef struct {
     const Version *version;
     char library[TEXT_SIZE], resources[TEXT_SIZE], token[TEXT_SIZE];
-    bool is_resizable, has_scalar_references;
+    bool is_resizable, has_scalar_references, has_events;
     uint64_t nx, ny, depth;
     size_t variable_count;
     Variable variables[VARIABLES_MAX];

@@ -1,7 +1,7 @@
 /* Instances of one library at the same time, each in a thread of its own, print other layers; then the same one after
  * the other, which must end in the same states. For the thread sanitizer, and with the others a whole life without a
  * leak. The FMU is the one of the table named as the only argument. */
-#include "subject.h"
+#include "events.h"
 
 #include <pthread.h>
 #include <stdio.h>
@@ -19,17 +19,22 @@ typedef struct {
 static void *print(void *argument) {
     Print *print = argument;
     const Variable *seed = fmu_variable(print->fmu, "seed", 'p');
+    const Variable *printer = fmu_variable(print->fmu, "printer_seed", 'p');
     const Variable *volume = fmu_variable(print->fmu, "volume_factor", 'i');
     const double number = print->seed, share = 1.0 / (1.0 + number);
     Subject s;
     subject_open(&s, print->fmu);
     if (seed)
         subject_set(&s, seed, &number, 1);
+    else if (printer)
+        subject_set(&s, printer, &number, 1);
     else if (volume)
         subject_set(&s, volume, &share, 1);
     subject_enter(&s, 0.0);
+    Input none = {NULL, 0};
     demand(&s, "exit", subject_exit(&s), "it begins");
     for (unsigned layer = 0; layer < LAYERS; layer++) {
+        demand(&s, "event", events_handle(&s, &none, true), "events are handled");
         demand(&s, "offer", subject_offer(&s, 16 * print->seed + layer + 1), "inputs are taken");
         demand(&s, "step", subject_step(&s, s.now, 10.0), "a step is taken");
         subject_step(&s, s.now, -1.0);

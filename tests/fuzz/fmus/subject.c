@@ -46,7 +46,7 @@ static void remember(Subject *s) {
 
 void subject_open(Subject *s, const Fmu *fmu) {
     *s = (Subject){.fmu = fmu, .mode = INSTANTIATED, .nx = fmu->nx, .ny = fmu->ny, .depth = fmu->depth};
-    s->instance = fmu->version->instantiate(fmu->token, fmu->resources, &s->log);
+    s->instance = fmu->version->instantiate(fmu->token, fmu->resources, fmu->has_events, &s->log);
     demand(s, "instantiate", s->instance != NULL, "there is an instance");
     remember(s);
 }
@@ -87,7 +87,7 @@ Verdict legal_in(const Subject *s, unsigned modes, Verdict if_legal) {
     return s->mode & modes ? if_legal : IS_MISUSED;
 }
 
-static bool to_mode(Subject *s, const char *call, Verdict verdict, Status status, Mode mode) {
+bool subject_to_mode(Subject *s, const char *call, Verdict verdict, Status status, Mode mode) {
     const Mode old = s->mode;
     s->mode = status == OK ? mode : old;
     return subject_end(s, call, verdict, status);
@@ -96,22 +96,28 @@ static bool to_mode(Subject *s, const char *call, Verdict verdict, Status status
 bool subject_enter(Subject *s, double start) {
     const Verdict verdict = legal_in(s, INSTANTIATED, isfinite(start) ? SUCCEEDS : IS_MISUSED);
     subject_begin(s);
-    const bool is_done = to_mode(s, "enter", verdict, version_of(s)->enter(s->instance, start), INITIALIZATION);
+    const bool is_done = subject_to_mode(s, "enter", verdict, version_of(s)->enter(s->instance, start), INITIALIZATION);
     s->now = is_done ? start : s->now;
     return is_done;
 }
 
 bool subject_exit(Subject *s) {
     subject_begin(s);
-    return to_mode(s, "exit", legal_in(s, INITIALIZATION, MAY_BE_TAKEN), version_of(s)->exit(s->instance), STEP);
+    const Mode next = s->fmu->has_events ? EVENT : STEP;
+    s->waits = s->waits || (s->fmu->has_events && s->mode == INITIALIZATION);
+    return subject_to_mode(s, "exit", legal_in(s, INITIALIZATION, MAY_BE_TAKEN), version_of(s)->exit(s->instance),
+                           next);
 }
 
 bool subject_step(Subject *s, double start, double step) {
     const bool leads_on = isfinite(start) && isfinite(step) && isfinite(start + step) && start + step > start &&
                           start >= s->now - 1e-6 * step - 1e-12 * fabs(s->now);
     subject_begin(s);
-    const Status status = version_of(s)->step(s->instance, start, step);
-    const bool is_done = subject_end(s, "step", legal_in(s, STEP, leads_on ? MAY_BE_TAKEN : IS_REFUSED), status);
+    bool event = false;
+    const Status status = version_of(s)->step(s->instance, start, step, &event);
+    const Verdict verdict = s->waits ? IS_MISUSED : leads_on ? MAY_BE_TAKEN : IS_REFUSED;
+    const bool is_done = subject_end(s, "step", legal_in(s, STEP, verdict), status);
+    s->waits = is_done ? event : s->waits;
     s->now = is_done ? start + step : s->now;
     s->steps += is_done;
     return is_done;
@@ -119,7 +125,8 @@ bool subject_step(Subject *s, double start, double step) {
 
 bool subject_terminate(Subject *s) {
     subject_begin(s);
-    return to_mode(s, "terminate", legal_in(s, STEP, SUCCEEDS), version_of(s)->terminate(s->instance), TERMINATED);
+    return subject_to_mode(s, "terminate", legal_in(s, INITIALIZED, SUCCEEDS), version_of(s)->terminate(s->instance),
+                           TERMINATED);
 }
 
 bool subject_reset(Subject *s) {
@@ -128,7 +135,8 @@ bool subject_reset(Subject *s) {
     s->nx = s->fmu->nx;
     s->ny = s->fmu->ny;
     s->depth = s->fmu->depth;
-    return to_mode(s, "reset", SUCCEEDS, status, INSTANTIATED);
+    s->waits = false;
+    return subject_to_mode(s, "reset", SUCCEEDS, status, INSTANTIATED);
 }
 
 size_t value_count(const Subject *s, const Variable *variable) {
@@ -185,11 +193,11 @@ bool subject_configure(Subject *s, bool enters) {
         remember(s);
         return true;
     }
-    return to_mode(s, "configure",
-                   !is_legal ? IS_MISUSED
-                   : enters  ? SUCCEEDS
-                             : MAY_BE_TAKEN,
-                   status, enters ? CONFIGURATION : INSTANTIATED);
+    return subject_to_mode(s, "configure",
+                           !is_legal ? IS_MISUSED
+                           : enters  ? SUCCEEDS
+                                     : MAY_BE_TAKEN,
+                           status, enters ? CONFIGURATION : INSTANTIATED);
 }
 
 void subject_resize(Subject *s, double nx, double ny) {

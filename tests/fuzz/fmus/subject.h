@@ -5,8 +5,9 @@
 
 #include "fmu.h"
 
-typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
-enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
+typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16, EVENT = 32 } Mode;
+enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, INITIALIZED = STEP | EVENT };
+enum { RUNNING = BEFORE_STEP | INITIALIZED, ANY_MODE = 63 };
 
 /* A serialized state; no bytes where none could be saved. */
 typedef struct {
@@ -21,6 +22,7 @@ typedef struct {
     Mode mode;
     uint64_t nx, ny, depth;
     double now;   /* where the next step begins */
+    bool waits;   /* a clock ticks: Event Mode comes before the next step */
     Saved before; /* the state after the last call */
     unsigned steps, layers, refusals;
 } Subject;
@@ -39,6 +41,9 @@ void subject_close(Subject *subject);
 /* Before a call, and with its status after it; true if it succeeded. */
 void subject_begin(Subject *subject);
 bool subject_end(Subject *subject, const char *call, Verdict verdict, Status status);
+
+/* The same for a call that leads into a mode. */
+bool subject_to_mode(Subject *subject, const char *call, Verdict verdict, Status status, Mode mode);
 
 Verdict legal_in(const Subject *subject, unsigned modes, Verdict if_legal);
 

@@ -160,7 +160,10 @@ void any_access(Subject *s, Input *input, bool sets) {
     Access access = {.verdict = sets ? MAY_BE_TAKEN : SUCCEEDS, .values = (unsigned char *)room};
     const uint8_t form = input_byte(input);
     const size_t wanted = form >> 6;
-    const Variable *first = &s->fmu->variables[input_byte(input) % s->fmu->variable_count];
+    size_t which = input_byte(input) % s->fmu->variable_count;
+    while (!strchr(TYPES, s->fmu->variables[which].type)) /* the others are of events.c */
+        which = (which + 1) % s->fmu->variable_count;
+    const Variable *first = &s->fmu->variables[which];
     access.kind = s->fmu->version->kind(form % 16 == 0 ? TYPES[form / 16 % 5] : first->type);
     for (size_t k = 0; k < wanted || k == 0; k++) {
         const Variable *next = &s->fmu->variables[input_byte(input) % s->fmu->variable_count];

@@ -42,6 +42,7 @@ typedef struct {
 #define TYPE(Name) fmi2##Name##TYPE
 #define STATE(before, after) before##FMUstate##after
 #define INSTANCE(it) ((Kept *)(it))->component
+#define EVENTS NULL
 #include "version_calls.h"
 
 static void on_message(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
@@ -55,7 +56,8 @@ static void on_message(fmi2ComponentEnvironment environment, fmi2String name, fm
     va_end(arguments);
 }
 
-static void *instantiate(const char *token, const char *resources, Log *log) {
+static void *instantiate(const char *token, const char *resources, bool with_events, Log *log) {
+    (void)with_events;
     Kept *kept = malloc(sizeof *kept);
     if (!kept)
         return NULL;
@@ -133,7 +135,8 @@ static Status enter(void *it, double start) {
     return call.EnterInitializationMode(INSTANCE(it));
 }
 
-static Status step(void *it, double start, double size) {
+static Status step(void *it, double start, double size, bool *event) {
+    *event = false;
     return call.DoStep(INSTANCE(it), start, size, true);
 }
 

@@ -32,12 +32,21 @@
     DO(FreeFMUState)                                                                                                   \
     DO(SerializedFMUStateSize)                                                                                         \
     DO(SerializeFMUState)                                                                                              \
-    DO(DeserializeFMUState)
+    DO(DeserializeFMUState)                                                                                            \
+    DO(EnterEventMode)                                                                                                 \
+    DO(EnterStepMode)                                                                                                  \
+    DO(UpdateDiscreteStates)                                                                                           \
+    DO(GetClock)                                                                                                       \
+    DO(SetClock)                                                                                                       \
+    DO(GetBinary)                                                                                                      \
+    DO(SetBinary)                                                                                                      \
+    DO(SetString)
 
 #define NAME(Name) "fmi3" #Name
 #define TYPE(Name) fmi3##Name##TYPE
 #define STATE(before, after) before##FMUState##after
 #define INSTANCE(it) (it)
+#define EVENTS &EVENT_CALLS
 #include "version_calls.h"
 
 static void on_message(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text) {
@@ -47,9 +56,9 @@ static void on_message(fmi3InstanceEnvironment environment, fmi3Status status, f
     snprintf(log->text, sizeof log->text, "%s", text);
 }
 
-static void *instantiate(const char *token, const char *resources, Log *log) {
-    return call.InstantiateCoSimulation("it", token, resources, false, false, false, false, NULL, 0, log, on_message,
-                                        NULL);
+static void *instantiate(const char *token, const char *resources, bool with_events, Log *log) {
+    return call.InstantiateCoSimulation("it", token, resources, false, false, with_events, false, NULL, 0, log,
+                                        on_message, NULL);
 }
 
 static char kind(char type) {
@@ -136,11 +145,48 @@ static Status enter(void *it, double start) {
     return call.EnterInitializationMode(it, false, 0.0, start, false, 0.0);
 }
 
-static Status step(void *it, double start, double size) {
-    bool event, stop, early;
+static Status step(void *it, double start, double size, bool *event) {
+    bool stop, early;
     double reached;
-    return call.DoStep(it, start, size, true, &event, &stop, &early, &reached);
+    return call.DoStep(it, start, size, true, event, &stop, &early, &reached);
 }
+
+static Status enter_event(void *it) {
+    return call.EnterEventMode(it);
+}
+
+static Status enter_step(void *it) {
+    return call.EnterStepMode(it);
+}
+
+static Status update(void *it, bool *again) {
+    bool stop, nominals, values, defined;
+    double next;
+    return call.UpdateDiscreteStates(it, again, &stop, &nominals, &values, &defined, &next);
+}
+
+static Status get_clock(void *it, uint32_t reference, bool *ticks) {
+    return call.GetClock(it, &reference, 1, ticks);
+}
+
+static Status set_clock(void *it, uint32_t reference, bool ticks) {
+    return call.SetClock(it, &reference, 1, &ticks);
+}
+
+static Status get_binary(void *it, uint32_t reference, size_t *size, const uint8_t **bytes) {
+    return call.GetBinary(it, &reference, 1, size, bytes, 1);
+}
+
+static Status set_binary(void *it, uint32_t reference, size_t size, const uint8_t *bytes) {
+    return call.SetBinary(it, &reference, 1, &size, &bytes, 1);
+}
+
+static Status set_string(void *it, uint32_t reference, const char *text) {
+    return call.SetString(it, &reference, 1, &text, 1);
+}
+
+static const EventCalls EVENT_CALLS = {enter_event, enter_step, update,     get_clock,
+                                       set_clock,   get_binary, set_binary, set_string};
 
 static Status configure(void *it, bool enters) {
     if (enters)

@@ -66,9 +66,28 @@ static Status set_categories(void *it, size_t count, const char *const categorie
 
 /* These and the version's own; `configuring`: its `configure`. */
 #define VERSION_OF_CALLS(configuring)                                                                                  \
-    {load,       instantiate, release,     kind,          value_size,          encode,                                 \
-     decode,     get,         set,         enter,         exit_initialization, step,                                   \
-     terminate,  reset,       configuring, get_state,     set_state,           free_state,                             \
-     state_size, serialize,   deserialize, set_categories}
+    {load,                                                                                                             \
+     instantiate,                                                                                                      \
+     release,                                                                                                          \
+     kind,                                                                                                             \
+     value_size,                                                                                                       \
+     encode,                                                                                                           \
+     decode,                                                                                                           \
+     get,                                                                                                              \
+     set,                                                                                                              \
+     enter,                                                                                                            \
+     exit_initialization,                                                                                              \
+     step,                                                                                                             \
+     terminate,                                                                                                        \
+     reset,                                                                                                            \
+     configuring,                                                                                                      \
+     get_state,                                                                                                        \
+     set_state,                                                                                                        \
+     free_state,                                                                                                       \
+     state_size,                                                                                                       \
+     serialize,                                                                                                        \
+     deserialize,                                                                                                      \
+     set_categories,                                                                                                   \
+     EVENTS}
 
 #endif

@@ -476,6 +476,6 @@ def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
 
 def process() -> Path:
     """The emulator as a program, with the codec generated from the DBC."""
-    main = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main"))
+    main = (FIRMWARE / "host" / f"{name}.c" for name in ("emulation", "hub", "main"))
     sources = (*CORE, *WIRE, *HOST, *FAULTS, *main, *KERNELS, codec() / "inkloop.c")
     return compiled.linked("bench_nodes", firmware_objects(sources), SANITIZERS)

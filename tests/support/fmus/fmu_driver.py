@@ -126,7 +126,10 @@ class Driver:
             self.callbacks = callbacks(self.messages)
             self.fmu.instantiate(callbacks=self.callbacks)
         else:
-            self.fmu.instantiate(logMessage=lambda _, status, category, text: self.messages.append(text.decode()))
+            self.fmu.instantiate(
+                eventModeUsed=bool(description.coSimulation.hasEventMode),
+                logMessage=lambda _, status, category, text: self.messages.append(text.decode()),
+            )
         if form == "fmi3" and (nx, ny) != (9, 9):
             assert self.resize(nx, ny) == OK
 

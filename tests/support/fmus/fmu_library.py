@@ -32,8 +32,11 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "tests" / "fuzz"
 FORMS = ("fmi3", "fmi2")  # one library each; that of fmi3-fixed is the one of fmi3
 JOB = "LayerJob"
-NAMES = tuple(f"{model}-{form}" for model in (*MODELS, JOB) for form in FORMS)
-PARTS = ("fmu", "version_2", "version_3", "subject")
+BUS = "BenchBus"
+PAIRS = (*((model, form) for model in (*MODELS, JOB) for form in FORMS), (BUS, "fmi3"))
+NAMES = tuple(f"{model}-{form}" for model, form in PAIRS)
+PARTS = ("fmu", "version_2", "version_3", "subject", "events")
+LETTERS = {"clock": "k", "binary": "y"}
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
 WORK = {
@@ -103,15 +106,10 @@ def rebuilt(model: str, form: str, folder: Path, compiler: str, flags: Sequence[
     return Library(model, form, library, place / "resources")
 
 
-def all_rebuilt(models: Sequence[str], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
-    """Every model in both versions of FMI."""
+def all_rebuilt(pairs: Sequence[tuple[str, str]], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
+    """Each (model, form)."""
     with ThreadPoolExecutor(2) as pool:
-        return list(
-            pool.map(
-                lambda pair: rebuilt(*pair, folder, compiler, flags),  # type: ignore[call-arg]
-                [(model, form) for model in models for form in FORMS],
-            )
-        )
+        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags), pairs))  # type: ignore[call-arg]
 
 
 def packed(libraries: Sequence[Library], folder: Path) -> None:
@@ -158,7 +156,8 @@ def _line(model: ModelDefinition, variable: VariableDefinition, reference: int, 
     role = "-" if role == "s" and not is_resizable else role
     limits = f"{'-inf' if low is None else repr(float(low))} {'inf' if high is None else repr(float(high))}"
     tried, shape = WORK.get(variable.name, "inf"), int(variable.is_grid) + int(variable.along is not None)
-    return f"{variable.name} {variable.type[0]} {role} {shape} {reference} {float(variable.start)!r} {limits} {tried}"
+    letter = LETTERS.get(variable.type, variable.type[0])
+    return f"{variable.name} {letter} {role} {shape} {reference} {float(variable.start)!r} {limits} {tried}"
 
 
 def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, dict[str, Path]]:

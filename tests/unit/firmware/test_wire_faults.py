@@ -12,7 +12,7 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import CORE, FAULTS, FIRMWARE, HOST, KERNELS, WIRE, Broken, codec, firmware_library
+from support.benches.node_bench import CORE, FAULTS, HOST, KERNELS, WIRE, Broken, codec, firmware_library
 from support.places import C_SOURCES
 
 TO_NODES, FROM_NODES = 0, 1
@@ -32,7 +32,7 @@ class Taken(ctypes.Structure):
 
 @cache
 def library() -> ctypes.CDLL:
-    own = [FIRMWARE / "host" / "hub.c", codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
+    own = [codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
     sources = [*CORE, *HOST, *KERNELS, *FAULTS, *WIRE, *own]
     loaded = firmware_library("wire_faults.so", sources)
     loaded.probe_taken.restype = ctypes.POINTER(Taken)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import struct
-import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 from inkloop import __version__
 from inkloop.errors import missing
 from inkloop.exchange.job.baking import Bake, bake
+from inkloop.exchange.parameter_file import Section, check_sum, to_bytes
 from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.definition import ModelDefinition
@@ -96,42 +95,6 @@ def _shown(value: NDArray[Any]) -> str:
     if value.ndim == 0:
         return str(value.item())
     return f"{' x '.join(map(str, value.shape))} values, {value.min()} to {value.max()}"
-
-
-MAGIC = b"InkJob\r\n"
-LAYOUT = 1
-
-
-@dataclass(frozen=True, eq=False)
-class Section:
-    """The parameters of one model that are not its start values: in SI, maps (nx, ny), enumerations as numbers."""
-
-    model: ModelDefinition
-    values: Mapping[str, NDArray[Any]]
-
-
-def to_bytes(nx: int, ny: int, sections: Sequence[Section]) -> bytes:
-    """The content of resources/job.bin, as fmus/layer_job/job_file.c reads it: all numbers little-endian.
-
-    sections: of job, printer, profiler, controller.
-    """
-    checked = struct.pack("<QQ", nx, ny) + b"".join(_section_bytes(section) for section in sections)
-    return MAGIC + struct.pack("<II", LAYOUT, zlib.crc32(checked)) + checked
-
-
-def check_sum(content: bytes) -> str:
-    """Identifies this file, 8 hexadecimal digits; the token of its FMU ends with it."""
-    return f"{struct.unpack_from('<I', content, 12)[0]:08x}"
-
-
-def _section_bytes(section: Section) -> bytes:
-    numbers = {variable.name: number for number, variable in enumerate(section.model.variables)}
-    head = struct.pack("<32s16sQ", section.model.name.encode(), section.model.fingerprint.encode(), len(section.values))
-    return head + b"".join(_parameter(numbers[name], value) for name, value in section.values.items())
-
-
-def _parameter(number: int, value: NDArray[Any]) -> bytes:
-    return struct.pack("<QQ", number, value.size) + np.ascontiguousarray(value, "<f8").tobytes()
 
 
 def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:

@@ -9,11 +9,12 @@
 enum { SHORTENED_BY = 7, MAP_BLOCK_HEAD = 2, UPLOADED = 0x76, OTHER_SESSION = 0x5555 };
 enum { GATE_BOTH = BROKEN_GATE_STAYS_OPEN | BROKEN_GATE_STAYS_CLOSED };
 
-void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub, NodeFrames *frames) {
+void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, const MasterAdapter *adapter,
+                      NodeFrames *frames) {
     memset(faulty, 0, sizeof *faulty);
     faulty->faults = faults;
     faulty->bench = bench;
-    faulty->hub = hub;
+    faulty->adapter = *adapter;
     faulty->frames = frames;
 }
 
@@ -53,13 +54,14 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
         faulty->intrusions = fault->count;
         break;
     case FAULT_UNPLUGGED:
-        hub_unplug(faulty->hub, faulty->master_adapter, fault->count - 1);
+        if (faulty->adapter.unplug)
+            faulty->adapter.unplug(faulty->adapter.context, fault->count - 1);
         break;
     case FAULT_BUS_OFF:
-        if (fault->node == ANY)
-            hub_bus_off(faulty->hub, faulty->master_adapter, fault->count);
-        else
+        if (fault->node != ANY)
             faulty->node[fault->node].off_bus_for = fault->frames;
+        else if (faulty->adapter.bus_off)
+            faulty->adapter.bus_off(faulty->adapter.context, fault->count);
         break;
     default: /* faults of frames and answers */
         break;
@@ -82,10 +84,8 @@ static void count_down(NodeFaults *faulty, uint32_t now) {
 }
 
 void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now) {
-    if (frame && frame->id == INKLOOP_MASTER_ALIVE_FRAME_ID) {
-        faulty->master_adapter = faulty->hub->sender;
+    if (frame && frame->id == INKLOOP_MASTER_ALIVE_FRAME_ID)
         count_down(faulty, now);
-    }
     for (uint32_t k = 0; k < faulty->faults->count; k++)
         if (fault_happens(&faulty->faults->fault[k], frame))
             happen(faulty, &faulty->faults->fault[k], now);

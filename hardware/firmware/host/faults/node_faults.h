@@ -1,9 +1,8 @@
-/* Faults in the nodes of the emulator and in the adapters on its bus, not on the wire itself. */
+/* Faults in the nodes of the emulator and in the adapter of its master, not on the wire itself. */
 #ifndef INKLOOP_NODE_FAULTS_H
 #define INKLOOP_NODE_FAULTS_H
 
 #include "fault.h"
-#include "hub.h"
 #include "node_frames.h"
 
 /* One node with its end of the bus. */
@@ -19,18 +18,25 @@ typedef struct {
     uint8_t kept[ISOTP_LENGTH_MAX];
 } FaultyNode;
 
+/* The adapter of the master, which some faults are of; functions that are NULL do nothing. */
+typedef struct {
+    void *context;
+    void (*unplug)(void *context, uint32_t refusals);
+    void (*bus_off)(void *context, uint32_t times);
+} MasterAdapter;
+
 typedef struct {
     Faults *faults;
     Bench *bench;
-    Hub *hub;
     NodeFrames *frames; /* BENCH_NODES */
+    MasterAdapter adapter;
     FaultyNode node[BENCH_NODES];
-    int master_adapter; /* adapter of the last MasterAlive */
     uint32_t intrusions;
     uint8_t intruder_counter;
 } NodeFaults;
 
-void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub, NodeFrames *frames);
+void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, const MasterAdapter *adapter,
+                      NodeFrames *frames);
 
 /* Powers up a node: at the start, and after a fault. */
 void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now);

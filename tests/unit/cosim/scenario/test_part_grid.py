@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop import limits
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
 from inkloop.scenario import part_grid
@@ -126,7 +127,8 @@ def test_map_of_which_half_is_empty_prints_in_the_middle_of_its_grid(tmp_path: P
     [
         (["part.stl", "--pitch-um", "0.5"], "pitch_um is 0.5; expected greater than or equal to 1"),
         (["part.stl", "--pitch-um", "1e-300"], "pitch_um is 1e-300; expected greater than or equal to 1"),
-        (["map.npy", "--unit", "um", "--pixel-um", "3e8"], "mm wide; correct --unit, --pixel-um, or take a l"),
+        (["map.npy", "--unit", "um", "--pixel-um", "3e8"], "1.8e+09 µm wide; expected 1 µm to 1 m: give pixel_um"),
+        (["map.npy", "--unit", "um", "--pixel-um", "1.5e5", "--pitch-um", "1"], "mm wide; correct --unit, --pixel-um"),
         (["zero.npy", "--unit", "um", "--pixel-um", "3"], "has nothing above 0, and so nothing to print"),
         (["map.npy", "--unit", "um", "--scale", "2", "--rotate", "x=1"], "--rotate, --scale: goes with a mesh"),
         (["part.stl", "--rotate", "z=90", "--rotate", "x=90"], "--rotate z, x: a part is turned about x, then y"),
@@ -151,11 +153,14 @@ def test_bad_sizes_are_refused_in_one_line(
     assert not Path("mine.toml").exists()
 
 
-def test_pixels_far_larger_than_cells_are_refused_in_a_scenario_too(tmp_path: Path) -> None:
+def test_pixels_far_larger_than_cells_are_refused_in_a_scenario_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, _ = write_for_part(tmp_path / "mine", height_map(tmp_path, np.full((6, 4), 20.0)), PITCH_UM)
-    path.write_text(path.read_text().replace("pixel_um = 100.0", "pixel_um = 3e8"))
+    path.write_text(path.read_text().replace("pixel_um = 100.0", "pixel_um = 1.5e5"))
+    monkeypatch.setattr(limits, "available_memory", lambda: limits.MIB)
     with pytest.raises(
-        ScenarioError, match=r"a pixel is 3e\+08 µm, a cell 100 µm: dividing it needs .* correct pixel_um"
+        ScenarioError, match=r"a pixel is 150000 µm, a cell 100 µm: dividing it needs .* correct pixel_um"
     ):
         Scenario.load(path)
 
@@ -216,7 +221,7 @@ def test_mesh_is_turned_then_scaled(
     assert main(["geometry", "part.stl", *turns, *option, "--no-pictures"]) == 0
     (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("size"))
     assert [float(word) for word in line.split()[1:6:2]] == pytest.approx(
-        [1e3 * factor * side for side in size], rel=1e-4
+        [1e3 * factor * side for side in size], rel=1e-4, abs=0.0
     )
 
 
