@@ -182,7 +182,8 @@ def _value(text: str, variable: Variable, line: Conversion = _UNCHANGED) -> Valu
     if variable.type == TEXT:
         return text
     if variable.items:
-        return text if text in variable.items else int(text)
+        number = variable.items.get(text)
+        return int(text) if number is None else number if variable.dimensions else text
     if kind == "b":
         if text not in ("true", "false", "1", "0"):
             raise ValueError(text)
