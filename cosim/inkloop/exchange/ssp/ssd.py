@@ -65,9 +65,9 @@ def parameters(system: System, version: str) -> bytes:
         else:
             entry = add(entries, "ssv:Parameter", name=f"{part.name}.{variable.name}")
             is_list = bool(variable.items) and value.ndim > 0
-            element = _add_type(entry, "ssv", part, variable, value=None if is_list else " ".join(texts))
+            typed = _add_type(entry, "ssv", part, variable, value=None if is_list else " ".join(texts))
             for text in texts if is_list else ():
-                add(element, "ssv:Value", value=text)
+                add(typed, "ssv:Value", value=text)
             for size in value.shape:
                 add(entry, "ssc:Dimension", size=size)
     _add_definitions(root, "ssv", ((part, variable) for part, variable, _ in given))
