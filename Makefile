@@ -4,7 +4,7 @@
 # make test-long  the proofs that take minutes, the properties with random examples, and the FMUs in INKLOOP_REFERENCE_FMUS
 # make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
 # make peers      the loop in masters of others, the Modelica library in compilers of others, the nodes under scanners of
-#                 others; with OMSimulator on the PATH and JModelica in JMODELICA_HOME, where there are any
+#                 others; with OMSimulator on the PATH, JModelica in JMODELICA_HOME, cofmupy in COFMUPY_HOME, where there are any
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size

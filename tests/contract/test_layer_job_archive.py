@@ -135,11 +135,12 @@ def test_libcosim_prints_the_part(file) -> None:
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer)
     references = {v.name: v.valueReference for v in fmpy.read_model_description(str(file)).modelVariables}
+    while observer.last_integer_values(number, [references["status"]])[0] != DONE:
+        assert execution.step()
     run = printed("cuboid", *CUBOID)
-    while observer.last_integer_values(number, [references["layers_scanned"]])[0] < run.sizes["layer"] - 1:
-        assert execution.step()  # it reads no enumeration, as `status` is
+    layers = observer.last_integer_values(number, [references["layers_printed"]])[0]
     (mean,) = observer.last_real_values(number, [references["height_mean"]])
-    assert mean == run["height_mean"].values[-1]
+    assert (layers, mean) == (run.sizes["layer"] - 1, run["height_mean"].values[-1])
 
 
 @pytest.mark.parametrize("converts", ["gain = 1.01", "offset_um = 2.0"])

@@ -20,12 +20,14 @@ from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.long_proofs import rest_is_long
+from support.masters.cofmupy_master import COFMUPY, RealsOnly
 from support.masters.container_master import by_container
 from support.masters.java_programs import MAESTRO, VDM_CHECK
 from support.masters.loops import LAYERS, ONE_BLOCK, STEPS_S, TEXT, THREE_FMUS, Loop, difference, our_run, scenario_in
 from support.masters.other_masters import FMUCONTAINER, JACOBI, MASTERS, Master, layers_by
 
 NO_SCAN_0 = "its connections start at zero: the controller does not learn datum and noise from scan 0"
+REALS_ONLY = "cofmupy 1.0 sets all variables of FMI 2, and reads all outputs of either version, as one real number"
 
 
 def cases() -> Iterator[Any]:
@@ -41,6 +43,8 @@ def cases() -> Iterator[Any]:
                     marks = [pytest.mark.long] if is_long else []
                     if loop is THREE_FMUS and "simulate_ssp" in master.name:
                         marks.append(pytest.mark.xfail(strict=True, reason=NO_SCAN_0))
+                    if master.program is COFMUPY:
+                        marks.append(pytest.mark.xfail(strict=True, raises=RealsOnly, reason=REALS_ONLY))
                     yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
 
 

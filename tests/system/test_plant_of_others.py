@@ -52,6 +52,10 @@ def test_plant_with_rows_from_the_top_prints_after_one_edit(desk: Path) -> None:
 
 def test_what_an_fmu_does_not_state_is_assumed_and_said(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows_plant.build(desk, has_units=False)
+    assert main(["info", "rows.fmu"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "inputs Bed.row0.Drop_0 to Bed.row7.Drop_11 (96) Real = 0" in shown
+    assert "as a plant: droplets into Bed.row{i}.Drop_{j}, surface from Bed.row{i}.Level_{j}, on 12 x 8 cells" in shown
     assert main(["new", "theirs", "--plant", "rows.fmu"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "12 x 8 cells" in shown

@@ -165,6 +165,24 @@ def test_print_from_an_ssp_is_that_of_its_scenario(version: str, text: str, tmp_
         np.testing.assert_array_equal(found.dataset[name].values, expected.dataset[name].values)
 
 
+@EVERY_VERSION
+@pytest.mark.parametrize("text", [TEXT, OPEN_LOOP], ids=["with its controller", "without"])
+def test_system_that_pyssp_has_written_again_is_the_same(version: str, text: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version, text)
+    first = scenario_of(path)
+    with SSP(path, mode="a") as opened, opened.system_structure:
+        pass  # its parameter set stays: pyssp 0.9.1 writes no real number without a unit
+    with zipfile.ZipFile(path) as packed:
+        assert b"generationDateAndTime" in packed.read("SystemStructure.ssd")
+    again = scenario_of(path)
+    assert again.tables == first.tables
+    assert again.connections == first.connections
+    assert again.connections
+    expected, found = Print(Scenario.load(tmp_path / "block.toml")).run(), Print(again).run()
+    for name in MAPS:
+        np.testing.assert_array_equal(found.dataset[name].values, expected.dataset[name].values)
+
+
 def test_what_an_fmu_cannot_express_stays_outside_with_a_message(tmp_path: Path) -> None:
     path, system = exported(tmp_path, "1.0", OPEN_LOOP)
     assert system.notes() == ["controller is not in it: kind OpenLoop is no FMU"]

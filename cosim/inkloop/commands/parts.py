@@ -52,11 +52,7 @@ def _new(options: argparse.Namespace) -> int:
         raise InkloopError("new needs the NAME of the scenario to write; --list lists those of inkloop")
     if options.plant is not None:
         path, plant = templates.write_for_plant(options.name, options.plant)
-        nx, ny = plant.pattern.grid
-        terminal.sentence(
-            f"{options.plant}: droplets into {plant.pattern.variable}, surface from {plant.height.variable}, on "
-            f"{nx} x {ny} cells"
-        )
+        terminal.sentence(f"{options.plant}: {plant.summary}")
         if plant.unstated:
             terminal.sentence(f"it does not state these, correct them in {path}: {'; '.join(plant.unstated)}")
     elif options.part is None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import errno
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.commands import Part
 from inkloop.commands.options import add_pictures, formats_of, screen
-from inkloop.errors import InkloopError, require
+from inkloop.errors import InkloopError, ScenarioError, require
 from inkloop.metrology import UNITS
 from inkloop.metrology.evaluation.definitions import F_OPERATIONS, MISSING_MAX
 from inkloop.results import SURFACES
@@ -174,8 +175,12 @@ def _info(options: argparse.Namespace) -> int:
         raise InkloopError(f"{options.path}: is not there; name an .fmu file, or a folder that `inkloop run` has made")
     else:
         from inkloop.fmu.reading import describe
+        from inkloop.scenario.plant_file import plant_of
 
-        shown = list(describe(options.path).lines())
+        described = describe(options.path)
+        shown = list(described.lines())
+        with suppress(ScenarioError):  # it is no plant
+            shown.append(f"as a plant: {plant_of(described).summary}; inkloop new NAME --plant {options.path}")
     terminal = screen(options)
     for line in shown:
         terminal.sentence(line)

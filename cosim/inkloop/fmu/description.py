@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 
 from inkloop.component import Port
@@ -11,6 +13,9 @@ from inkloop.errors import FmuError
 from inkloop.fmu.bus_terminals import BusTerminal
 from inkloop.fmu.variable import Variable, summary
 from inkloop.suggest import nearest
+
+_ALIKE_MAX = 8
+"""Scalars whose names differ in numbers, in rows of their own."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +126,11 @@ class FmuDescription:
             ("outputs", ("output",)),
             ("parameters", ("structuralParameter", "parameter")),
         ):
-            rows = [v for v in self.variables.values() if v.causality in causalities]
+            rows = dict(_rows(v for v in self.variables.values() if v.causality in causalities))
             yield f"{title}{'' if rows else ': none'}"
-            width = max((len(row.name) for row in rows), default=0)
-            for row in rows:
-                yield f"  {row.name:{width}}  {summary(row)}"
+            width = max(map(len, rows), default=0)
+            for name, about in rows.items():
+                yield f"  {name:{width}}  {about}"
         if self.unused:
             yield "not exchanged (numbers and truth values are, texts as parameters, clocks and binaries of buses)"
             width = max(map(len, self.unused))
@@ -133,3 +138,12 @@ class FmuDescription:
                 yield f"  {name:{width}}  {kind}"
         for note in self.notes:
             yield f"note: {note}"
+
+
+def _rows(variables: Iterable[Variable]) -> Iterator[tuple[str, str]]:
+    """The name and the summary of each variable; one row for those that differ in the numbers of their names alone."""
+    for (_, about), alike in groupby(variables, lambda v: (re.sub(r"\d+", "0", v.name), summary(v))):
+        names = [each.name for each in alike]
+        if len(names) > _ALIKE_MAX:
+            names = [f"{names[0]} to {names[-1]} ({len(names)})"]
+        yield from ((name, about) for name in names)

@@ -67,6 +67,12 @@ class Plant:
     has_handshake: bool
 
     @property
+    def summary(self) -> str:
+        """Its maps and its grid."""
+        nx, ny = self.pattern.grid
+        return f"droplets into {self.pattern.variable}, surface from {self.height.variable}, on {nx} x {ny} cells"
+
+    @property
     def unstated(self) -> list[str]:
         """Assumptions that stand in for statements missing in the FMU."""
         found = []

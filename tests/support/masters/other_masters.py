@@ -17,6 +17,7 @@ import numpy as np
 
 from inkloop.exchange.ssp import folder as files
 from inkloop.exchange.ssp.system import System
+from support.masters.cofmupy_master import COFMUPY, by_cofmupy
 from support.masters.container_master import by_container
 from support.masters.file_masters import by_maestro, by_omsimulator
 from support.masters.fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
@@ -115,4 +116,5 @@ MASTERS = (
     Master("Ecos", ECOS, (("2", JACOBI),), ("2", "3"), _ecos),
     Master("Maestro", MAESTRO, (("2", JACOBI),), ("2",), by_maestro),
     Master("OMSimulator", OMSIMULATOR, (("2", JACOBI),), ("2",), by_omsimulator),
+    Master("cofmupy", COFMUPY, (("2", JACOBI), ("3", JACOBI)), ("2", "3"), by_cofmupy),
 )

@@ -154,7 +154,8 @@ def _mapping(holder: ET.Element, archive: zipfile.ZipFile, errors: list[str]) ->
 
 def _values(entry: Entry, variable: Variable, place: str, errors: list[str]) -> list[Value]:
     text = entry.value.get("value", "")
-    texts = [text] if variable.items or variable.type == TEXT else text.split()
+    texts = [each.get("value", "") for each in entry.value.findall(f"{SSV}Value")]  # of texts and enumerations
+    texts = texts or ([text] if variable.items or variable.type == TEXT else text.split())
     conversion = Conversion(1.0)
     unit = entry.value.get("unit")
     if unit and entry.way.converts:
@@ -172,7 +173,7 @@ def _values(entry: Entry, variable: Variable, place: str, errors: list[str]) -> 
         values = []
     if len(values) == 1 or (values and is_array):
         return values
-    errors.append(f"parameter {place} is {text!r}; expected {variable.type}")
+    errors.append(f"parameter {place} is {' '.join(texts)!r}; expected {variable.type}")
     return [0]
 
 
@@ -181,7 +182,8 @@ def _value(text: str, variable: Variable, line: Conversion = _UNCHANGED) -> Valu
     if variable.type == TEXT:
         return text
     if variable.items:
-        return text if text in variable.items else int(text)
+        number = variable.items.get(text)
+        return int(text) if number is None else number if variable.dimensions else text
     if kind == "b":
         if text not in ("true", "false", "1", "0"):
             raise ValueError(text)

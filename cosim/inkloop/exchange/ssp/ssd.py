@@ -22,6 +22,8 @@ from inkloop.units import BASE_UNITS, is_known, si_unit
 
 PARAMETERS = "resources/parameters.ssv"
 NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
+_TYPES = {"Float64": "Real", "Int32": "Integer"}
+"""Types of FMI 3 that SSP 2.0 also has under their names of SSP 1.0, which more tools read."""
 
 
 def description(system: System, version: str) -> bytes:
@@ -44,7 +46,7 @@ def description(system: System, version: str) -> bytes:
         for element in _connections(system):
             connections.append(element)
     top.append(omsimulator.settings(system.step_s))
-    _add_units(root, "ssd", (port.unit for part in system.parts for port in _connected(system, part)))
+    _add_definitions(root, "ssd", ((part, port) for part in system.parts for port in _connected(system, part)))
     add(root, "ssd:DefaultExperiment", startTime=0.0, stopTime=system.stop_s)
     return to_bytes(root)
 
@@ -53,20 +55,22 @@ def parameters(system: System, version: str) -> bytes:
     """The parameter set: values that differ from the FMUs' start values, as "part.parameter"."""
     root = _root("ssv", "ParameterSet", system, version)
     entries = add(root, "ssv:Parameters")
-    variables = []
-    for part in system.parts:
-        for name, value in part.values.items():
-            variable = part.variable(name)
-            variables.append(variable)
-            texts = [_text(variable, each) for each in value.ravel().tolist()]
-            if variable.elements:
-                for element, text in zip(variable.elements, texts, strict=True):
-                    _add_parameter(entries, f"{part.name}.{element}", variable, text)
-            else:
-                entry = _add_parameter(entries, f"{part.name}.{name}", variable, " ".join(texts))
-                for size in value.shape:
-                    add(entry, "ssc:Dimension", size=size)
-    _add_units(root, "ssv", (variable.unit for variable in variables))
+    given = [(part, part.variable(name), value) for part in system.parts for name, value in part.values.items()]
+    for part, variable, value in given:
+        texts = [_text(variable, each) for each in value.ravel().tolist()]
+        if variable.elements:
+            for element, text in zip(variable.elements, texts, strict=True):
+                entry = add(entries, "ssv:Parameter", name=f"{part.name}.{element}")
+                _add_type(entry, "ssv", part, variable, value=text)
+        else:
+            entry = add(entries, "ssv:Parameter", name=f"{part.name}.{variable.name}")
+            is_list = bool(variable.items) and value.ndim > 0
+            typed = _add_type(entry, "ssv", part, variable, value=None if is_list else " ".join(texts))
+            for text in texts if is_list else ():
+                add(typed, "ssv:Value", value=text)
+            for size in value.shape:
+                add(entry, "ssc:Dimension", size=size)
+    _add_definitions(root, "ssv", ((part, variable) for part, variable, _ in given))
     return to_bytes(root)
 
 
@@ -134,18 +138,22 @@ def _connections(system: System) -> Iterator[ET.Element]:
 
 def _add_connector(parent: ET.Element, name: str, kind: str, part: Part, variable: Variable, port: str) -> None:
     connector = add(parent, "ssd:Connector", name=name, kind=kind)
-    if variable.type != "Enumeration":  # the items are those of the FMU
-        unit = variable.unit if variable.type.startswith(("Real", "Float")) and is_known(variable.unit) else None
-        add(connector, f"ssc:{variable.type}", unit=unit)
+    _add_type(connector, "ssc", part, variable)
     for size in part.shape(port):
         add(connector, "ssc:Dimension", size=size)
 
 
-def _add_parameter(parent: ET.Element, name: str, variable: Variable, text: str) -> ET.Element:
-    entry = add(parent, "ssv:Parameter", name=name)
-    unit = variable.unit if variable.type.startswith(("Real", "Float")) and is_known(variable.unit) else None
-    add(entry, f"ssv:{variable.type}", value=text, unit=unit)
-    return entry
+def _add_type(parent: ET.Element, prefix: str, part: Part, variable: Variable, **value: str | None) -> ET.Element:
+    """The type of a connector, or that of a parameter with its value."""
+    kind = _TYPES.get(variable.type, variable.type)
+    unit = variable.unit if kind in ("Real", "Float32") and is_known(variable.unit) else None
+    name = _enumeration(part, variable) if variable.items else None
+    return add(parent, f"{prefix}:{kind}", **value, unit=unit, name=name)
+
+
+def _enumeration(part: Part, variable: Variable) -> str:
+    """The name of the enumeration of a variable: types of two FMUs may share theirs."""
+    return f"{part.name}.{variable.name}"
 
 
 def _text(variable: Variable, value: float | bool) -> str:
@@ -156,11 +164,17 @@ def _text(variable: Variable, value: float | bool) -> str:
     return repr(value)
 
 
-def _add_units(root: ET.Element, prefix: str, used: Iterable[str]) -> None:
-    known = sorted({unit for unit in used if is_known(unit)})
-    if not known:
-        return
-    units = add(root, f"{prefix}:Units")
+def _add_definitions(root: ET.Element, prefix: str, used: Iterable[tuple[Part, Variable]]) -> None:
+    """The enumerations and the units of variables."""
+    variables = list(used)
+    coded = {_enumeration(part, each): each.items for part, each in variables if each.items}
+    enumerations = add(root, f"{prefix}:Enumerations") if coded else root
+    for name, items in coded.items():
+        enumeration = add(enumerations, "ssc:Enumeration", name=name)
+        for item, number in items.items():
+            add(enumeration, "ssc:Item", name=item, value=number)
+    known = sorted({each.unit for _, each in variables if is_known(each.unit)})
+    units = add(root, f"{prefix}:Units") if known else root
     for unit in known:
         si, factor = si_unit(unit)
         add(add(units, "ssc:Unit", name=unit), "ssc:BaseUnit", **BASE_UNITS[si], factor=factor)

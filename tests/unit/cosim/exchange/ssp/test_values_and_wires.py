@@ -48,6 +48,8 @@ PARAMETERS = (
     variable("length", unit="m"),
     variable("is_on", "Boolean"),
     variable("mode", "Enumeration", items=ITEMS),
+    variable("modes", "Enumeration", items=ITEMS, dimensions=(2,)),
+    variable("label", "String"),
     variable("count", "Int32"),
     variable("map", unit="m", dimensions=(2, 3)),
     scattered("start", "parameter", (2, 2), start=("1", "2", "3", "4")),
@@ -115,6 +117,15 @@ def test_value_is_read_in_the_unit_and_shape_of_the_fmu(name: str, text: str, un
         np.testing.assert_allclose(found[name], value, rtol=1e-12)
     else:
         assert found[name] == value
+
+
+def test_texts_and_enumerations_may_be_elements() -> None:
+    """SSP 2.0 has them for arrays, and allows one."""
+    for name, kind, texts, value in (("modes", "Enumeration", ("squared", "plain"), [2, 1]),
+                                     ("label", "String", ("a b",), "a b")):  # fmt: skip
+        inner = "".join(f'<ssv:Value value="{text}"/>' for text in texts)
+        found, errors = read(f'<ssv:Parameter name="a.{name}"><ssv:{kind}>{inner}</ssv:{kind}></ssv:Parameter>')
+        assert (found[name], errors) == (value, [])
 
 
 @pytest.mark.parametrize(
@@ -448,7 +459,7 @@ def test_connectors_carry_units_of_lengths_only() -> None:
         for each in of_a.iterfind("{*}Connectors/{*}Connector")
     }
     assert found == {
-        "h": ("output", "mm"), "steps": ("output", None), "strange": ("output", None), "mode": ("output",),
+        "h": ("output", "mm"), "steps": ("output", None), "strange": ("output", None), "mode": ("output", None),
         "x": ("input", "m"),
     }  # fmt: skip
     units = {each.attrib["name"]: each[0].attrib for each in root.iterfind("{*}Units/{*}Unit")}
@@ -512,12 +523,17 @@ def test_parameters_are_written_as_their_types_have_them() -> None:
     found = {each.attrib["name"]: (each[0].tag.partition("}")[2], dict(each[0].attrib)) for each in root[0]}
     assert found == {
         "b.is_on": ("Boolean", {"value": "true"}),
-        "b.mode": ("Enumeration", {"value": "squared"}),
-        "b.count": ("Int32", {"value": "3"}),
-        "b.g": ("Float64", {"value": "2.5", "unit": "um"}),
-        "b.map": ("Float64", {"value": "0.0 1.0 2.0 3.0 4.0 5.0", "unit": "m"}),
+        "b.mode": ("Enumeration", {"value": "squared", "name": "b.mode"}),
+        "b.count": ("Integer", {"value": "3"}),
+        "b.g": ("Real", {"value": "2.5", "unit": "um"}),
+        "b.map": ("Real", {"value": "0.0 1.0 2.0 3.0 4.0 5.0", "unit": "m"}),
     }
     assert [each.attrib["size"] for each in root[0][-1][1:]] == ["2", "3"]
+    (enumeration,) = root[1]
+    assert (enumeration.get("name"), {each.get("name"): int(each.get("value", "")) for each in enumeration}) == (
+        "b.mode",
+        ITEMS,
+    )
     assert ssd._text(SET[0], False) == "false"
 
 
