@@ -14,7 +14,7 @@ from inkloop.geometry.body import Body, bounds
 from inkloop.geometry.columns import Columns, check_grid
 from inkloop.geometry.library import MeshReportStruct, intervals_by
 
-FINE = 1024
+FINE = 512
 """Columns along the longer side of bodies that overlap or are cut, where their box and their volume are asked for."""
 
 
@@ -101,36 +101,15 @@ class Fine:
         scale = [columns.pitch, columns.pitch, 1.0]
         return self.low + np.multiply(low, scale), self.low + np.multiply(np.add(high, [1, 1, 0]), scale)
 
-    @property
-    def pieces(self) -> int:
-        """Number of connected pieces that cuts leave: intervals over neighbouring cells that share a height."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
 
-        left, edges = self.left, [np.empty((0, 2), np.int64)]
-        cell, counts = left.cells, left.counts.ravel()
-        i, j = np.divmod(cell, left.ny)
-        for step, has_next in ((left.ny, i < left.nx - 1), (1, j < left.ny - 1)):
-            own = np.flatnonzero(has_next)
-            for k in range(counts.max(initial=0)):
-                own = own[counts[cell[own] + step] > k]
-                other = left.offsets[cell[own] + step] + k
-                meets = (left.bottoms[other] < left.tops[own]) & (left.bottoms[own] < left.tops[other])
-                edges.append(np.stack([own[meets], other[meets]], axis=-1))
-        pairs = np.concatenate(edges)
-        graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(cell.size, cell.size))
-        return int(connected_components(graph, directed=False)[0])
+def measured(bodies: Sequence[Body], shared: bool = False) -> tuple[FloatMap, FloatMap, float]:
+    """Lowest and highest x, y, z [m] and volume [m3] of what cuts leave of closed bodies; shared: whether they overlap.
 
-
-def box(bodies: Sequence[Body]) -> tuple[FloatMap, FloatMap]:
-    """Lowest and highest x, y, z of what cuts leave of the bodies [m]."""
-    return Fine.of(bodies).box if any(len(body.cut) for body in bodies) else bounds(bodies)
-
-
-def volume(bodies: Sequence[Body], shared: bool) -> float:
-    """Volume that closed bodies fill [m3]; shared: whether they overlap. What overlaps or is cut is a sum of columns."""
+    The share of all volume that is neither cut away nor counted twice is that of FINE columns.
+    """
     whole = sum(body.volume for body in bodies)
     if not shared and not any(len(body.cut) for body in bodies):
-        return whole
+        return *bounds(bodies), whole
     fine = Fine.of(bodies)
-    return whole - fine.whole.overlap - (fine.whole.columns.volume - fine.left.volume)
+    counted = fine.whole.columns.volume + fine.whole.overlap
+    return *fine.box, whole * fine.left.volume / counted if counted else 0.0

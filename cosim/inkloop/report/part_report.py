@@ -12,7 +12,7 @@ import numpy as np
 
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh_columns import Fine, box
+from inkloop.geometry.mesh_columns import measured
 from inkloop.limits import duration_text, plain_text, size_text
 from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright, solids
 from inkloop.scenario.file import Scenario
@@ -47,12 +47,11 @@ class MeshReport:
     @classmethod
     def of(cls, bodies: Sequence[Body], assumed_unit: str = "") -> MeshReport:
         """The report of placed bodies."""
-        low, high = box(bodies)
+        low, high, _ = measured(bodies)
         x, y, z = (float(side) for side in high - low)
         names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
         count = sum(len(body.triangles) for body in bodies)
-        pieces = sum(Fine.of([body]).pieces if len(body.cut) else solids(body) for body in bodies)
-        return cls(pieces, count, (x, y, z), holes(bodies), names, assumed_unit)
+        return cls(sum(map(solids, bodies)), count, (x, y, z), holes(bodies), names, assumed_unit)
 
     def lines(self) -> Iterator[str]:
         """For a person."""
