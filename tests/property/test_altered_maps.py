@@ -134,4 +134,4 @@ def test_altered_map_is_read_as_it_is_or_refused(name: str, count: int, tmp_path
             refused += 1
         else:
             assert changed_heights(found, original, name not in UNSIZED) <= may_change, f"{name} {number}"
-    assert 0 < refused < count
+    assert 0 < refused <= count - count // 72

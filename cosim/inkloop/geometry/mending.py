@@ -42,11 +42,16 @@ def _random_area(triangles: NDArray[np.float64]) -> int:
 
 
 def rounding(triangles: NDArray[np.float64]) -> float:
-    """Distance within which the coordinates of a file, in its unit, may be the same: by their digits or bits."""
-    largest = float(np.abs(triangles).max(initial=0.0))
-    spacing = largest * float(np.finfo(np.float32).eps)
+    """Distance within which the coordinates of a file, in its unit, may be the same: by their digits or bits.
+
+    A tenth of the corners may be stray and larger: these must not make whole bodies one point.
+    """
+    sizes, share = np.abs(triangles), float(np.finfo(np.float32).eps)
+    largest = float(np.percentile(sizes.max(axis=2), 90.0)) if sizes.size else 0.0
+    spacing = share * largest
     for unit in (10.0**-digits for digits in _DECIMALS):
-        if unit <= _UNIT_MAX * largest and (np.abs(np.round(triangles / unit) * unit - triangles) <= spacing).all():
+        off = np.abs(np.round(triangles / unit) * unit - triangles)
+        if unit <= _UNIT_MAX * largest and (off <= share * np.maximum(sizes, largest)).all():
             return max(unit, _ROUNDINGS * spacing)
     return _ROUNDINGS * spacing
 

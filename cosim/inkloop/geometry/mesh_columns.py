@@ -84,7 +84,9 @@ class Fine:
         moved = [replace(body, triangles=body.triangles - first, cut=body.cut - first) for body in bodies]
         whole = mesh_columns(moved, nx, ny, pitch)
         is_cut = any(len(body.cut) for body in bodies)
-        left = left_by_cuts(moved, lambda some, _: mesh_columns(some, nx, ny, pitch).columns) if is_cut else whole.columns
+        left = (
+            left_by_cuts(moved, lambda some, _: mesh_columns(some, nx, ny, pitch).columns) if is_cut else whole.columns
+        )
         return cls(low, high, whole, left)
 
     @property
