@@ -23,6 +23,8 @@ FOLDER = Path(__file__).parent
 MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
 """Folder -> marks of all its tests, whole prints included; files elsewhere mark what compiles themselves."""
 
+LONG_S = 4 * 3600
+"""Limit of a test with the mark `long`; `timeout` in pyproject.toml is that of the others."""
 CLOCKLESS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 """A busy machine fails no property."""
 settings.register_profile("same", CLOCKLESS, derandomize=True)
@@ -71,6 +73,8 @@ def pytest_unconfigure() -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         place = f"{item.path.relative_to(FOLDER).as_posix()}/"
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.timeout(LONG_S))
         for folder, marks in MARKS.items():
             if place.startswith(f"{folder}/"):
                 for mark in marks:

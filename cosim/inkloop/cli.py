@@ -12,12 +12,13 @@ from collections.abc import Container, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError, message_of
 from inkloop.files import reason_of
+from inkloop.report import shown
 
 COMMANDS = (*prints.PARTS, *runs.PARTS, *parts.PARTS, export, bench)
 """inkloop's own commands, in the order of `inkloop --help`; packages add others."""
@@ -49,8 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, `head` for example, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        show_error(InkloopError(f"{error.filename or 'a file'}: {reason_of(error)}"), options, error)
+    except (OSError, MemoryError) as error:
+        place = getattr(error, "filename", None) or "a file"
+        show_error(InkloopError(f"{place}: {reason_of(error)}"), options, error)
         return 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -106,7 +108,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:
 
     words: where they begin with a command of inkloop, those of other packages are not looked for.
     """
-    whole = argparse.ArgumentParser(
+    whole = _Parser(
         prog="inkloop", description="Closed-loop ink-jet 3D printing as a co-simulation.", epilog=EXIT_CODES
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
@@ -141,6 +143,13 @@ def _add(commands: Any, module: Any) -> None:
     one.register("type", int, whole_number)
     one.register("type", float, number)
     one.set_defaults(command=module.run, parser=one)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors show control characters in file names as escapes."""
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        super().exit(status, message and shown(message))
 
 
 class _Version(argparse.Action):

@@ -30,6 +30,7 @@ RUNS = Path("runs")
 """Folder of run folders without --out."""
 OWNER_FILE = "owner.lock"
 """File of a temporary folder, locked by its process: once the process has ended, another can lock it."""
+_FOLDER = "inkloop-"
 _FAR = 1 << 30  # the locked byte lies beyond the content, which stays readable where locks keep readers out (Windows)
 _FULL = {
     errno.ENOSPC: "the disk is full",
@@ -40,31 +41,30 @@ _FULL = {
 
 @contextmanager
 def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """A temporary name in the same folder, renamed to `path` when the block ends well, removed when it fails.
+    """A name in a temporary folder next to `path`, renamed to `path` when the block ends well, removed when it fails.
 
-    The folder is made if it is missing. durable: once the block has ended well, the file survives a power failure. An
-    OSError names `path`.
+    Nobody else writes into that folder: no link can lie under the name. The folder of `path` is made if it is missing.
+    durable: once the block has ended well, the file survives a power failure. An OSError names `path`.
     """
-    partial = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = "a file is in the way" if isinstance(error, FileExistsError | NotADirectoryError) else reason_of(error)
         raise OSError(error.errno, f"its folder cannot be made: {reason}; name another place", str(path)) from error
     try:
-        yield partial
-        if durable:
-            with partial.open("rb+") as file:
-                os.fsync(file.fileno())
-        partial.replace(path)
-        if durable:
-            sync_folder(path.parent)
+        with temporary_folder("part", path.parent) as folder:
+            partial = folder / path.name
+            yield partial
+            if durable:
+                with partial.open("rb+") as file:
+                    os.fsync(file.fileno())
+            partial.replace(path)
+            if durable:
+                sync_folder(path.parent)
     except OSError as error:
-        if error.filename in (None, str(partial)):
+        if error.filename is None or f"{_FOLDER}part-" in str(error.filename):
             error.filename = str(path)
         raise
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
@@ -122,18 +122,32 @@ def toml_tables(text: str) -> dict[str, Any]:
         elif reason == "Invalid value":
             reason = f'a value is a number, true, false, [...] or a text in quotes: {key} = "..."'
         raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; lists in lists in lists
+        raise TomlError(f"is not TOML that can be read: {error}") from error
 
 
 def reason_of(error: OSError | MemoryError) -> str:
-    """The reason why a file cannot be read or written, with names for a full disk and exhausted memory."""
+    """The reason why a file cannot be read or written, with names for links, a full disk and exhausted memory."""
     if isinstance(error, MemoryError):
         return "the memory is exhausted"
+    if error.errno == errno.ELOOP:
+        return "a link lies there, which is not followed"
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
 
 
 def is_full(error: OSError) -> bool:
     """Whether the error says that disk or memory is full."""
     return error.errno in _FULL
+
+
+def opened_lock(path: Path, mode: int | None = None) -> int:
+    """A file to be locked, open for reading and writing; mode: of one that is made where there is none.
+
+    A link is not followed: others can write where it lies, and closing the file that it names would release a lock of
+    this process on that file. Raises OSError.
+    """
+    how = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)  # Windows makes links for administrators only
+    return os.open(path, how) if mode is None else os.open(path, how | os.O_CREAT, mode)
 
 
 def take_lock(file: int) -> bool:
@@ -188,7 +202,7 @@ def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     remove_abandoned(place)
-    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-", dir=place) as name:
+    with tempfile.TemporaryDirectory(prefix=f"{_FOLDER}{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
             content = Path(name) / "content"
@@ -201,11 +215,11 @@ def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
 def remove_abandoned(place: Path) -> list[Path]:
     """Remove temporary folders in `place` whose process has ended without doing so; returns them."""
     removed = []
-    for folder in place.glob("inkloop-*-*-*"):
+    for folder in place.glob(f"{_FOLDER}*-*-*"):
         if folder.name.split("-")[-2] == str(os.getpid()):  # to open and close the file would release its lock
             continue
         with suppress(OSError):  # of another user, without locks, or being removed
-            file = os.open(folder / OWNER_FILE, os.O_RDWR)
+            file = opened_lock(folder / OWNER_FILE)
             try:
                 is_abandoned = take_lock(file)
             finally:
@@ -224,7 +238,7 @@ def _check_free(path: Path) -> None:
 def _owned(folder: Path) -> int:
     """The lock of a new temporary folder, which gets its final name once it is locked."""
     partial = folder / f".{OWNER_FILE}"
-    file = os.open(partial, os.O_RDWR | os.O_CREAT, 0o600)
+    file = opened_lock(partial, 0o600)
     with suppress(OSError):  # a file system without locks: the folder is never taken for an abandoned one
         take_lock(file)
         partial.replace(folder / OWNER_FILE)

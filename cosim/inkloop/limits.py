@@ -1,18 +1,27 @@
-"""Limits on what input may ask of this machine: memory, disk, cores, unpacked archives, filled-in templates."""
+"""Limits on what input may ask of this machine: memory, disk, cores, archives, filled-in templates, XML entities."""
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
 import string
 import zipfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import IO, TYPE_CHECKING
+from xml.parsers import expat
+
+if TYPE_CHECKING:
+    from xml.etree import ElementTree
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 UNPACKED_MAX = 4 * GIB
 """Bytes that an archive may unpack to (assumed: FMUs with the binaries and tables of large tools hold less)."""
+MEMBERS_MAX = 65_535
+"""Members of an archive: those that plain ZIP can count."""
 PLAIN_SIZE = 256 * MIB
 PACKED_AT_MOST = 200
 """Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noisy maps 2,
@@ -76,8 +85,13 @@ def memory_error(needed: float) -> str | None:
 
 
 def unpacked_error(archive: zipfile.ZipFile) -> str | None:
-    """The reason why an archive is not unpacked: the sizes in its directory, which unpacking does not exceed."""
+    """The reason why an archive is not unpacked: its directory, whose sizes unpacking does not exceed."""
     members = archive.infolist()
+    if len(members) > MEMBERS_MAX:
+        return f"holds {len(members):,} members; at most {MEMBERS_MAX:,} are taken"
+    names = Counter(archive.namelist())
+    if twice := next((name for name, count in names.items() if count > 1), None):
+        return f"holds {twice!r} twice, of which every reader takes another one; pack it again"
     unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)
     found = f"unpacks to {size_text(unpacked)}"
     if unpacked > UNPACKED_MAX:
@@ -105,6 +119,52 @@ def filled(template: str, fields: Mapping[str, int]) -> str:
             found = f"{{{name}:{(form or '')[:20]}}}"
             raise ValueError(f"{found} has a format other than d, x, X, o or b, or more than {_FILLED_MAX} digits")
     return template.format(**fields)
+
+
+class XmlError(ValueError):
+    """XML is damaged, or declares a document type (DTD), and so entities, which expand and may name other files."""
+
+
+class _Begins(Exception):
+    """The first element, which no document type follows."""
+
+
+def check_xml(file: IO[bytes], encoding: str | None = None) -> None:
+    """Raises XmlError for a document type; reads up to the first element, before another parser reads it all.
+
+    encoding: None is that which the file declares.
+    """
+
+    def refuse(*_: object) -> None:
+        raise XmlError("declares a document type (DOCTYPE), which is not read; save it without one")
+
+    def begin(*_: object) -> None:
+        raise _Begins
+
+    try:
+        parser = expat.ParserCreate(encoding)
+        parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, begin
+        parser.ParseFile(file)
+    except _Begins:
+        return
+    except XmlError:
+        raise
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the last two: encodings that expat does not take
+        raise XmlError(f"is no XML: {error}") from error
+
+
+def parsed_xml(content: bytes | str) -> ElementTree.Element:
+    """The root element; a text has lost the encoding that it declares. Raises XmlError."""
+    from xml.etree import ElementTree
+
+    if isinstance(content, str):
+        check_xml(io.BytesIO(content.encode()), "utf-8")
+    else:
+        check_xml(io.BytesIO(content))
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise XmlError(f"is no XML: {error}") from error
 
 
 def _of_system() -> int | None:

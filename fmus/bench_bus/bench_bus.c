@@ -16,7 +16,7 @@ static const double TURNS_OF_A_STEP = 600000.0; /* ten minutes; a longer step is
 static const double TURNS_PER_SECOND = 1000.0;
 static const double ROUNDING = 1e-6; /* of a turn: importers' times carry rounding */
 
-/* What is kept: the emulation, and behind it the bench; without any pointer between two calls. */
+/* State: the emulation, and behind it the bench; without any pointer between two calls. */
 typedef struct {
     Emulation emulation;
     double alignment; /* of the bench */

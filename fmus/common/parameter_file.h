@@ -6,7 +6,7 @@
 
 #include "storage.h"
 
-/* What is left of a file; name and command (that writes it) are for messages. */
+/* Rest of a file; name and command (that writes it) are for messages. */
 typedef struct {
     const char *name, *command;
     const unsigned char *at;

@@ -102,6 +102,50 @@ def test_state_of_the_initialization_shows_its_own_start_values(form) -> None:
         assert (fmu.get("height") == 8e-6).all()
 
 
+MODES = ("instantiated", "initialization", "outdated", "step", "terminated")
+"""Modes, and Initialization Mode with a start value that was set after its outputs were read."""
+
+
+def in_mode(mode: str, form: str, start: float) -> Driver:
+    """An instance on its way to a surface that is `start` high, in a mode."""
+    fmu = Driver("LayerDeposition", form, 5, 4)
+    assert fmu.set("height_start", start) == OK
+    if mode != "instantiated":
+        assert fmu.enter(0.0) == OK
+    if mode == "outdated":
+        assert (fmu.get("height") == start).all()
+        assert fmu.set("height_start", 2 * start) == OK
+    if mode in ("step", "terminated"):
+        assert fmu.exit() == OK
+        act(fmu, 0, 4)
+    if mode == "terminated":
+        assert fmu.call("terminate") == OK
+    return fmu
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("saved_in", MODES)
+def test_state_is_restored_into_every_mode(saved_in: str, mode: str, form: str) -> None:
+    with in_mode(saved_in, form, 7e-6) as source, in_mode(mode, form, 3e-6) as fmu:
+        saved = source.save()
+        assert fmu.restore(saved) == OK
+        if saved_in != "instantiated":  # when no output can be read yet
+            assert equal(fmu.outputs(), source.outputs())
+        assert fmu.save() == saved
+        if saved_in == "instantiated":
+            assert (fmu.enter(0.0), source.enter(0.0)) == (OK, OK)
+        if saved_in in ("instantiated", "initialization", "outdated"):
+            assert (fmu.exit(), source.exit()) == (OK, OK)
+        if saved_in != "terminated":
+            now = 4 if saved_in == "step" else 0
+            act(fmu, now, now + 4)
+            act(source, now, now + 4)
+            assert equal(fmu.outputs(), source.outputs())
+            assert fmu.save() == source.save() != saved
+        assert fmu.set("height_start", 5e-6) != OK, "not in Step Mode"
+
+
 @EVERY_FORM
 @EVERY_MODEL
 def test_states_in_memory_stand_beside_each_other(model, form) -> None:

@@ -173,17 +173,18 @@ SET_UPS = [
     {"resolution": 0.5e-6, "bias": 2e-6, "drift_rate": 0.7e-6, "tilt_x": 1e-3, "tilt_y": -2e-3},
     {
         "spot_radius": 200e-6,
-        "shift_x": 90e-6,
-        "shift_y": -150e-6,
+        "shift_x": -90e-6,
+        "shift_y": 450e-6,  # beyond the end of the shorter side, before that of the longer one
         "shift_std": 30e-6,
         "slope_bias": 3e-6,
         "dropout_slope": 0.006,
     },
     {"noise_std": 1e-6, "noise_correlation": 0.3, "dropout_rate": 0.3, "seed": 4},
+    {"shift_x": 400e-6, "shift_y": -600e-6},
 ]
 
 
-@pytest.mark.parametrize("own", rest_is_long(SET_UPS, 2), ids=["set-up", "optics", "chance"])
+@pytest.mark.parametrize("own", rest_is_long(SET_UPS, 2), ids=["set-up", "optics", "chance", "other side"])
 def test_readings_are_those_of_the_fmu(own) -> None:
     modifiers = "".join(f", {name}={value!r}" for name, value in own.items())
     text, patterns = printed(lu(INKS), layers=1)

@@ -44,8 +44,8 @@ def wire(source: str, target: str) -> str:
 
 
 def half_written(folder: Path) -> list[str]:
-    """Files under their temporary name, which a reader would not know from whole ones."""
-    return [path.name for path in folder.rglob("*") if path.name.endswith(".part")]
+    """Temporary folders of files that are being written."""
+    return [path.name for path in folder.rglob("inkloop-part-*")]
 
 
 AMPLIFIER = "amplifier3.fmu"

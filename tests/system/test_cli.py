@@ -29,7 +29,7 @@ def test_run_leaves_a_folder_and_report_makes_table_and_pictures_again(
     names = {path.name for path in folder.iterdir()}
     pictures = {"surface.png", "cross-section.png", "error-map.png", "layers.png", "open-against-closed.png"}
     assert names >= pictures | {"result.nc", "run.json", "scenario.toml", "summary.txt", "compare"}
-    assert not [name for name in names if name.endswith(".part")]
+    assert not [name for name in names if name.startswith("inkloop-part-")]
     summary, layers = (folder / "summary.txt").read_text(), (folder / "layers.png").read_bytes()
     assert "open loop" in summary
     assert str(folder) in capsys.readouterr().out.replace("\n", "")

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from support import compiled
+from support.places import ROOT
+
+
+def test_no_test_replaces_a_function_of_subprocess_for_all() -> None:
+    """A fixture that compiles meanwhile would get the replacement; name the module under test instead."""
+    replaced = re.compile(r"setattr\(\s*(subprocess\b|\"subprocess\.)|\bsubprocess\.\w+ = |patch\(\"subprocess\.")
+    found = [path for path in (ROOT / "tests").rglob("*.py") if replaced.search(path.read_text(encoding="utf-8"))]
+    assert found == []
 
 
 @pytest.mark.compiled

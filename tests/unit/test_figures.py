@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from benchmarks import RECORDED
 from PIL import Image
-from tools.figures import can_protocol, command_line, diagrams, gallery, house, performance, the_papers
+from tools.figures import can_protocol, command_line, diagrams, gallery, house, lying_scans, performance, the_papers
 from tools.figures.pages import ALONE, SITE, WRITERS, filled, marks, read_json, table, writer
 
 from inkloop.fmu_writer import definition
+from support.lying_scans.rig import Outcome
 from support.places import ROOT, SCENARIOS
 
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
@@ -107,6 +109,17 @@ def test_circle_of_rooms_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(house, "rooms", lambda: {"cellar": set(), "hall": {"stairs", "cellar"}, "stairs": {"hall"}})
     with pytest.raises(ValueError, match="in a circle: hall and stairs; move what they share to a room below"):
         house.storeys()
+
+
+def test_prints_of_lying_scans_are_kept_as_they_ended(tmp_path: Path) -> None:
+    ends = (("done", None, ""), ("stopped", 3, "3"))
+    lying_scans.keep(
+        [Outcome("a", 2, np.zeros((1, 1)), 0.29, 4.5, -3.25, 7, ending, at, 0, {}) for ending, at, _ in ends],
+        tmp_path / "prints.csv",
+    )
+    figures = {"mae": "0.29", "highest": "4.5", "lowest": "-3.25", "layers": "7"}
+    expected = [{"case": "a", "seed": "2", **figures, "ending": ending, "untrusted_from": at} for ending, _, at in ends]
+    assert lying_scans.kept(tmp_path / "prints.csv") == {"a": expected}
 
 
 @pytest.mark.parametrize("path", diagrams.DEFINITIONS, ids=lambda path: path.parent.name)

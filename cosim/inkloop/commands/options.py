@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError, missing
-from inkloop.report import FORMATS, PNG, picture_formats, wrapped
+from inkloop.report import FORMATS, PNG, picture_formats, shown, wrapped
 
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
@@ -197,8 +197,7 @@ def show_error(error: InkloopError, options: argparse.Namespace, raised: Excepti
     if options.json:
         screen(options).result(errors=list(error.errors) if isinstance(error, ScenarioError) else [str(error)])
     if options.traceback:
-        traceback.print_exception(raised or error)
-    elif sys.stderr.isatty():
-        print(wrapped(str(error), shutil.get_terminal_size().columns), file=sys.stderr)
+        text = "".join(traceback.format_exception(raised or error)).rstrip("\n")
     else:
-        print(error, file=sys.stderr)
+        text = wrapped(str(error), shutil.get_terminal_size().columns) if sys.stderr.isatty() else str(error)
+    print(shown(text), file=sys.stderr)

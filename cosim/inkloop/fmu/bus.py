@@ -42,7 +42,7 @@ class Operation(NamedTuple):
 
     @property
     def answer(self) -> bytes:
-        """What an ideal bus answers to the sender: Confirm to a frame, Format Error to what it does not know."""
+        """Answers of an ideal bus to the sender: Confirm to a frame, Format Error to what it does not know."""
         if frame := self.frame:
             return operation(CONFIRM, struct.pack("<I", frame.identifier))
         return b"" if self.is_known else format_error(self.content)

@@ -67,7 +67,7 @@ class BusLinks:
         raise ComponentError(f"buses of {found}: operations at one time do not end after {ROUNDS_MAX} rounds")
 
     def _delivered(self, sent: Mapping[str, Mapping[str, bytes]]) -> dict[str, dict[str, bytes]]:
-        """What each component gets on its buses."""
+        """Operations for each component on its buses."""
         given: dict[str, dict[str, bytes]] = {}
         for link in self._links:
             for end, other in (link.ends, link.ends[::-1]):
@@ -81,7 +81,7 @@ class BusLinks:
 
 
 def _through(content: bytes) -> tuple[bytes, bytes]:
-    """What an ideal bus carries to the other node, and what it answers to the sender."""
+    """Operations of an ideal bus: those for the other node, and those for the sender."""
     found = list(operations(content))
     carried = b"".join(each.content for each in found if each.is_known and each.code not in _OF_THE_BUS)
     return carried, b"".join(each.answer for each in found)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from inkloop.limits import parsed_xml
+
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 MANIFEST = "extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml"
 TRIGGERED, COUNTDOWN = "triggered", "countdown"
@@ -29,7 +31,7 @@ class BusTerminal(NamedTuple):
 
 @dataclass(frozen=True)
 class MemberVariable:
-    """What a terminal needs to know of a variable; interval: of a clock, mime_type: of a binary."""
+    """A variable of a terminal; interval: of a clock, mime_type: of a binary."""
 
     reference: int
     kind: str
@@ -48,7 +50,7 @@ def read_buses(archive: zipfile.ZipFile, model: Any) -> dict[str, Any]:
         for v in model.modelVariables
     }
     buses, unserved = bus_terminals(archive.read(TERMINALS), members)
-    manifest = ElementTree.fromstring(archive.read(MANIFEST)) if MANIFEST in names else ElementTree.Element("none")
+    manifest = parsed_xml(archive.read(MANIFEST)) if MANIFEST in names else ElementTree.Element("none")
     return {
         "buses": tuple(buses),
         "unserved": unserved,
@@ -66,11 +68,11 @@ def _mime_types(archive: zipfile.ZipFile) -> dict[str, str]:
 def bus_terminals(xml: bytes, variables: Mapping[str, MemberVariable]) -> tuple[list[BusTerminal], dict[str, str]]:
     """Bus terminals in terminalsAndIcons.xml that the master can serve; those that it cannot, and why.
 
-    Raises ElementTree.ParseError.
+    Raises XmlError.
     """
     served: list[BusTerminal] = []
     unserved: dict[str, str] = {}
-    for element in ElementTree.fromstring(xml).iter("Terminal"):
+    for element in parsed_xml(xml).iter("Terminal"):
         if element.get("terminalKind") != _KIND:
             continue
         name = element.get("name", "")

@@ -25,12 +25,14 @@ from inkloop.files import reason_of, temporary_folder
 from inkloop.fmu.bus_terminals import read_buses
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
-from inkloop.limits import memory_error, size_text, unpacked_error
+from inkloop.limits import check_xml, memory_error, size_text, unpacked_error
 from inkloop.units import Conversion, defined_unit, unit_conversion
 
 PARSED_BYTES = 18
 """Memory that reading takes per byte of a description: 3.0 GiB for the 184 MB of an FMI 2 grid of 400 x 400 cells."""
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>-?\d+(?:,-?\d+)*)\]")
+_DESCRIPTIONS = {"modelDescription.xml", "sources/buildDescription.xml"}
+"""XML that FMPy reads."""
 _SHOWN = ("input", "output", "parameter", "structuralParameter")
 
 
@@ -54,6 +56,9 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
                 raise FmuError(f"{path}: its members are named with backslashes; pack it again, with / in the names")
             if reason := unpacked_error(archive) or _description_error(archive):
                 raise FmuError(f"{path}: {reason}")
+            for member in {*archive.namelist()} & _DESCRIPTIONS:
+                with archive.open(member) as file:
+                    check_xml(file)
             model = read_model_description(str(path), validate=False)
             has_offset = any(unit.baseUnit is not None and unit.baseUnit.offset for unit in model.unitDefinitions)
             differences = _differences(archive) if has_offset else frozenset[str]()
@@ -86,7 +91,11 @@ def _description_error(archive: zipfile.ZipFile) -> str | None:
 
 def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences: Container[str]) -> FmuDescription:
     """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
-    fmi = int(model.fmiVersion[0])
+    fmi, identifier = int(model.fmiVersion[0]), model.coSimulation.modelIdentifier
+    if not re.fullmatch(r"[A-Za-z_]\w*", identifier, re.ASCII):  # it names the file of the library
+        raise FmuError(
+            f"{path}: its modelIdentifier is {identifier!r}; FMI takes letters, digits and _; export it again"
+        )
     lengths = {v.valueReference: _length(v) for v in model.modelVariables}
     units = {unit.name: unit for unit in model.unitDefinitions}
     try:
@@ -102,7 +111,7 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...], differences:
         path=path,
         name=model.modelName,
         fmi=fmi,
-        identifier=model.coSimulation.modelIdentifier,
+        identifier=identifier,
         token=model.guid,
         variables={variable.name: variable for variable in exchanged},
         unused={v.name: _kind(v) for v in model.modelVariables if v.causality in _SHOWN and not _is_exchanged(v)},

@@ -7,9 +7,9 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 from inkloop.errors import GeometryError
+from inkloop.limits import parsed_xml
 
 SOLID, CUT, NOTHING = range(3)
 """Roles of a triangle: of a part, of a volume that is taken away from its object, of what does not print."""
@@ -61,8 +61,7 @@ class SlicerParts:
             errors.append(f"has drain holes ({_DRAINS}), which are not read; export it as STL")
         if errors:
             raise GeometryError(f"{source}: {'; '.join(errors)}")
-        models = [name for name in archive.namelist() if name.lower().endswith(".model")]
-        painted = {found for name in models for found in _painted(name, archive.read(name))}
+        painted = {found for name in archive.namelist() for found in _painted(name, archive.read(name))}
         skipped = [bool(_NOT_PRINTED.search(item)) for item in _ITEM.findall(_root(archive))]
         return cls(source, ranges, parts, skipped, painted)
 
@@ -80,7 +79,7 @@ class SlicerParts:
 
 
 def _ranges(config: bytes) -> Iterator[tuple[int, list[tuple[int, int, str]]]]:
-    for entry in ElementTree.fromstring(config).iter("object"):
+    for entry in parsed_xml(config).iter("object"):
         volumes = []
         for volume in entry.iter("volume"):
             keys = {each.get("key", ""): each.get("value", "") for each in volume.iter("metadata")}
@@ -91,14 +90,14 @@ def _ranges(config: bytes) -> Iterator[tuple[int, list[tuple[int, int, str]]]]:
 
 
 def _parts(config: bytes) -> Iterator[tuple[tuple[int, int], str]]:
-    for entry in ElementTree.fromstring(config).iter("object"):
+    for entry in parsed_xml(config).iter("object"):
         for part in entry.iter("part"):
             yield (int(entry.attrib["id"]), int(part.attrib["id"])), part.get("subtype", "normal_part")
 
 
 def _root(archive: zipfile.ZipFile) -> bytes:
     """The model part that the package names, whose build counts."""
-    for relation in ElementTree.fromstring(archive.read("_rels/.rels")):
+    for relation in parsed_xml(archive.read("_rels/.rels")):
         if relation.get("Type", "").endswith("/3dmodel"):
             return archive.read(relation.attrib["Target"].lstrip("/"))
     return b""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from inkloop.errors import GeometryError
 from inkloop.geometry.body import Body, transformed
 from inkloop.geometry.slicer_parts import CUT, NO_PART, NOTHING, SOLID, SlicerParts
-from inkloop.limits import memory_error
+from inkloop.limits import XmlError, check_xml, memory_error
 
 _BYTES_PER_TRIANGLE = 3 * 72
 """Three corners of three numbers, and two copies of them while they are placed."""
@@ -41,8 +41,6 @@ _OBEYED = {0x80A7, 0x80BD}
 """Warnings of attributes that the standard does not know, of slicers above all, and of objects of type other."""
 _TYPES = ("other", "model", "support", "solidsupport", "surface")
 """In the order of lib3mf's ObjectType."""
-_MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
-_XML = (".model", ".rels", ".xml", ".config")
 
 
 def read_3mf(path: Path) -> tuple[list[Body], str]:
@@ -73,22 +71,26 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
 
 
 def _package_errors(path: Path) -> Iterator[str]:
-    """Reasons to reject a package: XML entities, extensions that would be ignored, endless copies."""
+    """Reasons to reject a package: document types, extensions that would be ignored, endless copies."""
     assemblies = []
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
-            if not member.filename.lower().endswith(_XML):
-                continue
             data = archive.read(member)
-            if b"\0" in data[:4] or any(word in data for word in _MARKUP):
-                yield f"{member.filename} declares a document type or entities, or is not UTF-8; save it without"
+            if b"<" not in data.lstrip()[:4]:  # a picture; names of parts decide nothing
+                continue
+            if b"\0" in data[:4]:
+                yield f"{member.filename} is UTF-16; save it in UTF-8"
                 return
-            if member.filename.lower().endswith(".model"):
-                for name, namespace in _required(data).items():
-                    if namespace not in _EXTENSIONS:
-                        yield f"{member.filename} requires the extension {name} ({namespace}), which is not read"
-                if b"component" in data:
-                    assemblies.append(data)
+            try:
+                check_xml(io.BytesIO(data))
+            except XmlError as error:
+                yield f"{member.filename} {error}"
+                return
+            for name, namespace in _required(data).items():
+                if namespace not in _EXTENSIONS:
+                    yield f"{member.filename} requires the extension {name} ({namespace}), which is not read"
+            if b"component" in data:
+                assemblies.append(data)
     if (copies := _copies(assemblies)) > _COPIES_MAX:
         yield f"its components are {copies:.3g} copies of its meshes; at most {_COPIES_MAX:,} are taken"
 

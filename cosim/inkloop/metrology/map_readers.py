@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
-from xml.etree import ElementTree
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
-from inkloop.limits import memory_error
+from inkloop.limits import XmlError, check_xml, memory_error, parsed_xml
 from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES
 
 if TYPE_CHECKING:
+    from xml.etree import ElementTree
+
     import tifffile
 
 _METRES = {**SUFFIXES["m"], "pm": M_PER_PM, "cm": M_PER_CM}
@@ -142,6 +143,9 @@ def read_instrument(path: Path, channel: str | None = None) -> FileContents:
     from SurfaceTopography import open_topography
 
     try:
+        if is_zipfile(path):  # X3P
+            with ZipFile(path) as archive, archive.open("main.xml") as file:
+                check_xml(file)
         reader = open_topography(str(path))
         names = [str(each.name) for each in reader.channels]
         index = chosen(path, names, channel)
@@ -175,16 +179,20 @@ def read_tiff(path: Path, channel: str | None = None) -> FileContents:
     import tifffile
 
     try:
-        with tifffile.TiffFile(path) as file:
+        with tifffile.TiffFile(path, _multifile=False) as file:  # OME may name other files, anywhere
+            text = file.pages.first.description
+            described = parsed_xml(text) if text.lstrip().startswith("<") else None
             values, page, words = _page(path, file, channel)
             tag = page.tags.get(_NODATA)
             invalid = None if tag is None else float(tag.value)
-            if file.is_ome and file.ome_metadata:
-                return FileContents(values, pixel=_ome_pixel(file.ome_metadata), invalid=invalid, channel=words)
+            if file.is_ome and described is not None:
+                return FileContents(values, pixel=_ome_pixel(described), invalid=invalid, channel=words)
             imagej = dict(file.imagej_metadata or {}) if file.is_imagej else {}
             unit = length_factor(str(imagej.get("unit"))) if imagej else None
             unit = M_PER_CM if not imagej and page.resolutionunit == _CENTIMETRE else unit
             per_unit = tuple(float(count) for count in page.resolution)
+    except XmlError as error:
+        raise HeightMapError(f"{path}: its description {error}") from error
     except (tifffile.TiffFileError, ValueError, IndexError) as error:
         raise HeightMapError(f"{path}: is no TIFF picture that can be read ({str(error)[:_SHOWN]})") from error
     pixel = None if unit is None or min(per_unit) <= 0.0 else (unit / per_unit[0], unit / per_unit[1])
@@ -226,8 +234,8 @@ def _size_error(file: tifffile.TiffFile, series: tifffile.TiffPageSeries) -> str
     return f"is damaged: declares {' x '.join(map(str, series.shape))} pixels of {series.dtype} in {length} bytes"
 
 
-def _ome_pixel(text: str) -> Pixel:
-    pixels = next((node for node in ElementTree.fromstring(text).iter() if node.tag.endswith("}Pixels")), None)
+def _ome_pixel(root: ElementTree.Element) -> Pixel:
+    pixels = next((node for node in root.iter() if node.tag.endswith("}Pixels")), None)
     stated = {} if pixels is None else pixels.attrib
     sizes: dict[str, float] = {}
     for axis in "XY":

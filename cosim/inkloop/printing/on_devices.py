@@ -15,6 +15,7 @@ from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ComponentError
 from inkloop.files import reason_of
+from inkloop.report import shown
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 
@@ -37,6 +38,10 @@ class _InFile(logging.FileHandler):
     def __init__(self, path: Path, console: Terminal) -> None:
         super().__init__(path, delay=True, encoding="utf-8")
         self._console, self._has_failed = console, False
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line of a record, with control characters of what devices send as escapes."""
+        return shown(super().format(record))
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Report the first error."""

@@ -14,6 +14,8 @@ from inkloop.errors import InkloopError
 PNG = "png"
 FORMATS = (PNG, "svg", "pdf")
 _KEPT = "\0"
+_HIDDEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that a terminal obeys, that turn the direction of a text, or that are half a character (file names)."""
 _QUOTED = re.compile(r"`[^`\n]*`")
 
 
@@ -24,6 +26,11 @@ def picture_formats(names: Sequence[str]) -> tuple[str, ...]:
         found = ", ".join(repr(name) for name in unknown)
         raise InkloopError(f"there is no picture format {found}; expected {', '.join(FORMATS)}, or several with commas")
     return tuple(dict.fromkeys(names))
+
+
+def shown(text: str) -> str:
+    """The text with control characters but newlines and tabs as escapes: "\\x1b"."""
+    return _HIDDEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def wrapped(text: str, columns: int) -> str:

@@ -1,6 +1,6 @@
 """The terminal: lines, tables that fit into a narrow window, progress, and results as JSON.
 
-Texts of users are shown literally: brackets in a title or label are no markup.
+Texts of users are shown literally: brackets in a title or label are no markup, control characters are escapes.
 """
 
 from __future__ import annotations
@@ -8,16 +8,17 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import IO, Any
 
 from rich import box
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from inkloop.report import wrapped
+from inkloop.report import shown, wrapped
 
 __all__ = ["NumberTable", "Terminal", "number_table"]
 
@@ -56,6 +57,11 @@ class Terminal(Console):
         )
         self.verbose, self.as_json = verbose, as_json
 
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """All that is shown passes here, on its way to a terminal or a file."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else shown(text), style, control)
+
     def sentence(self, text: str, style: str | None = None) -> None:
         """Write a sentence, in a terminal broken between words; in a pipe or a file it is one line."""
         self.print(wrapped(text, self.width) if self.is_terminal else text, style=style, soft_wrap=True)
@@ -64,7 +70,7 @@ class Terminal(Console):
         """Print failures of a check if nothing else is shown (--quiet); on standard error, like errors."""
         if self.quiet:
             for sentence in sentences:
-                print(sentence, file=sys.stderr)
+                print(shown(sentence), file=sys.stderr)
 
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""

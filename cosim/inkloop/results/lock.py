@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from inkloop.errors import ResultError
-from inkloop.files import reason_of, sign_lock, signature, take_lock
+from inkloop.files import opened_lock, reason_of, sign_lock, signature, take_lock
 
 __all__ = ["sole_writer", "writer_of"]
 
@@ -50,7 +50,7 @@ def writer_of(folder: Path) -> str:
     Not for a folder that this process has locked: the system releases a lock when any of its files is closed.
     """
     try:
-        file = os.open(folder / LOCK_FILE, os.O_RDWR)
+        file = opened_lock(folder / LOCK_FILE)
     except OSError:
         return ""
     try:
@@ -64,7 +64,7 @@ def writer_of(folder: Path) -> str:
 def _locked(path: Path) -> int:
     """The open lock file, with the lock. Raises ResultError if another process has it, OSError."""
     while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        file = opened_lock(path, 0o644)
         if not _take(file):
             words = signature(file)
             os.close(file)

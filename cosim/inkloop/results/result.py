@@ -211,7 +211,7 @@ def read_record(folder: Path) -> dict[str, Any]:
         record = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ResultError(f"{folder}: cannot be read: {error}") from error
     if not isinstance(record, dict):
         raise ResultError(f"{folder / RUN_FILE}: is no record of a run; name a folder that `inkloop run` has made")

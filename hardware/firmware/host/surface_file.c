@@ -14,7 +14,8 @@ bool surface_file_write(const World *world, const char *path) {
         return true;
     char temporary[SURFACE_PATH_ROOM + 4];
     snprintf(temporary, sizeof temporary, "%s.new", path);
-    FILE *file = fopen(temporary, "wb");
+    remove(temporary); /* of a killed process, or a link, which is not followed */
+    FILE *file = fopen(temporary, "wbx");
     if (!file)
         return false;
     const int32_t head[3] = {world->options.nx, world->options.ny, world->scans};

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from inkloop.files import sign_lock, signature, take_lock
+from inkloop.files import opened_lock, reason_of, sign_lock, signature, take_lock
 from inkloop.units import KILO
 from inkloop_hardware.errors import AnotherMaster, BusError
 
@@ -82,8 +82,6 @@ class BusSettings:
 
 
 UNSIGNED = "a process of this machine"
-NO_LINK = getattr(os, "O_NOFOLLOW", 0)
-"""The folder is everybody's: a link that lies there is not followed."""
 
 
 def lock_channel(settings: BusSettings) -> Callable[[], None]:
@@ -132,15 +130,16 @@ def _opened(path: Path) -> int:
     """The file of a lock; one of another user is not created anew: systems refuse that in the folder of everybody."""
     try:
         with suppress(FileNotFoundError):
-            return os.open(path, os.O_RDWR | NO_LINK)
-        return os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+            return opened_lock(path)
+        return opened_lock(path, 0o666)
     except OSError as error:
         raise _error(path, error) from error
 
 
 def _error(path: Path, error: OSError) -> BusError:
-    reason = error.strerror or error
-    return BusError(f"{path}: the channel cannot be locked: {reason}; remove what is there, or let this user write it")
+    return BusError(
+        f"{path}: the channel cannot be locked: {reason_of(error)}; remove what is there, or let this user write it"
+    )
 
 
 def _path(settings: BusSettings) -> Path:

@@ -77,7 +77,7 @@ class Reading:
 
 def _loaded(path: Path, strict: bool = True) -> Database:
     try:
-        database = cantools.database.load_file(path, strict=strict)
+        database = cantools.database.load_file(path, "dbc", strict=strict)
     except (OSError, cantools_errors.Error) as error:
         advice = "; strict = false reads the messages without overlapping signals all the same" if strict else ""
         raise FrameError(f"{path} cannot be read as a DBC: {error}{advice}") from error

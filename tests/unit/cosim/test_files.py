@@ -20,7 +20,7 @@ from inkloop import files
 from inkloop.component import Component
 from inkloop.course.layer_course import LayerCourse
 from inkloop.course.wiring import contract_connections
-from inkloop.errors import ScenarioError
+from inkloop.errors import ResultError, ScenarioError
 from inkloop.files import (
     OWNER_FILE,
     TomlError,
@@ -33,6 +33,7 @@ from inkloop.files import (
 )
 from inkloop.master.master import Master
 from inkloop.results.checkpoint import Checkpoints
+from inkloop.results.lock import LOCK_FILE, sole_writer
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result
 from inkloop.testing import job
@@ -51,7 +52,7 @@ def happenings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         sync(descriptor)
 
     def note_replace(path: Path, target: Path) -> Path:
-        seen.append("rename")
+        seen.extend(["rename"] * (target.name != OWNER_FILE))
         return replace(path, target)
 
     monkeypatch.setattr(os, "fsync", note_sync)
@@ -69,6 +70,39 @@ def test_durable_file_is_synced_renamed_and_its_folder_synced(tmp_path: Path, ha
         raise ValueError("no")
     assert happenings == ["rename"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "b.txt"]
+
+
+def test_link_is_replaced_and_never_written_through(tmp_path: Path) -> None:
+    """Under the name itself, under the temporary one as far as it can be known, and in the place of a lock."""
+    target = tmp_path / "target"
+    target.write_text("precious")
+    for name in ("a.txt", ".a.txt.part"):
+        (tmp_path / name).symlink_to(target)
+    with replaced(tmp_path / "a.txt") as partial:
+        assert partial.parent.parent.stat().st_mode & 0o777 == 0o700
+        assert partial.parents[2] == tmp_path
+        partial.write_text("a")
+    assert (tmp_path / "a.txt").read_text() == "a"
+    assert not (tmp_path / "a.txt").is_symlink()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / LOCK_FILE).symlink_to(target)
+    with pytest.raises(ResultError, match="cannot be written there: a link lies there, which is not followed"):
+        sole_writer(tmp_path / "run").__enter__()
+    assert target.read_text() == "precious"
+
+
+def test_folder_of_a_writer_that_was_killed_goes_with_the_next_file(place: Path) -> None:
+    script = "import sys\nfrom pathlib import Path\nfrom inkloop.files import replaced\n"
+    script += "with replaced(Path('a.txt')) as partial:\n    partial.write_text('half')\n    sys.stdin.read(1)\n"
+    writer = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, cwd=place)
+    while not list(place.glob("*/content/a.txt")):
+        assert writer.poll() is None
+    write_text(place / "b.txt", "b")
+    assert len(list(place.iterdir())) == 2  # a living writer keeps its folder
+    writer.kill()
+    writer.communicate()
+    write_text(place / "b.txt", "b")
+    assert [path.name for path in place.iterdir()] == ["b.txt"]
 
 
 @pytest.mark.parametrize("name", ["file/a.txt", "file/folder/a.txt"])

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 
 from inkloop import limits
-from inkloop.errors import FmuError, HeightMapError, InkloopError, ScenarioError
+from inkloop.errors import FmuError, HeightMapError, InkloopError, ResultError, ScenarioError
 from inkloop.exchange.ssp.reading import scenario_of
+from inkloop.files import TomlError, toml_tables
 from inkloop.fmu import FmuComponent, archive_error, describe
 from inkloop.fmu.reading import fmu_file
 from inkloop.fmu_writer.archive import unpack
@@ -21,15 +25,21 @@ from inkloop.limits import (
     GIB,
     KIB,
     MIB,
+    XmlError,
     available_memory,
     duration_text,
     filled,
     free_disk,
     memory_error,
+    parsed_xml,
     size_text,
     unpacked_error,
 )
 from inkloop.metrology import map_file
+from inkloop.metrology.map_readers import read_instrument, read_tiff
+from inkloop.results.result import read_record
+from support.places import SCENARIOS
+from support.source_tree import modules
 
 FIELDS = {"layer": 7, "nx": 35}
 
@@ -202,3 +212,89 @@ def test_small_numbers_that_become_large_ones_are_counted_too(tmp_path: Path, mo
     monkeypatch.setattr(limits, "available_memory", lambda: 100_000)
     with pytest.raises(HeightMapError, match="holds 10,000 pixels: needs about 156 KiB of memory"):
         map_file.read(tmp_path / "map.npy", unit="um", pixel=1e-6, scale=1.0)
+
+
+DOCUMENT_TYPES = (
+    '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;&b;">]>',
+    '<!-- a --><!DOCTYPE a SYSTEM "http://127.0.0.1:1/a.dtd">',
+    "<!DOCTYPE a>",
+)
+
+
+def package(path: Path, **members: str | bytes) -> Path:
+    with zipfile.ZipFile(path, "w") as packed:
+        for name, content in members.items():
+            packed.writestr(name.replace("__", "/").replace("_", "."), content)
+    return path
+
+
+def described_picture(path: Path, text: str) -> Path:
+    namespace = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
+    tifffile.imwrite(path, np.zeros((2, 3), np.float32), description=f'{text}<OME xmlns="{namespace}"/>', metadata=None)
+    return path
+
+
+@pytest.mark.parametrize("text", DOCUMENT_TYPES)
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda folder, text: parsed_xml(f"{text}<a/>"),
+        lambda folder, text: parsed_xml(f"{text}<a/>".encode("utf-16")),
+        lambda folder, text: describe(package(folder / "a.fmu", modelDescription_xml=f"{text}<a/>")),
+        lambda folder, text: describe(
+            package(folder / "a.fmu", modelDescription_xml="<a/>", sources__buildDescription_xml=f"{text}<a/>")
+        ),
+        lambda folder, text: scenario_of(
+            package(folder / "a.ssp", SystemStructure_ssd=f"{text}<a/>"), job=SCENARIOS / "cuboid.toml"
+        ),
+        lambda folder, text: read_instrument(package(folder / "a.x3p", main_xml=f"{text}<a/>")),
+        lambda folder, text: read_tiff(described_picture(folder / "a.tif", text)),
+    ],
+)
+def test_document_types_are_refused_in_xml_of_any_file(
+    read: Callable[[Path, str], Any], text: str, tmp_path: Path
+) -> None:
+    with pytest.raises((XmlError, InkloopError), match="declares a document type \\(DOCTYPE\\), which is not read"):
+        read(tmp_path, text)
+
+
+def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
+    """In what is written here too: descriptions of our own FMUs, and of those that `describe` has read."""
+    checked = {
+        "limits",
+        "fmu.bus_terminals",
+        "fmu.reading",
+        "geometry.three_mf",
+        "fmu_writer.cross",
+        "exchange.ssp.folder",
+    }
+    parsers = re.compile(r"\b(fromstring|iterparse|XMLParser|XMLPullParser|ParserCreate|minidom|lxml|etree\.parse)\b")
+    found = {name for name, path in modules().items() if parsers.search(path.read_text(encoding="utf-8"))}
+    assert found == {f"inkloop.{name}" for name in checked}
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        (["a"] * 2, "holds 'a' twice"),
+        ([str(number) for number in range(limits.MEMBERS_MAX + 1)], "holds 65,536 members; at most 65,535 are taken"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_archives_that_readers_take_differently_or_never_end_are_refused(
+    members: list[str], message: str, tmp_path: Path
+) -> None:
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as packed:
+        for name in members:
+            packed.writestr(name, "")
+    with zipfile.ZipFile(tmp_path / "a.fmu") as packed:
+        assert message in str(unpacked_error(packed))
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "a = " + "9" * 5_000])
+def test_texts_that_python_refuses_to_parse_are_errors_of_the_file(text: str, tmp_path: Path) -> None:
+    with pytest.raises(TomlError, match="is not TOML that can be read: "):
+        toml_tables(text)
+    (tmp_path / "run.json").write_text(text.removeprefix("a = "))
+    with pytest.raises(ResultError, match=f"{tmp_path}: cannot be read: "):
+        read_record(tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from support.fmus.fmu_driver import DISCARD, OK, Driver
 
@@ -53,12 +54,15 @@ def test_spot_spreads_a_spike_with_its_standard_deviation() -> None:
     assert (averaged.sum(axis=0) * distance**2).sum() == pytest.approx(4.0, rel=0.01, abs=0.0)
 
 
-def test_shifted_sensor_reads_the_surface_beyond_each_cell() -> None:
-    whole = measured(ROUGH, shift_x=PITCH, shift_y=-2 * PITCH)
-    assert whole[:-1, 2:] == pytest.approx(ROUGH[1:, :-2], rel=1e-12, abs=0.0)
-    assert whole[-1, 2:] == pytest.approx(ROUGH[-1, :-2], rel=1e-12, abs=0.0)
-    quarter = measured(ROUGH, shift_x=0.25 * PITCH)
-    assert quarter[:-1] == pytest.approx(0.75 * ROUGH[:-1] + 0.25 * ROUGH[1:], rel=1e-12, abs=0.0)
+@pytest.mark.parametrize("shape", [(9, 5), (5, 9)])
+@pytest.mark.parametrize("x", [-20.0, -1.0, 0.25, 3.0])
+@pytest.mark.parametrize("y", [-2.0, -0.75, 1.5, 20.0])
+def test_shifted_sensor_reads_the_surface_beyond_each_cell(shape: tuple[int, int], x: float, y: float) -> None:
+    """Linear between cells; beyond the border the surface is as high as there."""
+    surface = np.random.default_rng(5).uniform(10e-6, 40e-6, shape)
+    places = np.indices(shape) + np.array([x, y])[:, None, None]
+    expected = map_coordinates(surface, places, order=1, mode="nearest")
+    assert measured(surface, shift_x=x * PITCH, shift_y=y * PITCH) == pytest.approx(expected, rel=1e-12, abs=0.0)
 
 
 def test_scan_takes_the_surface_of_its_beginning() -> None:

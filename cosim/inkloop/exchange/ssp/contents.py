@@ -11,19 +11,10 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from inkloop.exchange.ssp.structure import (
-    SSD,
-    SSM,
-    SSV,
-    XML_ERRORS,
-    Structure,
-    converts_units,
-    flat_name,
-    linear,
-    units_in,
-)
+from inkloop.exchange.ssp.structure import SSD, SSM, SSV, Structure, converts_units, flat_name, linear, units_in
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.fmu.variable import TEXT
+from inkloop.limits import XmlError, parsed_xml
 from inkloop.suggest import nearest
 from inkloop.units import Conversion, unit_conversion
 
@@ -139,9 +130,9 @@ def _document(
         errors.append(f"{what} {source!r} lie in an FMU (sourceBase), which inkloop does not open; move them out")
         return None
     try:
-        root = ET.fromstring(archive.read(member_of(source)))
-    except XML_ERRORS as error:  # without the member, it is a LookupError
-        errors.append(f"{what} {source!r} cannot be read: {error}")
+        root = parsed_xml(archive.read(member_of(source)))
+    except (KeyError, XmlError) as error:  # without the member, it is a KeyError
+        errors.append(f"{what} {source!r} cannot be read: {'the file ' if isinstance(error, XmlError) else ''}{error}")
         return None
     if root.tag != tag:
         errors.append(f"{what} {source!r} are no {tag.rpartition('}')[2]} of SSP, but <{root.tag}>")

@@ -22,10 +22,10 @@ from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.ssp import contents, wires
 from inkloop.exchange.ssp.contents import member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
-from inkloop.exchange.ssp.structure import SSD, XML_ERRORS, Structure, flat_name, units_in
+from inkloop.exchange.ssp.structure import SSD, Structure, flat_name, units_in
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
-from inkloop.limits import unpacked_error
+from inkloop.limits import XmlError, parsed_xml, unpacked_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
@@ -96,9 +96,9 @@ def _parsed(archive: zipfile.ZipFile, member: str, errors: list[str]) -> ET.Elem
         errors.append(f"holds no {member}")
         return None
     try:
-        return ET.fromstring(archive.read(member))
-    except XML_ERRORS as error:
-        errors.append(f"{member} is no XML: {error}")
+        return parsed_xml(archive.read(member))
+    except XmlError as error:
+        errors.append(f"{member} {error}")
         return None
 
 

@@ -19,9 +19,6 @@ _FMU = "application/x-fmu-sharedlibrary"
 _TRANSFORMATIONS = ("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation")
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-XML_ERRORS = (ET.ParseError, LookupError, ValueError)
-"""Errors of parsing XML; the last two of encodings that are unknown, or that the parser does not take."""
-
 Path: TypeAlias = tuple[str, ...]
 """Names of an element and of the systems around it, the outermost left out."""
 Node: TypeAlias = tuple[Path, str]

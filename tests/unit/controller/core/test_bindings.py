@@ -152,6 +152,22 @@ def test_batch_of_flips_never_raises_the_objective() -> None:
     assert found.progress.evaluations == 144 + 72, "then half of them"
 
 
+def test_droplet_may_stay_on_its_cell() -> None:
+    wanted = problem(np.zeros((20, 20)), np.full((20, 20), 4e-6), kinds=(Ink(4e-6, 0.0, 0.0),))
+    assert value(wanted, everything()) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_every_cell_is_equally_often_the_first_of_the_papers_search() -> None:
+    """The one flip of a batch of one shows it; each flip helps here."""
+    wanted, first = problem(np.zeros((3, 3)), np.zeros((3, 3))), np.zeros((3, 3))
+    for seed in range(900):
+        found = bindings.paper_search(wanted, everything(3), 1, 1, seed)
+        assert found.plan.sum() == 8
+        first += 1 - found.plan[0]
+    assert first.min() > 65  # 100 on average, 9.4 more or less
+    assert first.max() < 135
+
+
 def test_work_budget_is_kept() -> None:
     height, target = rough(4)
     found = search(problem(height, target), everything(), sweeps_max=2)

@@ -18,7 +18,7 @@ from fmpy.fmi1 import FMICallException
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
-from inkloop.fmu.binding import Binding
+from inkloop.fmu.binding import ERROR, WARNING, Binding
 from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import altered, build
 
@@ -350,6 +350,14 @@ def bound(fmu: Any) -> Binding:
     return binding
 
 
+def test_warnings_of_an_fmu_are_logged_and_what_stops_it_is_in_the_error(caplog: pytest.LogCaptureFixture) -> None:
+    binding = bound(MagicMock(instanceName="lamp"))
+    for status, text in ((0, b"fine"), (WARNING, b" warm\n"), (ERROR, b"hot")):
+        binding._hear(status, text)
+    assert [record.getMessage() for record in caplog.records] == ["lamp: warm"]
+    assert binding._recent_messages() == ": hot"
+
+
 def test_step_that_returns_early_ends_where_it_was_to_end() -> None:
     """An FMU that stops at 100 s and at 250 s on the way to 300 s."""
     asked, stops = list[tuple[float, float]](), iter([100.0, 250.0])
@@ -450,6 +458,13 @@ def test_archive_packed_with_backslashes_is_refused(folder: Path, tmp_path: Path
             theirs.writestr(zipfile.ZipInfo(name.replace("/", "\\")), ours.read(name))
     with pytest.raises(FmuError, match="its members are named with backslashes; pack it again"):
         describe(path)
+
+
+@pytest.mark.parametrize("name", ["../../../amplifier", "", "a/b", "1a", "größe"])
+def test_library_lies_in_the_archive(name: str, folder: Path, tmp_path: Path) -> None:
+    elsewhere = ('modelIdentifier="amplifier"', f'modelIdentifier="{name}"')
+    with pytest.raises(FmuError, match=f"its modelIdentifier is '{name}'; FMI takes letters, digits and _"):
+        describe(altered(build(folder, 3), tmp_path / "it.fmu", elsewhere))
 
 
 def test_model_exchange_only_is_reported(folder: Path, tmp_path: Path) -> None:

@@ -152,11 +152,25 @@ def test_models_that_cannot_be_read_whole_are_refused(tmp_path: Path, found: str
 def test_entities_are_refused_before_they_are_read(tmp_path: Path) -> None:
     model = model_xml(TWO, ITEMS, materials="stiff soft")
     bomb = model.replace("<model", '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><model')
-    for text in (bomb, model.encode("utf-16")):
-        with pytest.raises(
-            GeometryError, match=r"3D/3dmodel.model declares a document type or entities, or is not UTF-8"
-        ):
+    for text, reason in (
+        (bomb, r"declares a document type \(DOCTYPE\)"),
+        (model.encode("utf-16"), "is UTF-16"),
+    ):
+        with pytest.raises(GeometryError, match=f"3D/3dmodel.model {reason}"):
             read_bodies(written(tmp_path, text))
+
+
+def test_part_of_any_name_is_checked(tmp_path: Path) -> None:
+    """The relations of a package say which part is the model, its suffix does not."""
+    model = model_xml(TWO, ITEMS, materials="stiff soft")
+    slices = model.replace("<model", '<model xmlns:s="urn:slices" requiredextensions="s"')
+    for text, reason in (
+        (slices, r"requires the extension s \(urn:slices\)"),
+        (f"<!DOCTYPE m>{model}", "declares a doc"),
+    ):
+        path = written(tmp_path, model, {"3D/other.part": text.encode()})
+        with pytest.raises(GeometryError, match=f"3D/other.part {reason}"):
+            read_bodies(path)
 
 
 def test_packages_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

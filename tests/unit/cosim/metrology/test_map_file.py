@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import struct
 import zipfile
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from PIL import Image
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
-from inkloop.metrology.map_readers import read_instrument
+from inkloop.metrology.map_readers import read_instrument, read_tiff
 from inkloop.metrology.map_writing import NAMESPACE, write
 from inkloop.metrology.table_header import read_header
 
@@ -375,3 +376,15 @@ def test_a_map_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(OSError, match="No space"):
         write(tmp_path / "map.sdf", uneven(), "sdf")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
+
+
+def test_picture_comes_from_the_file_alone(tmp_path: Path) -> None:
+    """OME may place its pixels in other files."""
+    tifffile.imwrite(tmp_path / "other.ome.tif", np.full((2, 3), 7.0, np.float32), ome=True, metadata={"axes": "YX"})
+    text = str(tifffile.TiffFile(tmp_path / "other.ome.tif").ome_metadata)
+    place = re.search(r"<TiffData[^>]*/>", text)
+    assert place is not None
+    there = '<TiffData IFD="0" PlaneCount="1"><UUID FileName="other.ome.tif">urn:uuid:1</UUID></TiffData>'
+    own = np.arange(6, dtype=np.float32).reshape(2, 3)
+    tifffile.imwrite(tmp_path / "a.tif", own, description=text.replace(place[0], there), metadata=None)
+    np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif").values, own)

@@ -18,7 +18,7 @@ from inkloop.metrology.datum import level, plane, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import _points, fit_to_surface
 from inkloop.metrology.placement import Placement
-from inkloop.metrology.registration import Registration, cell_means, from_fiducials
+from inkloop.metrology.registration import Registration, _box, cell_means, from_fiducials
 from inkloop.units import M_PER_UM
 from support.examples import examples
 from support.fine_maps import covering, fine_map
@@ -334,3 +334,12 @@ def test_fiducials_of_a_mirrored_map_are_recognised(swap: Any, other: str) -> No
     on_grid = np.stack(truth.to_grid(on_map[:, 0], on_map[:, 1]), axis=1)
     with pytest.raises(HeightMapError, match=f"with mirror = '{other}' it is .* µm: the map is mirrored"):
         from_fiducials(on_map, on_grid, mirror=swap, residual_max=1e-6)
+
+
+@pytest.mark.parametrize("mirror", ["none", "x", "y"])
+@pytest.mark.parametrize("turns", [0, 1, 2, -1])
+def test_pixel_has_the_sides_on_the_grid_that_lie_between_its_neighbours(turns: int, mirror: Any) -> None:
+    registration = Registration(3e-6, -2e-6, turns * math.pi / 2, mirror)
+    map_ = HeightMap(np.zeros((3, 4)), 2e-6, 7e-6)
+    x, y = registration.to_grid(np.array([0.0, map_.dx]), np.array([0.0, map_.dy]))
+    assert _box(map_, registration) == pytest.approx((abs(x[1] - x[0]), abs(y[1] - y[0])), rel=1e-9, abs=0.0)

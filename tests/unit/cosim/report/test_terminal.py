@@ -46,6 +46,30 @@ def test_text_of_a_user_is_no_markup() -> None:
     assert text.getvalue().count(HOSTILE) == 3  # the sentence, the task and its note
 
 
+OBEYED = "\x1b[31m, \x9b2J, \x07, \u202etxt.exe, \udcff"
+
+
+def test_control_characters_of_a_text_are_escapes_wherever_it_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    text = io.StringIO()
+    terminal = Terminal(text, width=120)
+    table = number_table("run", title=OBEYED, caption=OBEYED)
+    table.add_row(OBEYED)
+    terminal.print(table)
+    terminal.print(OBEYED)
+    terminal.sentence(OBEYED)
+    with terminal.progress("figures") as progress:
+        progress.add_task(OBEYED, figures=OBEYED, total=1)
+    assert text.getvalue().count(r"\x1b[31m, \x9b2J") == 7
+    Terminal(quiet=True).failures([OBEYED])
+    assert main(["info", f"{OBEYED}.fmu"]) == 1
+    with pytest.raises(SystemExit):
+        main(["info", "a", f"{OBEYED}.fmu"])
+    streams = capsys.readouterr()
+    assert streams.err.count(r"\x1b[31m, \x9b2J") == 3
+    for letter in set(OBEYED) - {chr(code) for code in range(32, 127)}:
+        assert letter not in text.getvalue() + streams.out + streams.err
+
+
 def test_file_has_the_same_text_in_a_notebook_which_asks_for_colours(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = shown(120)
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)

@@ -74,7 +74,7 @@ def test_disk_that_fills_at_any_file_is_named_and_the_run_resumes(scenario: Scen
             seen.add(RESULT_FILE if "cannot be saved" in message else LAYERS_FOLDER)
         else:
             seen.add("nothing")
-        assert not list(folder.rglob("*.part"))
+        assert not list(folder.rglob("inkloop-part-*"))
         assert largest(folder) <= limit
         resumed = Print(scenario, folder).run()
         for name in ("height", "pattern", "measured_height"):

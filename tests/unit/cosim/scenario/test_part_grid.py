@@ -228,7 +228,7 @@ def test_mesh_is_turned_then_scaled(
     assert main(["geometry", "part.stl", *turns, *option, "--no-pictures"]) == 0
     (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("size"))
     assert [float(word) for word in line.split()[1:6:2]] == pytest.approx(
-        [1e3 * factor * side for side in size], rel=1e-4
+        [1e3 * factor * side for side in size], rel=1e-4, abs=0.0
     )
 
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from contextlib import closing
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import NICE, NONE, raise_priority
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor import adapter_check
 from inkloop_hardware.doctor.adapter_check import heartbeat_priority
 from inkloop_hardware.doctor.findings import Grade
 
@@ -58,6 +60,7 @@ def test_bus_process_has_the_priority_that_it_reports() -> None:
 
 @pytest.mark.parametrize(("words", "grade"), [("real-time priority", Grade.OK), (f"{NONE}: no", Grade.WARNING)])
 def test_doctor_reports_what_is_granted(words: str, grade: Grade, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 0, words + "\n"))
+    tried = SimpleNamespace(run=lambda *_, **__: subprocess.CompletedProcess([], 0, words + "\n"))
+    monkeypatch.setattr(adapter_check, "subprocess", tried)
     finding = heartbeat_priority()
     assert (finding.grade, words in finding.found) == (grade, True)

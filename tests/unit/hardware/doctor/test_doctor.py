@@ -19,6 +19,7 @@ import pytest
 from inkloop.component import Job
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor import inquiry
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
 from inkloop_hardware.doctor.doctor import try_gate_and_lamp
 from inkloop_hardware.doctor.findings import Finding, Grade
@@ -30,6 +31,7 @@ from inkloop_hardware.protocol.node_state import (
     Happening,
     JournalRecord,
     LayerFlags,
+    MapSize,
     NodeLimits,
     Roles,
     Step,
@@ -381,6 +383,12 @@ def test_page_names_every_check() -> None:
     checks = set(re.findall(r"\bFinding\.(?:error|ok|warning|skipped)\(\s*\"([a-z ]+)\"", "".join(sources)))
     assert {"interface", "clock", "self test", "frames"} <= checks
     assert not sorted(check for check in checks if f"\n    {check} " not in page and f"**{check}**" not in page)
+
+
+def test_report_of_a_profiler_has_the_map_that_it_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inquiry, "_read_clock", lambda link: SimpleNamespace(answered=0.0))
+    link = Mock(node=Node.PROFILER, map_size=lambda: MapSize(1, 30, 20))
+    assert inquiry.read_node(link).map_shape == (30, 20)
 
 
 @pytest.mark.compiled

@@ -16,6 +16,7 @@ from udsoncan.exceptions import TimeoutException
 from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.requests import Requests
 from inkloop_hardware.link.transfers import BlockSize, receive_map
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.node_state import MapSize
@@ -454,6 +455,14 @@ def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_
         connection.send(bytes([0x22, number]))
         assert connection.wait_frame(1.0) == bytes([0x62, number])
         assert connection.stray == number
+
+
+def test_damaged_and_late_frames_of_a_node_are_counted_together() -> None:
+    requests = Requests(Node.PROFILER, CODEC, PlainWire(), "here")
+    requests.connection.broken, requests.connection.stray = 2, 3
+    assert requests.spoilt == 5
+    assert requests.spoilt_frames(1).startswith("4 of its frames came damaged, out of order or late")
+    assert requests.spoilt_frames(5) == ""
 
 
 class OddProfiler:

@@ -143,6 +143,13 @@ def test_signed_signals_in_motorola_order_cross_the_bytes_of_a_long_frame(tmp_pa
     assert load(tmp_path / "rig.toml", small_job(3, 3)).needs_fd
 
 
+def test_file_is_read_as_a_dbc_whatever_its_suffix(tmp_path: Path) -> None:
+    """Formats of XML would bring in entities, and conventions that nothing here tests."""
+    (tmp_path / "a.kcd").write_text('<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"/>')
+    with pytest.raises(FrameError, match="cannot be read as a DBC"):
+        Codec(tmp_path / "a.kcd")
+
+
 def test_other_messages_of_a_file_with_overlapping_signals_are_read_if_that_is_meant(tmp_path: Path) -> None:
     with pytest.raises(FrameError, match=r"cannot be read as a DBC: .*; strict = false reads the messages without"):
         codec(tmp_path, OVERLAPPING + SCALED)

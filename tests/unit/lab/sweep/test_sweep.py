@@ -95,7 +95,9 @@ def test_print_without_a_whole_file_is_printed_again(tmp_path: Path) -> None:
     own = study(tmp_path, TWO_KEYS)
     whole, _, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))
     found = tmp_path / "out/prints/00002-0000.json"
-    found.rename(found.with_name(".00002-0000.json.part"))  # a kill between writing and renaming
+    killed = found.parent / "inkloop-part-1-x/content"  # a kill between writing and renaming
+    killed.mkdir(parents=True)
+    found.rename(killed / found.name)
     engine = Shuffled(alpha_of)
     again, _, _ = swept(own, tmp_path / "out", engine)
     assert engine.begun == [(2, 0)]

@@ -128,6 +128,7 @@ def test_process_that_dies_costs_its_own_call_only_and_all_end_with_the_executor
 
 ADDRESS = "tcp://127.0.0.1:8786"
 ORDER, BUNDLE = Order("text", "/here/case/case.toml", None, False), Bundle("text", "case/case.toml", {"ink.toml": b"a"})
+OTHER = Bundle("other", BUNDLE.place, {"ink.toml": b"b"})
 
 
 class Client:
@@ -208,9 +209,15 @@ def test_worker_unpacks_the_files_once_and_prints_from_them(
     seen[0].unlink()  # a folder that was cleaned up
     perform_unpacked(ORDER, BUNDLE, __version__, Task(2, 0, 7, {}))
     assert seen[2].is_file()
+    for point in (3, 5):  # a worker serves two studies in turn
+        perform_unpacked(ORDER, OTHER, __version__, Task(point, 0, 7, {}))
+        perform_unpacked(ORDER, BUNDLE, __version__, Task(point + 1, 0, 7, {}))
+    assert [path.read_text() for path in seen[3:]] == ["other", "text"] * 2
+    assert [(path.parents[1] / "ink.toml").read_bytes() for path in seen[3:]] == [b"b", b"a"] * 2
+    assert seen[3:] == [seen[3], seen[2]] * 2
     with pytest.raises(InkloopError, match=f"a worker of the cluster has inkloop {__version__}, this command 0; inst"):
         perform_unpacked(ORDER, BUNDLE, "0", Task(3, 0, 7, {}))
-    assert len(seen) == 3
+    assert len(seen) == 7
 
 
 def test_scenario_with_its_files_is_the_same_in_another_folder(tmp_path: Path) -> None:

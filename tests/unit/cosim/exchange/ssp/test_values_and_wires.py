@@ -341,7 +341,7 @@ def test_file_that_is_no_parameter_set_is_reported() -> None:
 def test_encoding_that_cannot_be_read_is_an_error(encoding: str) -> None:
     files = {"odd.ssv": f'<?xml version="1.0" encoding="{encoding}"?><a/>'}
     (error,) = read(files=files, more='<ssd:ParameterBinding source="odd.ssv"/>')[1]
-    assert error.startswith("parameters 'odd.ssv' ")
+    assert error.startswith("parameters 'odd.ssv' cannot be read: the file is no XML: ")
 
 
 PORTS = {

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import linprog
 
 from inkloop.metrology.evaluation.definitions import Treatment, symbols
-from inkloop.metrology.evaluation.form import minimax
+from inkloop.metrology.evaluation.form import CENTRE, central_third, minimax
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
@@ -217,3 +217,12 @@ def test_a_parabola_has_its_chebyshev_line() -> None:
 def test_points_on_a_plane_have_no_zone() -> None:
     x, y = np.indices((5, 4)).reshape(2, -1) * 1e-5
     assert minimax(np.column_stack([np.ones_like(x), x, y]), 2.0 + 0.1 * x - 0.2 * y)[1] < 1e-14
+
+
+@pytest.mark.parametrize("sizes", [(1e-4, 4e-4), (4e-4, 1e-4), (1e-4, 1e-4)])
+def test_central_third_of_a_face_is_measured_in_metres(sizes: tuple[float, float]) -> None:
+    nx, ny = 24, 9
+    i, j = np.indices((nx, ny)) + 1
+    distance = np.minimum(np.minimum(i, nx + 1 - i) * sizes[0], np.minimum(j, ny + 1 - j) * sizes[1])
+    found = central_third(np.ones((nx, ny), np.bool_), sizes)
+    np.testing.assert_array_equal(found, distance >= CENTRE * distance.max() * (1 - 1e-12))

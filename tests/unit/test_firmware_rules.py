@@ -31,6 +31,7 @@ def symbols() -> dict[Path, list[tuple[str, str]]]:
     return found
 
 
+@pytest.mark.compiled
 def test_firmware_asks_for_nothing_but_bytes_to_be_copied(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     """So it takes no memory after it was linked, and reads no clock and no file."""
     found = [symbol for source in ALL for symbol in symbols[source]]
@@ -41,6 +42,7 @@ def test_firmware_asks_for_nothing_but_bytes_to_be_copied(symbols: dict[Path, li
     assert asked <= {"memcpy", "memset", "memcmp", "memmove", "__stack_chk_fail"}
 
 
+@pytest.mark.compiled
 def test_firmware_has_no_global_that_changes(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     for source in ALL:
         assert not [name for kind, name in symbols[source] if kind in "BbDdCGgSs"], source
@@ -66,6 +68,7 @@ def unit(path: Path) -> str:
     return f"{path.parent.name}/{path.stem}"
 
 
+@pytest.mark.compiled
 def test_no_circle_joins_the_files_of_the_firmware(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     """Neither by includes nor by calls, of the node and its frames as of the emulator and the image."""
     headers = {path.name: path for path in sorted(FIRMWARE.rglob("*.h"))}
@@ -82,6 +85,7 @@ def test_no_circle_joins_the_files_of_the_firmware(symbols: dict[Path, list[tupl
     TopologicalSorter(needs).prepare()
 
 
+@pytest.mark.compiled
 def test_only_node_c_switches_everything_off(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     """And sets SAFE and FAULT, in one function with one caller; all other parts return a cause."""
     callers = {source.stem for source in CORE if ("U", "interlocks_all_off") in symbols[source]}
@@ -116,6 +120,7 @@ def test_every_cause_is_given_somewhere() -> None:
     assert causes == set(re.findall(r"(?:return|[?:]) (CAUSE_\w+)\b", given))
 
 
+@pytest.mark.compiled
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
 def test_firmware_compiles_for_a_cortex_m3() -> None:
     flags = ("-mcpu=cortex-m3", "-mthumb", *STRICT, "-Wconversion", *PLACES, f"-I{codec()}")
