@@ -80,7 +80,7 @@ class Fine:
         low, high = bounds(bodies)
         pitch = float((high - low)[:2].max()) / FINE
         nx, ny = (max(1, round(float(side) / pitch)) for side in (high - low)[:2])
-        first = low + [pitch / 2, pitch / 2, 0.0]
+        first = low + np.array([pitch / 2, pitch / 2, 0.0])
         moved = [replace(body, triangles=body.triangles - first, cut=body.cut - first) for body in bodies]
         whole = mesh_columns(moved, nx, ny, pitch)
         is_cut = any(len(body.cut) for body in bodies)

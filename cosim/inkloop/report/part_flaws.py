@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, FloatMap
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh_columns import Fine
 from inkloop.geometry.mending import open_edges, welded
+from inkloop.geometry.mesh_columns import Fine
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -145,16 +145,16 @@ def test_size_pieces_and_volume_are_those_of_what_negative_volumes_leave(case: s
     taken, options, pieces, sides, volume = LEFT[case]
     model = model_xml(mesh_object(2, np.concatenate([LOW, meshes.box(*taken)])), '<item objectid="2"/>')
     file = PartFile(written(tmp_path, model, slic3r("NegativeVolume")), **options)
-    near = {"rel": 1e-9, "abs": 1e-3 * max(sides)}
+    near = 1e-3 * max(sides)
     bodies = mesh_of_file(file)
     assert bodies is not None
     report = MeshReport.of(bodies)
     assert report.bodies == pieces
-    assert [1e3 * side for side in report.size] == pytest.approx(sides, **near)
+    assert [1e3 * side for side in report.size] == pytest.approx(sides, rel=1e-9, abs=near)
     pitch_um = 1e3 * max(sides) / 40
     part = fit(file, pitch_um)
-    assert [1e-3 * side for side in part.size_um] == pytest.approx(sides, **near)
-    assert 1e9 * part.solid.volume == pytest.approx(volume, rel=2e-3, abs=0.0)
+    assert [1e-3 * side for side in part.size_um] == pytest.approx(sides, rel=1e-9, abs=near)
+    assert part.solid.volume == pytest.approx(1e-9 * volume, rel=2e-3, abs=0.0)
     mask = part.solid.columns(part.grid.nx, part.grid.ny, part.grid.pitch).mask
     for axis, side in enumerate(sides[:2]):
         filled = np.flatnonzero(mask.any(axis=1 - axis))
@@ -169,7 +169,7 @@ def test_negative_volume_is_of_the_ink_of_its_object(tmp_path: Path) -> None:
     items = '<item objectid="5"/><item objectid="4" transform="-1 0 0 0 1 0 0 0 1 7 0 0"/>'
     path = written(tmp_path, model_xml(mesh_object(5, LOW, "whole") + TWO_PARTS[0].replace(PAIR.format(OTHER), pair),
                                        items), bambu("negative_part"))  # fmt: skip
-    inks = {"whole": "A", "cut": "B"}
+    inks: dict[str, Literal["A", "B"]] = {"whole": "A", "cut": "B"}
     solid = MeshTable(shape="mesh", file=path.name, inks=inks).solid(Grid(nx=74, ny=24, pitch_um=100.0), tmp_path)
     assert solid.volume == pytest.approx((WHOLE + CUT) * 1e-9, rel=2e-3, abs=0.0)
     volumes = [found.volume for found in load_inks(path, 74, 24, 1e-4, inks).values()]
