@@ -16,7 +16,7 @@ from rich.text import Text
 from benchmarks.timing import least, scaled, table_of
 from inkloop.geometry import Columns, load
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh import mesh_columns
+from inkloop.geometry.mesh_columns import mesh_columns
 from inkloop.limits import KIB
 from inkloop.units import GIGA, MM_PER_M
 from support import meshes

@@ -27,6 +27,7 @@ def add_part_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--pixel-um", type=float, metavar="D", help="pixel spacing of a height map that states none")
     parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
+    parser.add_argument("--channel", metavar="NAME", help="name or number of one of several maps in a file")
     parser.add_argument(
         "--rotate",
         type=_turn,
@@ -52,7 +53,7 @@ def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
             expected = "a factor" if name == "scale" else "a length"
             raise InkloopError(f"{_option(name)} is {value:g}; expected {expected} above 0")
     given = [name for name in OF_A_MESH if getattr(options, name) is not None]
-    file = PartFile(path, options.unit, options.pixel_um, options.count_scale)
+    file = PartFile(path, options.unit, options.pixel_um, options.count_scale, options.channel)
     if given and not file.is_mesh:
         raise InkloopError(f"{', '.join(map(_option, given))}: goes with a mesh, but {path} is none; leave it out")
     turns = options.rotate or []
@@ -66,7 +67,7 @@ def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
 
 def no_part_options(options: argparse.Namespace) -> None:
     """Raises InkloopError if options describe a part although the scenario or the run has its own."""
-    names = ("pitch_um", "unit", "pixel_um", "count_scale", *OF_A_MESH)
+    names = ("pitch_um", "unit", "pixel_um", "count_scale", "channel", *OF_A_MESH)
     if given := ", ".join(_option(name) for name in names if getattr(options, name) is not None):
         raise InkloopError(f"{given}: goes with the file of a part; leave it out, or name that file")
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 
 from inkloop.errors import GeometryError
 from inkloop.geometry.body import Body, Placement, bounds
-from inkloop.geometry.columns import Columns, check_grid
-from inkloop.geometry.library import MeshReportStruct, intervals_by
+from inkloop.geometry.columns import Columns
+from inkloop.geometry.mesh_columns import MeshColumns, left_by_cuts, mesh_columns
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.limits import memory_error
 from inkloop.suggest import nearest
@@ -25,38 +24,6 @@ OPEN_MAX = 1e-3
 _SHOWN = 3
 _SIDES = ((-1, 0), (0, -1), (0, 1), (1, 0))
 OpenColumns = Literal["refuse", "neighbours"]
-
-
-@dataclass(frozen=True, eq=False)
-class MeshColumns:
-    """Columns of a mesh, and columns that its surface leaves undecided.
-
-    occupied: number of columns that meet the mesh. open_cells: i ny + j of those whose winding number is not 0 above
-    the mesh, ascending, without intervals. inside_out: number of those with a winding number below 0 and none above 0;
-    inside_out_cell: the first of them, -1 without any. overlap: what bodies that overlap hold more than their union
-    [m3], as the columns see it.
-    """
-
-    columns: Columns
-    occupied: int
-    open_cells: NDArray[np.int64]
-    inside_out: int
-    inside_out_cell: int
-    overlap: float
-
-
-def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
-    """All bodies as one, also where they overlap, without regard to `cut`, cut off at the grid; in metres, finite."""
-    check_grid(nx, ny, pitch)
-    triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
-    triangles /= (pitch, pitch, 1.0)
-    open_cells = np.empty(nx * ny, dtype=np.int64)
-    report = MeshReportStruct(open_cells.ctypes.data, open_cells.size)
-    ends = intervals_by("columns_of_mesh", nx * ny, nx, ny, len(triangles), triangles, ctypes.byref(report))
-    found = open_cells[: report.open_count].copy()
-    columns = Columns(nx, ny, pitch, *ends)
-    overlap = report.wound_height * pitch**2 - columns.volume
-    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first, overlap)
 
 
 def load(
@@ -152,22 +119,23 @@ def closed_columns(
     source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
 ) -> MeshColumns:
     """Columns of bodies, without what is cut away. Raises GeometryError for bodies that are open or inside out."""
-    grid = nx, ny, pitch, open_columns
-    found = _closed(source, [body for body in bodies if not len(body.cut)], *grid)
-    columns = found.columns
-    for body in bodies:
-        if len(body.cut):
-            cut = _closed(f"{source}, negative volume of {body.name!r}", [Body(body.cut)], *grid)
-            columns |= _closed(source, [body], *grid).columns - cut.columns
+    parts: list[MeshColumns] = []
+
+    def closed(some: Sequence[Body], what: str) -> Columns:
+        parts.append(_closed(source + what, some, nx, ny, pitch, open_columns))
+        return parts[-1].columns
+
+    columns = left_by_cuts(bodies, closed)
     if columns.tops.size == 0:
         low, high = bounds(bodies)
+        what = "what negative volumes leave of the part" if len(parts) > 1 else "the part"
         size = " x ".join(f"{MM_PER_M * side:.4g}" for side in high - low)
         room = " x ".join(f"{MM_PER_M * count * pitch:.4g}" for count in (nx, ny))
         raise GeometryError(
-            f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
+            f"{source}: no centre of a cell lies in {what}, which is {size} mm; the grid is {room} mm, a cell "
             f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
-    return replace(found, columns=columns)
+    return replace(parts[0], columns=columns, open_cells=np.concatenate([part.open_cells for part in parts]))
 
 
 def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, mode: OpenColumns) -> MeshColumns:

@@ -58,7 +58,7 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
 def _in_metres(body: Body, factor: float) -> Body:
     """The body with the resolution of single precision: STL and 3MF have no other, texts hardly more digits."""
     triangles, cut = body.triangles * factor, body.cut * factor
-    resolution = float(np.abs(triangles).max() * np.finfo(np.float32).eps)
+    resolution = float(max(triangles.max(), -triangles.min()) * np.finfo(np.float32).eps)
     found, remarks = triangles, body.remarks
     if not is_closed(triangles):
         found, done = mended(triangles, rounding(body.triangles) * factor)

@@ -54,6 +54,7 @@ class MapFolder:
         count_scale: options.CountScale = None,
         invalid_value: options.InvalidValue = None,
         rows_along: options.RowsAlong = None,
+        channel: options.Channel = None,
         registration: options.Registered = "given",
         offset_x_um: options.OffsetX = 0.0,
         offset_y_um: options.OffsetY = 0.0,
@@ -99,6 +100,7 @@ class MapFolder:
             "scale": count_scale,
             "invalid_value": invalid_value,
             "rows_along": rows_along,
+            "channel": channel,
         }
         self._timeout_s, self._replay = timeout_s, replay
         shape = (job.nx, job.ny)

@@ -31,6 +31,9 @@ CountScale: TypeAlias = Annotated[
 InvalidValue: TypeAlias = Annotated[
     _Finite | None, Field(description="number that marks a pixel without a height; none: every pixel has one")
 ]
+Channel: TypeAlias = Annotated[
+    str | None, Field(description="name or number of one of several maps in a file; none: the only or default one")
+]
 RowsAlong: TypeAlias = Annotated[
     Literal["x", "y"] | None,
     Field(

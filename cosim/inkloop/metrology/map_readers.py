@@ -70,7 +70,7 @@ def chosen(path: Path, names: Sequence[str], channel: str | None) -> int | None:
     if channel.isdecimal() and 0 < int(channel) <= len(names):
         return int(channel) - 1
     known = ", ".join(f"{number} {name!r}" for number, name in enumerate(names, start=1))
-    raise HeightMapError(f"{path}: --channel is {channel!r}; expected one of {known}")
+    raise HeightMapError(f"{path}: channel (--channel) is {channel!r}; expected one of {known}")
 
 
 def pixel_of(sizes: Mapping[str, float]) -> Pixel:
@@ -119,7 +119,7 @@ def _heights(path: Path, arrays: dict[str, np.ndarray], channel: str | None) -> 
         return found[0]
     listed = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
     raise HeightMapError(
-        f"{path}: holds {listed}; expected one map, named z_um, height_um or z, or name it (--channel)"
+        f"{path}: holds {listed}; expected one map, named z_um, height_um or z, or name it in channel (--channel)"
     )
 
 
@@ -208,7 +208,7 @@ def _page(path: Path, file: tifffile.TiffFile, channel: str | None) -> tuple[NDA
     pages = [(series, k) for series, count in zip(file.series, counts, strict=True) for k in range(count)]
     index = chosen(path, [str(number) for number in range(1, len(pages) + 1)], channel)
     if index is None and counts[0] > 1:
-        raise HeightMapError(f"{path}: holds {len(pages)} pages; give --channel, the number of one of them")
+        raise HeightMapError(f"{path}: holds {len(pages)} pages; give channel (--channel), the number of one of them")
     series, k = pages[index or 0]
     page = series.keyframe
     if error := _size_error(file, series):

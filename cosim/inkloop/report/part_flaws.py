@@ -12,6 +12,7 @@ from inkloop.component import BoolMap, FloatMap
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
 from inkloop.geometry.mending import open_edges, welded
+from inkloop.geometry.mesh_columns import Fine
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,32 @@ def holes(bodies: Sequence[Body]) -> list[Hole]:
 
 
 def solids(body: Body) -> int:
-    """Number of separate solids: surfaces without a common corner, those around cavities left out; at least 1."""
+    """Number of separate solids: surfaces without a common corner, those around cavities left out; at least 1.
+
+    Of a body that is cut: columns that touch.
+    """
+    if len(body.cut):
+        return _pieces(Fine.of([body]).left)
     corners, index = welded(body.triangles)
     labels = _connected(len(corners), index[:, [0, 1, 1, 2]].reshape(-1, 2))
     a, b, c = np.moveaxis(body.triangles - corners.mean(axis=0), 1, 0)
     volumes = np.bincount(labels[index[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)))
     return max(1, int((volumes > 0.0).sum()))
+
+
+def _pieces(part: Columns) -> int:
+    """Number of pieces: intervals are of one if they share a height over neighbouring cells."""
+    edges = [np.empty((0, 2), np.int64)]
+    cell, counts = part.cells, part.counts.ravel()
+    i, j = np.divmod(cell, part.ny)
+    for step, has_next in ((part.ny, i < part.nx - 1), (1, j < part.ny - 1)):
+        own = np.flatnonzero(has_next)
+        for k in range(counts.max(initial=0)):
+            own = own[counts[cell[own] + step] > k]
+            other = part.offsets[cell[own] + step] + k
+            meets = (part.bottoms[other] < part.tops[own]) & (part.bottoms[own] < part.tops[other])
+            edges.append(np.stack([own[meets], other[meets]], axis=-1))
+    return int(_connected(cell.size, np.concatenate(edges)).max(initial=-1)) + 1
 
 
 def _connected(count: int, edges: NDArray[np.int64]) -> NDArray[np.int32]:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from inkloop.geometry import Columns
-from inkloop.geometry.body import Body, bounds
+from inkloop.geometry.body import Body
+from inkloop.geometry.mesh_columns import measured
 from inkloop.limits import duration_text, plain_text, size_text
 from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright, solids
 from inkloop.scenario.file import Scenario
@@ -46,7 +47,7 @@ class MeshReport:
     @classmethod
     def of(cls, bodies: Sequence[Body], assumed_unit: str = "") -> MeshReport:
         """The report of placed bodies."""
-        low, high = bounds(bodies)
+        low, high, _ = measured(bodies)
         x, y, z = (float(side) for side in high - low)
         names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
         count = sum(len(body.triangles) for body in bodies)

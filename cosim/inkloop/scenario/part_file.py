@@ -12,7 +12,8 @@ from pydantic import BaseModel, ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop.errors import ScenarioError
-from inkloop.geometry.body import Body, bounds
+from inkloop.geometry.body import Body
+from inkloop.geometry.mesh_columns import measured
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import HeightMapTable
 from inkloop.tables.part_layers import LayersTable
@@ -41,14 +42,15 @@ Valid = TypeVar("Valid", bound=BaseModel)
 class PartFile:
     """A file that holds a part.
 
-    pixel_um, count_scale: of a height map that states no size of its pixels, or holds whole numbers. rotate_deg: about
-    x, then y, then z; scale: factor; height_um: of the turned part, in place of a scale.
+    pixel_um, count_scale, channel: of a height map that states no size of its pixels, holds whole numbers, or is one of
+    several. rotate_deg: about x, then y, then z; scale: factor; height_um: of the turned part, in place of a scale.
     """
 
     path: Path
     unit: str | None = None
     pixel_um: float | None = None
     count_scale: float | None = None
+    channel: str | None = None
     rotate_deg: list[float] | None = None
     scale: float | None = None
     height_um: float | None = None
@@ -82,6 +84,7 @@ class PartFile:
             "unit": self.mesh_unit,
             "pixel_um": self.pixel_um,
             "count_scale": self.count_scale,
+            "channel": self.channel,
             "rotate_deg": self.rotate_deg,
             "scale": self.scale,
         }
@@ -122,7 +125,7 @@ def scaled(table: MeshTable, bodies: Sequence[Body], height_um: float | None) ->
     """The table with the scale that gives the turned bodies a height, if one is asked for. Raises PartError."""
     if height_um is None:
         return table
-    low, high = bounds(table.placed(bodies, NOWHERE))
+    low, high, _ = measured(table.placed(bodies, NOWHERE))
     if not high[2] > low[2]:
         raise PartError(["file: is flat, and no scale gives it a height; turn it (--rotate)"])
     return table.model_copy(update={"scale": float(f"{height_um * M_PER_UM / (high[2] - low[2]):.9g}")})

@@ -12,7 +12,7 @@ from typing import Any
 from inkloop.component import Ink
 from inkloop.errors import ScenarioError
 from inkloop.geometry import overhangs
-from inkloop.geometry.body import bounds
+from inkloop.geometry.mesh_columns import measured
 from inkloop.limits import duration_text, memory_error, size_text
 from inkloop.scenario.footprint import BYTES_OF_A_CELL, ROUNDING
 from inkloop.scenario.part_file import ASSUMED_UNIT, NOWHERE, FileTable, PartFile, scaled, valid
@@ -178,7 +178,7 @@ def _pitch_um(contents: Any, side: float) -> float:
 def _extent(table: FileTable, contents: Any) -> tuple[Bounds, tuple[str, ...]]:
     """The box of a part as the table puts it around (0, 0), and the names in its file. Raises PartError."""
     if isinstance(table, MeshTable):
-        (x_min, y_min, _), (x_max, y_max, _) = bounds(table.placed(contents, NOWHERE))
+        (x_min, y_min, _), (x_max, y_max, _), _ = measured(table.placed(contents, NOWHERE))
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
         return box, tuple(dict.fromkeys(body.name or body.material for body in contents))
     box = table.solid(NOWHERE, Path(), contents).bounds

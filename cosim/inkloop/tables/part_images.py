@@ -126,6 +126,7 @@ class HeightMapTable(PlacedTable):
     count_scale: options.CountScale = None
     invalid_value: options.InvalidValue = None
     rows_along: options.RowsAlong = None
+    channel: options.Channel = None
     mirror: options.Mirrored = "none"
     rotation_deg: options.Rotation = 0.0
     valid_share_min: options.ValidShareMin = 0.5
@@ -141,6 +142,7 @@ class HeightMapTable(PlacedTable):
                 scale=self.count_scale,
                 invalid_value=self.invalid_value,
                 rows_along=self.rows_along,
+                channel=self.channel,
             )
         except HeightMapError as error:
             raise PartError([f"file: {error}"]) from error

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,15 +10,15 @@ from pydantic import Field
 
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns
-from inkloop.geometry.body import Body, Placement, bounds, walls_on_centers
-from inkloop.geometry.mesh import MeshColumns, OpenColumns, bodies_by_ink, closed_columns, mesh_columns, painted
+from inkloop.geometry.body import Body, Placement, walls_on_centers
+from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns, painted
+from inkloop.geometry.mesh_columns import MeshColumns, measured
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
 from inkloop.units import UM_PER_M
 
 COARSE = 0.01
 """Share of the pitch beyond which rounded coordinates show in the part (assumed)."""
-FINE = 1024
 ROUNDED = 1e-9
 """Share of the volume that rounding lets bodies share."""
 _LISTED = 3
@@ -61,17 +60,19 @@ class MeshTable(PlacedTable):
     def solid(self, grid: Grid, folder: Path, read: Sequence[Body] = ()) -> Solid:
         """The part on the grid; read: the bodies of the file, where they are at hand. Raises PartError."""
         source, bodies = str(folder / self.file), self.placed(read or self.read(folder), grid)
-        (x_min, y_min, _), (x_max, y_max, _) = bounds(bodies)
         try:
             by_ink = {"A": bodies} if self.inks is None else bodies_by_ink(source, bodies, self.inks)
             found = {ink: self._columns(source, of_ink, grid) for ink, of_ink in by_ink.items()}
         except GeometryError as error:
             raise PartError([f"file: {error}"]) from error
         whole, region = _joined({ink: each.columns for ink, each in found.items()})
+        shared = sum(each.overlap + each.columns.volume for each in found.values()) - whole.volume
+        (x_min, y_min, _), (x_max, y_max, _), volume = measured(bodies, abs(shared) > ROUNDED * whole.volume)
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
+        is_closed = not any(each.open_cells.size for each in found.values())
         remarks = list(dict.fromkeys(remark for body in bodies for remark in body.remarks))
         remarks += [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
-        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), _volume(bodies, found.values(), whole))
+        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), volume if is_closed else None)
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
         """Bodies of the file where the table puts them. Raises PartError."""
@@ -101,27 +102,6 @@ def _joined(by_ink: dict[str, Columns]) -> tuple[Columns, Columns | None]:
         assert of_a is not None
         return of_a, None
     return (of_b, of_b - of_b) if of_a is None else (of_a | of_b, of_a)
-
-
-def _volume(bodies: Sequence[Body], found: Collection[MeshColumns], whole: Columns) -> float | None:
-    """Volume that the bodies fill [m3]; None where one is open or cut. found, whole: on the grid.
-
-    What they share counts once, as FINE columns along their longer side see it.
-    """
-    if any(each.open_cells.size for each in found) or any(len(body.cut) for body in bodies):
-        return None
-    volume = sum(body.volume for body in bodies)
-    shared = sum(each.overlap + each.columns.volume for each in found) - whole.volume
-    if abs(shared) <= ROUNDED * volume:
-        return volume
-    low, high = bounds(bodies)
-    pitch = float((high - low)[:2].max()) / FINE
-    nx, ny = (max(1, round(float(side) / pitch)) for side in (high - low)[:2])
-    first = low - [pitch / 2, pitch / 2, 0.0]
-    return (
-        volume
-        - mesh_columns([replace(body, triangles=body.triangles - first) for body in bodies], nx, ny, pitch).overlap
-    )
 
 
 def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:

@@ -57,12 +57,14 @@ def test_surfaces_that_rounding_or_repetition_opens_are_mended(tmp_path: Path, n
 
 
 def test_sound_surfaces_and_real_holes_are_left_as_they_are(tmp_path: Path) -> None:
-    """Bodies on one base, a sheet of two sides, and a slit that rounding does not explain."""
+    """Bodies on one base, a sheet of two sides, a slit that rounding does not explain, a corner far from all others."""
     low, high = meshes.box((0, 0, 0), (2, 1, 1)), meshes.box((0, 0, 0), (2, 1, 2))
     sheet = np.concatenate([high, low[:1] + 5.0, low[:1, ::-1] + 5.0])
     slit = low.copy()
     slit[[0, 6], :, 2] -= 1e-3  # two triangles of one side
-    for triangles, count in ((np.concatenate([low, high]), 0), (sheet, 0), (slit, 2)):
+    stray = TORUS.copy()
+    stray[0, 0] *= 1e6
+    for triangles, count in ((stray, 1), (np.concatenate([low, high]), 0), (sheet, 0), (slit, 2)):
         (body,) = read_bodies(written(tmp_path / "a.stl", meshes.binary_stl(triangles)), "m")
         np.testing.assert_array_equal(body.triangles, triangles.astype(np.float32))
         assert (body.remarks, len(holes([body]))) == ((), count)

@@ -7,7 +7,7 @@ import pytest
 
 from inkloop.geometry import cell_centers
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh import MeshColumns, mesh_columns
+from inkloop.geometry.mesh_columns import MeshColumns, mesh_columns
 from support import meshes
 from support.meshes import Triangles
 

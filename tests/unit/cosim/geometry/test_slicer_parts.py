@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 from inkloop.errors import GeometryError
-from inkloop.geometry import cell_centers, load
+from inkloop.geometry import cell_centers, load, load_inks
 from inkloop.geometry.mesh_file import read_bodies
+from inkloop.report.part_report import MeshReport
+from inkloop.scenario.part_file import PartFile, mesh_of_file
+from inkloop.scenario.part_grid import fit
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import Grid
 from support import meshes
@@ -121,6 +125,55 @@ def test_negative_volume_moves_with_its_object_and_spares_others(tmp_path: Path)
     tops = found.top(*cell_centers(90, 50, 1e-4)) * 1e3  # the lowest x and y of the part are at 9.5 cells
     for at, top in (((17, 20), 1.0), ((30, 20), 0.25), ((70, 12), 1.0), ((70, 20), 0.25), ((27, 17), 1.0)):
         assert tops[at] == pytest.approx(top, rel=1e-6, abs=0.0), at
+
+
+LEFT: dict[str, tuple[tuple[Any, Any], dict[str, Any], int, tuple[float, float, float], float]] = {
+    "slot across x": (((1.2, -1, -1), (1.6, 3, 3)), {"rotate_deg": [0.0, 0.0, 90.0], "scale": 2.0}, 2, (4, 6, 2), 41.6),
+    "slot across y": (((-1, 0.9, -1), (4, 1.1, 3)), {}, 2, (3, 2, 1), 5.4),
+    "first third": (((-1, -1, -1), (1, 3, 3)), {"rotate_deg": [90.0, 0.0, 0.0], "height_um": 600.0}, 1,
+                    (0.6, 0.3, 0.6), 0.108),
+    "side along x": (((-1, 1.5, -1), (4, 3, 3)), {"scale": 0.5}, 1, (1.5, 0.75, 0.5), 0.5625),
+    "upper part": (((-1, -1, 0.25), (4, 3, 3)), {"height_um": 500.0}, 1, (6, 4, 0.5), 12.0),
+    "hollow": (((1, 0.5, 0.25), (2, 1.5, 0.75)), {}, 1, (3, 2, 1), 5.5),
+    "bridge": (((1, -1, -1), (2, 3, 0.7)), {}, 1, (3, 2, 1), 4.6),
+}  # fmt: skip
+"""Box that is taken from LOW, what turns and scales it, and pieces, sides [mm] and volume [mm3] of what is left."""
+
+
+@pytest.mark.parametrize("case", LEFT)
+def test_size_pieces_and_volume_are_those_of_what_negative_volumes_leave(case: str, tmp_path: Path) -> None:
+    taken, options, pieces, sides, volume = LEFT[case]
+    model = model_xml(mesh_object(2, np.concatenate([LOW, meshes.box(*taken)])), '<item objectid="2"/>')
+    file = PartFile(written(tmp_path, model, slic3r("NegativeVolume")), **options)
+    near = 1e-3 * max(sides)
+    bodies = mesh_of_file(file)
+    assert bodies is not None
+    report = MeshReport.of(bodies)
+    assert report.bodies == pieces
+    assert [1e3 * side for side in report.size] == pytest.approx(sides, rel=1e-9, abs=near)
+    pitch_um = 1e3 * max(sides) / 40
+    part = fit(file, pitch_um)
+    assert [1e-3 * side for side in part.size_um] == pytest.approx(sides, rel=1e-9, abs=near)
+    assert part.solid.volume == pytest.approx(1e-9 * volume, rel=2e-3, abs=0.0)
+    mask = part.solid.columns(part.grid.nx, part.grid.ny, part.grid.pitch).mask
+    for axis, side in enumerate(sides[:2]):
+        filled = np.flatnonzero(mask.any(axis=1 - axis))
+        assert filled[0] == 2
+        assert filled[-1] == mask.shape[axis] - 3
+        assert abs(mask.shape[axis] - 4 - 1e3 * side / pitch_um) <= 1.0
+
+
+def test_negative_volume_is_of_the_ink_of_its_object(tmp_path: Path) -> None:
+    """Of two objects with their inks the mirrored one is cut; the other stands where its mirror image would be."""
+    pair = PAIR.format(OTHER).replace("pair", "cut")
+    items = '<item objectid="5"/><item objectid="4" transform="-1 0 0 0 1 0 0 0 1 7 0 0"/>'
+    path = written(tmp_path, model_xml(mesh_object(5, LOW, "whole") + TWO_PARTS[0].replace(PAIR.format(OTHER), pair),
+                                       items), bambu("negative_part"))  # fmt: skip
+    inks: dict[str, Literal["A", "B"]] = {"whole": "A", "cut": "B"}
+    solid = MeshTable(shape="mesh", file=path.name, inks=inks).solid(Grid(nx=74, ny=24, pitch_um=100.0), tmp_path)
+    assert solid.volume == pytest.approx((WHOLE + CUT) * 1e-9, rel=2e-3, abs=0.0)
+    volumes = [found.volume for found in load_inks(path, 74, 24, 1e-4, inks).values()]
+    assert volumes == pytest.approx([WHOLE * 1e-9, CUT * 1e-9], rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(

@@ -223,13 +223,13 @@ def test_channel_is_chosen_by_its_name_or_number(tmp_path: Path) -> None:
         for name in names:
             np.testing.assert_allclose(read(path, channel=name, **given).z, phase.T, rtol=1e-6)
         np.testing.assert_allclose(read(path, channel="1", **given).z, height.T, rtol=1e-6)
-        with pytest.raises(HeightMapError, match=r"--channel is '3'; expected one of 1 '\w+', 2 '\w+'"):
+        with pytest.raises(HeightMapError, match=r"channel \(--channel\) is '3'; expected one of 1 '\w+', 2 '\w+'"):
             read(path, channel="3", **given)
     assert read(tmp_path / "map.gwy").remark == "channel Height of Height, Phase, stored in m"
-    with pytest.raises(HeightMapError, match="holds 2 pages; give --channel, the number of one of them"):
+    with pytest.raises(HeightMapError, match=r"holds 2 pages; give channel .--channel., the number of one of them"):
         read(tmp_path / "map.tif", **GIVEN)
     (tmp_path / "map.csv").write_text(ROWS)
-    with pytest.raises(HeightMapError, match="--channel is 'Height'; expected one of 1 'the map'"):
+    with pytest.raises(HeightMapError, match=r"channel .--channel. is 'Height'; expected one of 1 'the map'"):
         read(tmp_path / "map.csv", channel="Height", **GIVEN)
 
 

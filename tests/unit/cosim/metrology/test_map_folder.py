@@ -100,6 +100,13 @@ def test_cell_that_was_not_measured_keeps_its_last_valid_height(tmp_path: Path) 
     assert np.argwhere(~outputs["valid"]).tolist() == [[4, 4]]
 
 
+def test_channel_names_one_of_several_maps(tmp_path: Path) -> None:
+    both = {"z_um": surface(0), "other_um": surface(7), "pixel_um": JOB.pitch * 1e6}
+    np.savez(tmp_path / "0.npz", **both)
+    part = profiler(tmp_path, channel="other_um", offset_x_um=0.0, offset_y_um=0.0)
+    np.testing.assert_allclose(scan(part, 0)["measured_height"] * 1e6, surface(7), atol=1e-9)
+
+
 def half(layer: int) -> Any:
     """A surface of which nothing along the first half of x was measured."""
     heights = surface(layer)

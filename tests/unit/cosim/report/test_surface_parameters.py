@@ -40,7 +40,7 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
         (["--mask", str(tmp_path / "empty.npy")], "is no mask that can be read"),
         (["--layer", "1"], "leave --layer out"),
         (["--missing", "40"], "--missing is 40; expected a share from 0 to 1"),
-        (["--channel", "Height"], "--channel is 'Height'; expected one of 1 'the array'"),
+        (["--channel", "Height"], "channel (--channel) is 'Height'; expected one of 1 'the array'"),
         (["--l-filter-um", "-3"], "--l-filter-um is -3; expected a length above 0"),
     ):
         assert main([*command, *wrong]) == 1

@@ -122,6 +122,13 @@ def test_map_of_which_half_is_empty_prints_in_the_middle_of_its_grid(tmp_path: P
     assert part.solid.volume == pytest.approx(12 * 20e-6 * 1e-8, rel=1e-9, abs=0.0)
 
 
+def test_part_is_the_channel_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.savez("maps.npz", z_um=np.full((6, 4), 20.0), other_um=np.full((6, 4), 50.0), pixel_um=PITCH_UM)
+    assert main(["new", "mine", "--part", "maps.npz", "--channel", "other_um", "--pitch-um", "100"]) == 0
+    assert Scenario.load("mine.toml").solid.shape.height == pytest.approx(50e-6, rel=1e-9, abs=0.0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
