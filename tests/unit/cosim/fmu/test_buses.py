@@ -11,11 +11,20 @@ import pytest
 from inkloop.component import Values
 from inkloop.errors import ComponentError, FmuError, ScenarioError
 from inkloop.fmu import FmuComponent
-from inkloop.fmu.bus import CONFIGURATION, CONFIRM, FORMAT_ERROR, BusFrame, operation, operations, transmit
-from inkloop.fmu.bus_links import BusEnd, BusLink, BusLinks
-from inkloop.fmu.bus_node import BusNode
-from inkloop.fmu.bus_terminals import BusTerminal, MemberVariable, bus_terminals
-from inkloop.fmu.events import Events
+from inkloop.fmu.bus import (
+    CONFIGURATION,
+    CONFIRM,
+    FORMAT_ERROR,
+    BusEnd,
+    BusFrame,
+    BusLink,
+    BusLinks,
+    BusNode,
+    operation,
+    operations,
+    transmit,
+)
+from inkloop.fmu.bus_terminals import BusTerminal, Events, MemberVariable, bus_terminals
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from support.benches.bench_run import BLOCK
