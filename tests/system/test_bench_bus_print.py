@@ -86,7 +86,7 @@ def states(log: Path) -> dict[int, tuple[set[float], ...]]:
 
 
 def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
-    """And that with the FMUs of printer and profiler, to the bit; every request, answer and course of states is the same."""
+    """And that with the FMUs of printer and profiler, to the bit; requests, answers and the course of states agree."""
     path = write(tmp_path)
     logs: Mapping[str, Path] = {name: tmp_path / name / "traffic.blf" for name in ("fmu", "slcan")}
     found = print_part(Scenario.load(path, {**through(exported(path)), **ONE_LAYER}), folder=logs["fmu"].parent)
