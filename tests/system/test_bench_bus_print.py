@@ -103,5 +103,5 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["none.fmu", "block.toml"])
 def test_channel_that_is_no_bench_is_named(name, tmp_path: Path) -> None:
     path = write(tmp_path)
-    with pytest.raises(Exception, match=f"inkloop_fmu on .*{name} .*cannot be opened"):
+    with pytest.raises(Exception, match=f"inkloop_fmu on {tmp_path}/{name} .*cannot be opened.* from the scenario's folder"):
         print_part(Scenario.load(path, {**through(tmp_path / name), **ONE_LAYER}), folder=tmp_path / "run")
