@@ -20,7 +20,7 @@ ONE_LAYER = {"part.height_um": 3.0}
 REQUESTS = range(0x640, 0x648)
 STATUSES = range(0x101, 0x105)
 LASTING = ("Fault", "BootCount", "UnknownMask", "ProtocolVersion")
-COURSE = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
+COURSE: list[tuple[float, float]] = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
 """Layer and mask of the passes done, of a print of one layer; the head alone counts passes."""
 JOURNAL = b"\x62\x01\x00"
 PENDING = re.compile(b"\x7f.\x78", re.DOTALL)
@@ -103,5 +103,6 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["none.fmu", "block.toml"])
 def test_channel_that_is_no_bench_is_named(name, tmp_path: Path) -> None:
     path = write(tmp_path)
-    with pytest.raises(Exception, match=f"inkloop_fmu on {tmp_path}/{name} .*cannot be opened.* from the scenario's folder"):
+    words = f"inkloop_fmu on {tmp_path}/{name} .*cannot be opened.* from the scenario's folder"
+    with pytest.raises(Exception, match=words):
         print_part(Scenario.load(path, {**through(tmp_path / name), **ONE_LAYER}), folder=tmp_path / "run")

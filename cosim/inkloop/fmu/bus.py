@@ -180,12 +180,8 @@ class BusNode:
 
     def step(self, time_ns: int, step_ns: int, frames: Iterable[tuple[int, bytes, bool, bool]]) -> list[BusFrame]:
         """Give frames, then step; the frames that the FMU has sent. Raises FmuError for what it could not read."""
-        given = self._answers + b"".join(transmit(BusFrame(*frame)) for frame in frames)
-        if given:
-            sent = self._fmu.exchange({self._bus: given})
-            self._answers = b""
-        else:
-            sent = {}
+        given, self._answers = self._answers + b"".join(transmit(BusFrame(*frame)) for frame in frames), b""
+        sent = self._fmu.exchange({self._bus: given} if given else {})
         self._fmu.advance(time_ns, step_ns, {})
         later = self._fmu.exchange({})
         return list(self._read(sent.get(self._bus, b"") + later.get(self._bus, b"")))
