@@ -5,17 +5,14 @@ from __future__ import annotations
 import ctypes
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from inkloop.errors import ComponentError
 from inkloop.fmu_writer.documentation import BUS_TERMINAL, MANIFEST
 from inkloop.limits import parsed_xml
-
-if TYPE_CHECKING:
-    from inkloop.fmu.binding import Binding
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 TRIGGERED, COUNTDOWN = "triggered", "countdown"
@@ -115,10 +112,10 @@ def _obstacle(members: Mapping[str, MemberVariable]) -> str | None:
 
 
 class Events:
-    """Event Mode of an FMU with clocks, which begins with the end of initialisation."""
+    """Event Mode of an FMU with clocks, which begins with the end of initialisation; call: `Binding.call`."""
 
-    def __init__(self, binding: Binding, buses: Sequence[BusTerminal]) -> None:
-        self._binding = binding
+    def __init__(self, call: Callable[..., Any], buses: Sequence[BusTerminal]) -> None:
+        self._call = call
         self._buses = buses
         self._due = {bus.tx_clock: math.inf for bus in buses if bus.tx_interval == COUNTDOWN}
         self._is_inside = True
@@ -130,21 +127,21 @@ class Events:
     def handle(self, time: float, received: Mapping[str, bytes]) -> dict[str, bytes]:
         """One stay in Event Mode at `time` [s]: operations for buses by name; returns what the buses send."""
         if not self._is_inside:
-            self._binding.call("enterEventMode")
+            self._call("enterEventMode")
         sent = {bus.name: b"" for bus in self._buses}
         for _ in range(INSTANTS_MAX):
             counted = self._set(time, received)  # all inputs come before the first output
             for bus in self._buses:
                 is_countdown = bus.tx_interval == COUNTDOWN
-                ticks = bus.tx_clock in counted if is_countdown else self._binding.call("getClock", [bus.tx_clock])[0]
+                ticks = bus.tx_clock in counted if is_countdown else self._call("getClock", [bus.tx_clock])[0]
                 if ticks:
-                    (content,) = self._binding.call("getBinary", [bus.tx_data])
+                    (content,) = self._call("getBinary", [bus.tx_data])
                     sent[bus.name] += content or b""
             received = {}
-            (again, *_) = self._binding.call("updateDiscreteStates")
+            (again, *_) = self._call("updateDiscreteStates")
             self._count_down(time)
             if not again and not self.is_due(time):
-                self._binding.call("enterStepMode")
+                self._call("enterStepMode")
                 self._is_inside = False
                 return {name: content for name, content in sent.items() if content}
         raise ComponentError(f"Event Mode at {time:g} s does not end: {INSTANTS_MAX} instants")
@@ -155,9 +152,9 @@ class Events:
         given = {bus: received[bus.name] for bus in self._buses if received.get(bus.name)}
         clocks = [*counted, *(bus.rx_clock for bus in given)]
         if clocks:
-            self._binding.call("setClock", clocks, [True] * len(clocks))
+            self._call("setClock", clocks, [True] * len(clocks))
         for bus, content in given.items():
-            self._binding.call("setBinary", [bus.rx_data], [content])
+            self._call("setBinary", [bus.rx_data], [content])
         self._due |= dict.fromkeys(counted, math.inf)
         return counted
 
@@ -165,6 +162,6 @@ class Events:
         for clock in self._due:
             reference = (ctypes.c_uint * 1)(clock)
             interval, qualifier = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
-            self._binding.call("getIntervalDecimal", reference, interval, qualifier)
+            self._call("getIntervalDecimal", reference, interval, qualifier)
             if qualifier[0] == _CHANGED:
                 self._due[clock] = time + interval[0]

@@ -129,7 +129,7 @@ class FmuComponent:
         self._cleanup.callback(binding.terminate)
         self._now = time_ns / NS_PER_S
         if self.description.needs_events:
-            self._events = Events(binding, self.description.buses)
+            self._events = Events(binding.call, self.description.buses)
             self._handle({})
         return binding.get(self._outputs)
 

@@ -150,7 +150,7 @@ class Countdown:
 @pytest.mark.parametrize("delay", [0.0, 0.25])
 def test_countdown_clock_ticks_when_it_is_due(delay) -> None:
     binding = Countdown(delay)
-    events = Events(binding, [BusTerminal("bus", 1, 2, 3, 4, "countdown")])  # type: ignore[arg-type]
+    events = Events(binding.call, [BusTerminal("bus", 1, 2, 3, 4, "countdown")])
     assert events.handle(0.0, {}) == {}
     sent = events.handle(1.0, {"bus": b"frame"})
     assert sent == ({} if delay else {"bus": b"frame"})
