@@ -16,11 +16,12 @@ RECORDED = (
     "controller_time",
     "time_limit",
     "columns",
+    "bench_bus",
 )
 """Modules here with a function `measure`, measured by `make benchmarks` for the page: some six minutes together."""
 PRINTING = {"closed_loop": 10, "lying_scans": 3}
 """Print whole parts, with so many seeds if no number is given."""
-NAMES = (*RECORDED, "on_device", *PRINTING, "bench_bus")
+NAMES = (*RECORDED, "on_device", *PRINTING)
 """Run by `python -m benchmarks` if none is named."""
 
 

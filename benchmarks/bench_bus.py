@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from benchmarks.timing import least, scaled, table_of
-from inkloop.fmu.bus_node import BusNode
+from inkloop.fmu.bus import BusNode
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.units import NS_PER_S
 

@@ -13,18 +13,23 @@ import pytest
 from inkloop.cli import main
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
+from inkloop_hardware.protocol.codec import Codec, Frame
 from support.benches.bench_run import FAST, assert_same_print, emulated, printed_with_fmus, write
 
 ONE_LAYER = {"part.height_um": 3.0}
 REQUESTS = range(0x640, 0x648)
+STATUSES = range(0x101, 0x105)
+LASTING = ("Fault", "BootCount", "UnknownMask", "ProtocolVersion")
+COURSE: list[tuple[float, float]] = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
+"""Layer and mask of the passes done, of a print of one layer; the head alone counts passes."""
 JOURNAL = b"\x62\x01\x00"
 PENDING = re.compile(b"\x7f.\x78", re.DOTALL)
 """A node that is still busy says so each second of the clock: not counted."""
 
 
 def through(file: Path) -> dict[str, Any]:
-    """The three words of [bench] that lead a run to an FMU."""
-    return {"bench.interface": "inkloop_fmu", "bench.channel": str(file), "bench.options": {"parameters": FAST}}
+    """The three words of [bench] that lead a run to an FMU, which stands where its scenario does."""
+    return {"bench.interface": "inkloop_fmu", "bench.channel": file.name, "bench.options": {"parameters": FAST}}
 
 
 def exported(path: Path) -> Path:
@@ -62,8 +67,26 @@ def timeless(message: bytes) -> bytes:
     return bytes(len(message)) if message.startswith(JOURNAL) else message
 
 
+def states(log: Path) -> dict[int, tuple[set[float], ...]]:
+    """Cause, boots, unknown cells and version in the status frames of each node, whose progress follows COURSE.
+
+    The frames of two runs are not the same: a node sends its status every 100 ms of its own clock, a pass takes 2 ms,
+    and the clock of the master decides which states a frame meets. What it meets comes in one order.
+    """
+    codec, found = Codec(), dict[int, list[Mapping[str, float]]]()
+    for frame in can.BLFReader(log):
+        if frame.arbitration_id in STATUSES:
+            reading = codec.decode(Frame(frame.arbitration_id, bytes(frame.data)))
+            assert reading.intact
+            found.setdefault(frame.arbitration_id, []).append(reading.values)
+    for number, readings in found.items():
+        met = [COURSE.index((values["Layer"], values["PassMask"])) for values in readings]
+        assert met == sorted(met), f"{number:#x}"
+    return {number: tuple({each[name] for each in readings} for name in LASTING) for number, readings in found.items()}
+
+
 def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
-    """And that with the FMUs of printer and profiler, to the bit; every request and answer is the same."""
+    """And that with the FMUs of printer and profiler, to the bit; requests, answers and the course of states agree."""
     path = write(tmp_path)
     logs: Mapping[str, Path] = {name: tmp_path / name / "traffic.blf" for name in ("fmu", "slcan")}
     found = print_part(Scenario.load(path, {**through(exported(path)), **ONE_LAYER}), folder=logs["fmu"].parent)
@@ -73,10 +96,13 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
         on_emulator = {"bench.interface": "slcan", "bench.channel": channel}
         print_part(Scenario.load(path, {**on_emulator, **ONE_LAYER}), folder=logs["slcan"].parent)
     assert messages(logs["fmu"]) == messages(logs["slcan"])
+    assert states(logs["fmu"]) == states(logs["slcan"])
+    assert states(logs["fmu"]).keys() == set(STATUSES)
 
 
 @pytest.mark.parametrize("name", ["none.fmu", "block.toml"])
 def test_channel_that_is_no_bench_is_named(name, tmp_path: Path) -> None:
     path = write(tmp_path)
-    with pytest.raises(Exception, match=f"inkloop_fmu on .*{name} .*cannot be opened"):
+    words = f"inkloop_fmu on {tmp_path}/{name} .*cannot be opened.* from the scenario's folder"
+    with pytest.raises(Exception, match=words):
         print_part(Scenario.load(path, {**through(tmp_path / name), **ONE_LAYER}), folder=tmp_path / "run")

@@ -17,11 +17,12 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.fmu_writer.export import export_fmu, find_fmu
+from support.benches.bench_run import write
 from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.long_proofs import rest_is_long
 from support.masters.cofmupy_master import COFMUPY, RealsOnly
-from support.masters.container_master import by_container
+from support.masters.container_master import by_container, exchanged_by_container
 from support.masters.java_programs import MAESTRO, VDM_CHECK
 from support.masters.loops import LAYERS, ONE_BLOCK, STEPS_S, TEXT, THREE_FMUS, Loop, difference, our_run, scenario_in
 from support.masters.other_masters import FMUCONTAINER, JACOBI, MASTERS, Master, layers_by
@@ -74,6 +75,24 @@ def test_fmucontainer_prints_an_ssp_as_it_is(ours: Any, tmp_path: Path) -> None:
     alone = replace(FMUCONTAINER, run=partial(by_container, reads_parameters=False))
     found = layers_by(alone, THREE_FMUS, "2", JACOBI, 1.0, tmp_path)
     assert difference(found, THREE_FMUS.layers_of(ours)) == ""
+
+
+ONE_WAY = "fmucontainer 2.0 carries frames to earlier FMUs of its list only, those of the standard's demo nodes too"
+
+
+@pytest.fixture(scope="module")
+def packed_benches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, int]]:
+    folder = tmp_path_factory.mktemp("benches")
+    assert main(["export", "bench", str(write(folder)), "--out", str(folder / "bench.fmu"), "--quiet"]) == 0
+    return exchanged_by_container(folder / "bench.fmu", folder, 300)
+
+
+@pytest.mark.parametrize(
+    ("sender", "taker"),
+    [("other", "one"), pytest.param("one", "other", marks=pytest.mark.xfail(strict=True, reason=ONE_WAY))],
+)
+def test_benches_hear_each_other_in_fmucontainer(sender, taker, packed_benches) -> None:
+    assert packed_benches[sender][0] == packed_benches[taker][1] > 10
 
 
 @pytest.mark.parametrize("loop", [THREE_FMUS, ONE_BLOCK], ids=["three FMUs", "one block"])

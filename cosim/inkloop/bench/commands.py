@@ -75,7 +75,7 @@ def act(scenario: Scenario, action: str, console: Terminal, *, give_up: bool = F
 
     give_up: `clear` abandons the open layer.
     """
-    bench = Bench(scenario.tables.bench)
+    bench = Bench(scenario.tables.bench.found_from(Path(scenario.source).parent))
     check_listening(scenario)
     mapped = [name for name, table in scenario.tables.components.items() if table.kind == MAPPED]
     with live_words(console, None):

@@ -7,6 +7,7 @@ import importlib
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -28,7 +29,8 @@ STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "skipped": "d
 def examine(scenario: Scenario | None, options: argparse.Namespace, console: Terminal) -> int:
     """Check the bench and print the findings; returns the exit code."""
     doctor = importlib.import_module("inkloop_hardware.doctor.doctor")
-    bench = Bench(scenario.tables.bench if scenario else BenchTable())
+    table = scenario.tables.bench.found_from(Path(scenario.source).parent) if scenario else BenchTable()
+    bench = Bench(table)
     expected = doctor.Expected(job_of_printer(scenario), bench.table.cure_ms) if scenario else None
     self_test = options.self_test and (options.yes or _agreed(doctor.WHAT))
     waiting = console.status("looking at the bench ...") if console.is_terminal else nullcontext()

@@ -1,4 +1,4 @@
-"""Operations of the bus CAN by FMI-LS-BUS (Network Abstraction), as binaries of FMUs hold them.
+"""The bus CAN by FMI-LS-BUS (Network Abstraction): its operations, as binaries of FMUs hold them, and its partners.
 
 An operation is its code and total length, 32 bits each, then its arguments; numbers are little-endian.
 """
@@ -6,14 +6,24 @@ An operation is its code and total length, 32 bits each, then its arguments; num
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from inkloop.component import Values
+from inkloop.errors import ComponentError, FmuError
+from inkloop.fmu.component import FmuComponent
 
 FORMAT_ERROR, TRANSMIT, CONFIRM, CONFIGURATION, STATUS, WAKEUP = 0x01, 0x10, 0x20, 0x40, 0x41, 0x42
 _KNOWN = (FORMAT_ERROR, CONFIRM, 0x30, 0x31, CONFIGURATION, STATUS, WAKEUP)
 """Operations besides frames; 0x30 Arbitration Lost, 0x31 Bus Error."""
 _HEAD = struct.Struct("<II")
 _FRAME = struct.Struct("<IBBH")
+ROUNDS_MAX = 100
+"""Answers to answers at one communication point."""
+_OF_THE_BUS = (CONFIRM, CONFIGURATION, STATUS)
+"""Operations that an ideal bus does not carry to the other node."""
 
 
 class BusFrame(NamedTuple):
@@ -78,3 +88,113 @@ def operations(content: bytes) -> Iterator[Operation]:
             code, length = 0, len(content)
         yield Operation(code, content[:length])
         content = content[length:]
+
+
+class BusEnd(NamedTuple):
+    """A bus of a component."""
+
+    component: str
+    bus: str
+
+    def __str__(self) -> str:
+        """As in a scenario."""
+        return f"{self.component}.{self.bus}"
+
+
+@dataclass(frozen=True)
+class BusLink:
+    """Two ends of a bus; ideal: both are nodes, and what each sends is carried and confirmed by the master, else one
+    is a bus simulation, which does that.
+    """
+
+    ends: tuple[BusEnd, BusEnd]
+    ideal: bool
+
+
+class BusLinks:
+    """An observer of the master that carries what the components of `links` send, which are FMUs. Raises
+    ComponentError.
+    """
+
+    def __init__(self, components: Mapping[str, Any], links: Sequence[BusLink]) -> None:
+        self._links = links
+        self._exchanges: dict[str, Callable[[Mapping[str, bytes]], dict[str, bytes]]] = {
+            end.component: components[end.component].exchange for link in links for end in link.ends
+        }
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """At the start."""
+        self._carry()
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """After each step."""
+        self._carry()
+
+    def _carry(self) -> None:
+        given: dict[str, dict[str, bytes]] = {}
+        for _ in range(ROUNDS_MAX):
+            sent = {name: exchange(given.get(name, {})) for name, exchange in self._exchanges.items()}
+            given = self._delivered(sent)
+            if not given:
+                return
+        found = " and ".join(f"{one} and {other}" for one, other in (link.ends for link in self._links))
+        raise ComponentError(f"buses of {found}: operations at one time do not end after {ROUNDS_MAX} rounds")
+
+    def _delivered(self, sent: Mapping[str, Mapping[str, bytes]]) -> dict[str, dict[str, bytes]]:
+        """Operations for each component on its buses."""
+        given: dict[str, dict[str, bytes]] = {}
+        for link in self._links:
+            for end, other in (link.ends, link.ends[::-1]):
+                content = sent[end.component].get(end.bus, b"")
+                carried, answers = _through(content) if link.ideal else (content, b"")
+                for taker, part in ((other, carried), (end, answers)):
+                    if part:
+                        buses = given.setdefault(taker.component, {})
+                        buses[taker.bus] = buses.get(taker.bus, b"") + part
+        return given
+
+
+def _through(content: bytes) -> tuple[bytes, bytes]:
+    """Operations of an ideal bus: those for the other node, and those for the sender."""
+    found = list(operations(content))
+    carried = b"".join(each.content for each in found if each.is_known and each.code not in _OF_THE_BUS)
+    return carried, b"".join(each.answer for each in found)
+
+
+class BusNode:
+    """An FMU with one bus, stepped by its partner there: frames in, frames out.
+
+    Starts the FMU; parameters: of the FMU, by name. Raises FmuError, later ComponentError.
+    """
+
+    def __init__(self, path: Path | str, parameters: Mapping[str, object]) -> None:
+        self._fmu = FmuComponent(path, parameters=parameters)
+        buses, unserved = self._fmu.description.buses, self._fmu.description.unserved
+        if len(buses) != 1 or unserved:
+            found = "; ".join([*(bus.name for bus in buses), *(f"{name}: {why}" for name, why in unserved.items())])
+            self._fmu.terminate()
+            raise FmuError(f"{path}: expected an FMU with one CAN bus (FMI-LS-BUS), its buses are {found or 'none'}")
+        self._bus = buses[0].name
+        self._answers = b""
+        self._fmu.initialize(0, {})
+
+    def step(self, time_ns: int, step_ns: int, frames: Iterable[tuple[int, bytes, bool, bool]]) -> list[BusFrame]:
+        """Give frames, then step; the frames that the FMU has sent. Raises FmuError for what it could not read."""
+        given, self._answers = self._answers + b"".join(transmit(BusFrame(*frame)) for frame in frames), b""
+        sent = self._fmu.exchange({self._bus: given} if given else {})
+        self._fmu.advance(time_ns, step_ns, {})
+        later = self._fmu.exchange({})
+        return list(self._read(sent.get(self._bus, b"") + later.get(self._bus, b"")))
+
+    def close(self) -> None:
+        """End the FMU."""
+        self._fmu.terminate()
+
+    def _read(self, content: bytes) -> Iterable[BusFrame]:
+        for found in operations(content):
+            if found.code == FORMAT_ERROR:
+                wrong = found.content.hex()
+                raise FmuError(f"{self._bus}: the FMU could not read an operation of its partner: {wrong}")
+            if frame := found.frame:
+                yield frame
+            self._answers += found.answer

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.files import is_full, reason_of, temporary_folder
-from inkloop.fmu.bus_terminals import COUNTDOWN
+from inkloop.fmu.bus_terminals import COUNTDOWN, Events
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import UNREADABLE, describe
 from inkloop.limits import unpacked_error
@@ -29,7 +29,6 @@ from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
-    from inkloop.fmu.events import Events
 
 
 _UNUSED = ("documentation", "sources", "terminalsAndIcons")
@@ -130,9 +129,7 @@ class FmuComponent:
         self._cleanup.callback(binding.terminate)
         self._now = time_ns / NS_PER_S
         if self.description.needs_events:
-            from inkloop.fmu.events import Events  # it needs FMPy, as above
-
-            self._events = Events(binding, self.description.buses)
+            self._events = Events(binding.call, self.description.buses)
             self._handle({})
         return binding.get(self._outputs)
 

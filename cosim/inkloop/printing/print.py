@@ -14,7 +14,7 @@ from inkloop.contract import MEASURED_HEIGHT
 from inkloop.course.events import Event, Manipulator
 from inkloop.course.layer_course import LayerCourse
 from inkloop.errors import ComponentError, ResultError
-from inkloop.fmu.bus_links import BusLinks
+from inkloop.fmu.bus import BusLinks
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import StopReason

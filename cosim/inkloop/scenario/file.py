@@ -19,7 +19,7 @@ from inkloop.components.kind import Checked
 from inkloop.course.events import Event
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
-from inkloop.fmu.bus_links import BusLink
+from inkloop.fmu.bus import BusLink
 from inkloop.geometry import Columns
 from inkloop.master.wiring import Connection
 from inkloop.scenario import packaged
@@ -238,7 +238,7 @@ class Scenario:
 
         folder: of the run, where devices log the traffic of their bus; no bus is opened yet.
         """
-        return self._loop.build(self.tables.bench, folder)
+        return self._loop.build(self.tables.bench.found_from(Path(self.source).parent), folder)
 
 
 def _check(table: ComponentTable, job: Job, folder: Path) -> Checked:

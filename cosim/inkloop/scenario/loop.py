@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +11,14 @@ from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
 from inkloop.course.wiring import contract_connections, open_inputs
-from inkloop.fmu.bus_links import BusLink
+from inkloop.fmu.bus import BusEnd, BusLink
 from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, check
-from inkloop.scenario.buses import bus_links
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
+from inkloop.suggest import nearest
 from inkloop.tables.messages import read_quantities
-from inkloop.tables.schema import BenchTable, ComponentTable, ConnectionTable, ScenarioFile
+from inkloop.tables.schema import BenchTable, BusTable, ComponentTable, ConnectionTable, ScenarioFile
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Loop:
         counts = {name: table.options.get("nozzle_pitch") for name, table in components.items()}
         nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
         events, wrong = read_events(tables.events, ports, nozzle_pitch, tables.grid.pitch, unknown)
-        buses, missing = ([], []) if unknown else bus_links(tables.buses, checked)
+        buses, missing = ([], []) if unknown else _bus_links(tables.buses, checked)
         return cls(checked, ports, connections, events, buses, errors + wrong + missing)
 
     def build(self, bench: BenchTable, folder: Path | None) -> dict[str, Component]:
@@ -105,3 +105,46 @@ def _connection(place: str, table: ConnectionTable, ports: Mapping[str, HasPorts
     errors += [f"{place}.{error}" for error in wrong]
     orientation = Orientation(table.mirror, table.transpose)
     return Connection(table.source, table.target, table.gain, float(offset), orientation)
+
+
+def _bus_links(tables: Sequence[BusTable], checked: Mapping[str, Checked]) -> tuple[list[BusLink], list[str]]:
+    """The links of the tables, and all errors: ends that there are not, twice, or that no table names."""
+    known = {
+        str(BusEnd(name, bus)): (BusEnd(name, bus), found.is_bus_simulation)
+        for name, found in checked.items()
+        for bus in found.buses
+    }
+    errors: list[str] = []
+    links: list[BusLink] = []
+    used: dict[str, int] = {}
+    for number, table in enumerate(tables):
+        place = f"buses.[{number}].between"
+        wrong = list(_bus_errors(place, table.between, known, used))
+        used |= dict.fromkeys(table.between, number)
+        errors += wrong
+        if not wrong:
+            (one, first), (other, second) = (known[end] for end in table.between)
+            links.append(BusLink((one, other), ideal=not (first or second)))
+    errors += [_unlinked(end) for end in known if end not in used]
+    return links, errors
+
+
+def _bus_errors(place: str, ends: Sequence[str], known: Mapping[str, object], used: Mapping[str, int]) -> Iterator[str]:
+    if len(set(ends)) != 2:
+        yield (
+            f"{place} has {len(set(ends))} ends; expected two different ones: of more partners each is connected to a "
+            "bus simulation, an FMU of yours"
+        )
+    for end in ends:
+        if end not in known:
+            yield f"{place}: {end} is no bus of an FMU; {nearest(end, known) if known else 'no component has one'}"
+        elif end in used:
+            yield f"{place}: {end} is in buses.[{used[end]}] already; more than two are joined by a bus simulation"
+
+
+def _unlinked(end: str) -> str:
+    component, _, bus = end.partition(".")
+    return (
+        f"components.{component}: its bus {bus} has no partner; name both under [[buses]], as in "
+        f'between = ["{end}", "other.its_bus"], or print through it with bench.interface = "inkloop_fmu"'
+    )

@@ -6,6 +6,7 @@ The keys of a file carry units (`pitch_um`); here and in `inkloop.tables.shapes`
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -98,6 +99,12 @@ class BenchTable(Table):
         default=0.3, description="silence of a node after which it is lost; of other masters, before this one begins"
     )
     faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
+
+    def found_from(self, folder: Path) -> BenchTable:
+        """The table of a scenario in `folder` with the file of its FMU, if one is the bus, as found from here."""
+        if self.interface != "inkloop_fmu" or not isinstance(self.channel, str):
+            return self
+        return self.model_copy(update={"channel": str(folder / self.channel)})
 
 
 class RunTable(Table):

@@ -191,6 +191,8 @@ def _configured(arguments: Mapping[str, Any]) -> str | None:
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
         return "Is a program listening there? `inkloop bench emulate` starts the emulator"
+    if settings.interface == "inkloop_fmu":
+        return "`inkloop export bench` writes the FMU; bench.channel names it from the scenario's folder"
     if settings.interface is None:
         known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"
         return f"Set interface and channel of [bench] in the scenario, or configure python-can ({known})"

@@ -32,7 +32,7 @@ class FmuBus(can.BusABC):
         self._outgoing: list[Any] = []
         self._incoming: deque[can.Message] = deque()
         try:
-            self._node = importlib.import_module("inkloop.fmu.bus_node").BusNode(channel, parameters or {})
+            self._node = importlib.import_module("inkloop.fmu.bus").BusNode(channel, parameters or {})
         except Exception as error:
             self._is_shutdown = True  # keeps its destructor from complaining
             raise can.CanInitializationError(str(error)) from error

@@ -11,7 +11,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmu_manipulation_toolbox.assembly import Assembly
+from fmu_manipulation_toolbox.assembly import Assembly, AssemblyNode
 
 from inkloop.exchange.ssp import ssd
 from inkloop.exchange.ssp.system import Part, System
@@ -51,6 +51,28 @@ def by_container(
     shapes = [system.part(loop.part).shape(port) for port in loop.ports]
     shown = _Shown(loop.scalars(system), sum(int(np.prod(shape)) for shape in shapes))
     yield from _steps_of_one(folder / "loop.fmu", system.step_s, values, shown)
+
+
+def exchanged_by_container(file: Path, folder: Path, steps: int) -> dict[str, tuple[int, int]]:
+    """Frames sent and received by "one" and "other", two copies of a bench (FMI-LS-BUS) after so many steps of 1 ms.
+
+    fmucontainer 2.0 finds no terminal below a GraphicalRepresentation, which the schema puts first: their members are
+    linked instead.
+    """
+    names, counts = ("one", "other"), ("frames_sent", "frames_received")
+    node = AssemblyNode("two.fmu", step_size=0.001, auto_output=False)
+    for name in names:
+        shutil.copy(file, folder / f"{name}.fmu")
+        node.add_fmu(f"{name}.fmu")
+        for count in counts:
+            node.add_output(f"{name}.fmu", count, f"{name}_{count}")
+    for sender, taker in (names, names[::-1]):
+        for member in ("Data", "Clock"):
+            node.add_link(f"{sender}.fmu", f"Tx_{member}", f"{taker}.fmu", f"Rx_{member}")
+    node.make_fmu(folder, fmi_version=3)
+    asked = [f"{name}_{count}" for name in names for count in counts]
+    end = fmpy.simulate_fmu(str(folder / "two.fmu"), stop_time=steps / 1000, step_size=0.001, output=asked)[-1]
+    return {name: (int(end[f"{name}_{counts[0]}"]), int(end[f"{name}_{counts[1]}"])) for name in names}
 
 
 def _start_values(part: Part, name: str, value: Any) -> Iterator[tuple[str, str]]:

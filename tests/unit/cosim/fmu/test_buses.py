@@ -11,11 +11,20 @@ import pytest
 from inkloop.component import Values
 from inkloop.errors import ComponentError, FmuError, ScenarioError
 from inkloop.fmu import FmuComponent
-from inkloop.fmu.bus import CONFIGURATION, CONFIRM, FORMAT_ERROR, BusFrame, operation, operations, transmit
-from inkloop.fmu.bus_links import BusEnd, BusLink, BusLinks
-from inkloop.fmu.bus_node import BusNode
-from inkloop.fmu.bus_terminals import BusTerminal, MemberVariable, bus_terminals
-from inkloop.fmu.events import Events
+from inkloop.fmu.bus import (
+    CONFIGURATION,
+    CONFIRM,
+    FORMAT_ERROR,
+    BusEnd,
+    BusFrame,
+    BusLink,
+    BusLinks,
+    BusNode,
+    operation,
+    operations,
+    transmit,
+)
+from inkloop.fmu.bus_terminals import BusTerminal, Events, MemberVariable, bus_terminals
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from support.benches.bench_run import BLOCK
@@ -141,7 +150,7 @@ class Countdown:
 @pytest.mark.parametrize("delay", [0.0, 0.25])
 def test_countdown_clock_ticks_when_it_is_due(delay) -> None:
     binding = Countdown(delay)
-    events = Events(binding, [BusTerminal("bus", 1, 2, 3, 4, "countdown")])  # type: ignore[arg-type]
+    events = Events(binding.call, [BusTerminal("bus", 1, 2, 3, 4, "countdown")])
     assert events.handle(0.0, {}) == {}
     sent = events.handle(1.0, {"bus": b"frame"})
     assert sent == ({} if delay else {"bus": b"frame"})
