@@ -80,7 +80,8 @@ class FmuFile:
         described = parsed.description
         single = file.resolve() if described.is_single else None
         buses = [bus.name for bus in described.buses]
-        return Checked("Fmu", (), ports, construct, single, buses, described.is_bus_simulation)
+        is_simulation = described.is_bus_simulation
+        return Checked("Fmu", (), ports, construct, single, buses, is_simulation, _exchange_notes(described))
 
 
 def _make_model(model: str, form: str, file: Path, parsed: Parsed, name: str) -> FmuComponent:
@@ -129,6 +130,18 @@ def exchange_errors(description: FmuDescription) -> list[str]:
     return [
         f"file is {description.path.name!r}, whose inputs and outputs are of type {kinds}; this master exchanges "
         "numbers, truth values and what goes over a CAN bus (FMI-LS-BUS): run it in a tool that exchanges the others"
+    ]
+
+
+def _exchange_notes(description: FmuDescription) -> list[str]:
+    """A warning of inputs and outputs that the master leaves out, where it takes others."""
+    if not description.unused or description.buses:
+        return []
+    first, *others = description.unused
+    more = f" and {len(others)} more" if others else ""
+    return [
+        f"{first} ({description.unused[first]}){more} of {description.path.name} are not exchanged: clocks and "
+        "binaries are those of a bus, texts parameters; `inkloop info` lists them"
     ]
 
 

@@ -67,7 +67,7 @@ def _free_name(folder: Path, name: str) -> Path:
 class Checked:
     """The checked options of one component. errors: one sentence each, beginning with the key; ports: None with errors.
 
-    single: an FMU file of which a process takes one instance; buses: its bus terminals.
+    single: an FMU file of which a process takes one instance; buses: its bus terminals; notes: warnings.
 
     construct: makes a component from the options, of a loop's bench and by its name in it.
     """
@@ -79,6 +79,7 @@ class Checked:
     single: Path | None = None
     buses: Sequence[str] = ()
     is_bus_simulation: bool = False
+    notes: Sequence[str] = ()
 
     def make(self, bench: Bench, name: str = "") -> Component:
         """A component, for the caller to terminate; bench: of all devices of its loop; name: its own in it.

@@ -172,7 +172,7 @@ class Scenario:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for a user before a print, one sentence each."""
-        return (*(f"part: {remark}" for remark in self.solid.remarks), *self.footprint.warnings())
+        return (*(f"part: {remark}" for remark in self.solid.remarks), *self._loop.notes, *self.footprint.warnings())
 
     @property
     def part_sha256(self) -> str | None:

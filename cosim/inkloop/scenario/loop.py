@@ -36,6 +36,11 @@ class Loop:
     buses: list[BusLink]
     errors: list[str]
 
+    @property
+    def notes(self) -> list[str]:
+        """Warnings of components."""
+        return [f"components.{name}: {note}" for name, found in self.checked.items() for note in found.notes]
+
     @classmethod
     def of(cls, tables: ScenarioFile, components: Mapping[str, ComponentTable], checked: Mapping[str, Checked]) -> Loop:
         """Connect checked components by the tables of a scenario."""

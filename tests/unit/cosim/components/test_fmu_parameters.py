@@ -141,6 +141,19 @@ def test_fmu_of_frames_and_clocks_alone_is_refused_before_it_runs(tmp_path: Path
 
 
 @pytest.mark.compiled
+def test_clocks_and_frames_beside_plain_outputs_are_a_warning(tmp_path: Path) -> None:
+    plain = build(tmp_path, 3)
+    clock = '<Clock name="tick" valueReference="50" causality="output" intervalVariability="triggered"/>'
+    frame = '<Binary name="tx" valueReference="51" causality="output" clocks="50"/>'
+    fmu = altered(plain, tmp_path / "bus.fmu", ('<Float64 name="x"', f'{clock}{frame}<Float64 name="x"'))
+    found = {path: catalog.check("Fmu", toy_job(), {"file": str(path)}) for path in (plain, fmu)}
+    assert [list(each.errors) for each in found.values()] == [[], []]
+    assert found[plain].notes == []
+    (note,) = found[fmu].notes
+    assert "tick (Clock output) and 1 more of bus.fmu are not exchanged" in note
+
+
+@pytest.mark.compiled
 def test_fmu_of_one_instance_a_process_stands_once_in_a_loop(tmp_path: Path) -> None:
     single = ('modelIdentifier="amplifier"', 'modelIdentifier="amplifier" canBeInstantiatedOnlyOncePerProcess="true"')
     lone = altered(build(tmp_path, 3), tmp_path / "lone.fmu", single)
