@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from ctypes import c_double, c_int32, c_int64, c_uint64, c_void_p
+from ctypes import c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 from math import inf
@@ -15,22 +15,12 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
 from inkloop_controller.core.bindings import Calls, answered, droplets_of, objective_of
-from inkloop_controller.core.library import AFTER_SWEEP, ReportStruct, library, problem_struct, structure
+from inkloop_controller.core.library import ReportStruct, SearchOptionsStruct, library, problem_struct, structure
 from inkloop_controller.problem.arrays import checked
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan, Objective, SearchProgress
 
 ITERATIONS = 30  # by trial: within 0.01 um of the optimum on rough and on nearly flat surfaces up to 100x100
 
-SearchOptions = structure(
-    "SearchOptions",
-    (c_int32, "moves"),
-    (c_int64, "annealing_sweeps sweeps_max"),
-    (c_uint64, "seed"),
-    (c_double, "seconds_max"),
-    (c_int32, "threads"),
-    (AFTER_SWEEP, "after_sweep"),
-    (c_void_p, "caller"),
-)
 RelaxationOptions = structure(
     "RelaxationOptions", (c_int64, "iterations_max"), (c_double, "seconds_max"), (c_int32, "threads")
 )
@@ -104,7 +94,7 @@ def search(
     """
     plan, report, asked = droplets_of(problem, start), ReportStruct(), Calls(after_sweep)
     budget = (annealing_sweeps, sweeps_max, seed, seconds_max, threads)
-    options = SearchOptions(int(moves), *budget, asked.after_sweep, None)
+    options = SearchOptionsStruct(int(moves), *budget, asked.after_sweep, None)
     code = _called("search", problem, options, plan, report)
     counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
     value, status = objective_of(report.objective), SearchStatus(code)
