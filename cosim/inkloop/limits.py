@@ -89,7 +89,7 @@ def unpacked_error(archive: zipfile.ZipFile) -> str | None:
     members = archive.infolist()
     if len(members) > MEMBERS_MAX:
         return f"holds {len(members):,} members; at most {MEMBERS_MAX:,} are taken"
-    names = Counter(archive.namelist())
+    names = Counter(member.filename for member in members if not member.is_dir())
     if twice := next((name for name, count in names.items() if count > 1), None):
         return f"holds {twice!r} twice, of which every reader takes another one; pack it again"
     unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)

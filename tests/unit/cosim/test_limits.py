@@ -277,6 +277,7 @@ def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
     ("members", "message"),
     [
         (["a"] * 2, "holds 'a' twice"),
+        (["a/", "a/b", "a/"], "None"),
         ([str(number) for number in range(limits.MEMBERS_MAX + 1)], "holds 65,536 members; at most 65,535 are taken"),
     ],
 )
