@@ -89,9 +89,9 @@ def unpacked_error(archive: zipfile.ZipFile) -> str | None:
     members = archive.infolist()
     if len(members) > MEMBERS_MAX:
         return f"holds {len(members):,} members; at most {MEMBERS_MAX:,} are taken"
-    names = Counter(member.filename for member in members if not member.is_dir())
+    names = Counter(name for name, *_ in {(member.filename, member.CRC, member.file_size) for member in members})
     if twice := next((name for name, count in names.items() if count > 1), None):
-        return f"holds {twice!r} twice, of which every reader takes another one; pack it again"
+        return f"holds {twice!r} twice, with other contents, of which every reader takes another one; pack it again"
     unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)
     found = f"unpacks to {size_text(unpacked)}"
     if unpacked > UNPACKED_MAX:
