@@ -55,12 +55,11 @@ def chosen_device() -> cl.Device:
     if not found:
         others = ", ".join(map(described, devices())) or "no OpenCL device at all"
         raise DeviceError(
-            f"no GPU here, but {others}; install the OpenCL driver of the GPU, or plan on the processor with device = "
-            f"'cpu' ({CHOICE} takes another device)"
+            f"no GPU here, but {others}; install the OpenCL driver of the GPU ({CHOICE} takes another device)"
         )
     device = max(found, key=lambda device: device.global_mem_size)
     if "cl_khr_fp64" not in device.extensions.split():
-        raise DeviceError(f"{described(device)} has no double precision, which the search needs: device = 'cpu'")
+        raise DeviceError(f"{described(device)} has no double precision, which the search needs")
     return device
 
 
