@@ -6,10 +6,12 @@ The examples of properties are the same in every run; `--hypothesis-profile=rand
 from __future__ import annotations
 
 import gc
+import locale
 import os
 import shutil
 import signal
 import tempfile
+import warnings
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -23,6 +25,8 @@ FOLDER = Path(__file__).parent
 MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
 """Folder -> marks of all its tests, whole prints included; files elsewhere mark what compiles themselves."""
 
+TEXTS = locale.setlocale(locale.LC_CTYPE)
+"""Locale of the texts of files, as the process began."""
 LONG_S = 4 * 3600
 """Limit of a test with the mark `long`; `timeout` in pyproject.toml is that of the others."""
 CLOCKLESS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -47,6 +51,14 @@ def pytest_configure(config: pytest.Config) -> None:
         Path(folder, "temporary").mkdir()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # run by nohup or in the background of a script
         signal.signal(signal.SIGINT, signal.default_int_handler)  # programs that tests start and interrupt inherit it
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Give the next test the locale back that a native library has changed, and say so."""
+    if locale.setlocale(locale.LC_CTYPE) != TEXTS:
+        warnings.warn(f"the locale was changed to {locale.setlocale(locale.LC_CTYPE)} by {item.nodeid}", stacklevel=1)
+        locale.setlocale(locale.LC_CTYPE, TEXTS)
 
 
 @pytest.hookimpl(wrapper=True)

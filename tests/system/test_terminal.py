@@ -43,7 +43,7 @@ def test_table_of_a_run_is_whole_in_a_window(folder: Path, columns: int) -> None
     assert "…" not in text
     assert max(map(len, lines)) <= columns
     row = next(line for line in lines if line.startswith("run ["))
-    assert len(re.findall(r"-?\d+\.\d\d", row)) == 4
+    assert len(re.findall(r"-?\d+\.\d\d", row)) == 5
 
 
 def test_texts_of_a_user_reach_table_and_pictures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -88,7 +88,7 @@ def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
     replace(run, dataset=surface).save(tmp_path)
     assert main(["report", str(tmp_path)]) == 0
     assert "Hardware minus LayerDeposition" in capsys.readouterr().out
-    rows = re.findall(r"^ *\d+ .*,", (tmp_path / run_report.MODEL_TABLE).read_text(), re.MULTILINE)
+    rows = re.findall(r"^ *\d+ .*,", (tmp_path / run_report.MODEL_TABLE).read_text("utf-8"), re.MULTILINE)
     assert len(rows) == run.dataset.sizes["layer"]
     assert (tmp_path / "hardware-against-model.png").stat().st_size > 10_000
     assert "hardware minus LayerDeposition" in (tmp_path / "summary.txt").read_text()

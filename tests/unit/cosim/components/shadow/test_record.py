@@ -84,5 +84,5 @@ def test_print_on_devices_is_judged_by_its_scans_and_compared_with_its_shadow(
     run_report.write(tmp_path, [PNG])
     message = "layer 2 grew differently from the shadow's model, by 10.00 µm rms"
     assert remarks(result) == [message]
-    assert f"toy: {message}" in (tmp_path / "summary.txt").read_text()
+    assert f"toy: {message}" in (tmp_path / "summary.txt").read_text("utf-8")
     assert (tmp_path / "divergence.png").stat().st_size > 1000
