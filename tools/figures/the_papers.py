@@ -121,7 +121,7 @@ def texts() -> Texts:
 
 
 def printed_figures(paper: str) -> str:
-    """How many of the figures that a paper prints are reproduced, and a table of the others."""
+    """Count of the reproduced figures of a paper, and a table of the others."""
     verdict, is_printed = HEADINGS.index("reproduced"), HEADINGS.index("printed")
     rows = [row for row in rows_of(paper) if "-" not in (row[is_printed], row[verdict])]
     others = [row for row in rows if row[verdict] != "yes"]

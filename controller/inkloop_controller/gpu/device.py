@@ -73,5 +73,5 @@ def device_errors(where: str) -> Iterator[None]:
         log = [line for line in lines[1:] if "error" in line.lower()]  # of a compiler, which may be long
         reason = ": ".join([lines[0], *log[:1]])
         raise DeviceError(
-            f"{where} has failed ({reason}); plan on the processor with device = 'cpu', or 'auto', which goes on there"
+            f"{where} has failed ({reason}); plan on the processor with device = 'cpu', or let 'auto' change to it"
         ) from error

@@ -32,7 +32,7 @@ CLOSE = 1e-3
 MANY_LAYERS, FEW_LAYERS = 500, 100
 """Layers above which a smaller part is printed first, and layers of that part (assumed)."""
 LARGE_CELLS = 6000 * 6000
-"""Largest grid of which prints were measured; a larger one is laid only with a pitch that somebody chose."""
+"""Largest grid of which prints were measured; a larger one needs a given pitch."""
 SECONDS_OF_A_CELL = 1e-6
 """Processor time of a cell (x86_64 near 2.5 GHz) until the part is described."""
 
@@ -150,7 +150,7 @@ def _closest(places: Sequence[tuple[FileTable, Grid]], contents: Any) -> tuple[F
 
 
 def _long_work(file: PartFile, sides_um: tuple[float, float], grid: Grid, is_chosen: bool) -> str | None:
-    """A sentence if a grid takes long. Raises PartError if memory is too small for it, or nobody chose the pitch."""
+    """A sentence if a grid takes long. Raises PartError where it lacks memory, or a large one a given pitch."""
     cells = float(grid.nx) * grid.ny
     found = f"a grid of {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm"
     unit = f" if its unit is {ASSUMED_UNIT}, which is assumed" if file.assumes_unit else ""
