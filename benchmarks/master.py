@@ -18,7 +18,7 @@ from rich.table import Table
 
 from benchmarks.timing import scaled, table_of
 from inkloop.component import Component, Job, Port, Values
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import contract_connections
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.master import Master

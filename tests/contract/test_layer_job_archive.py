@@ -14,8 +14,8 @@ from lxml import etree
 from inkloop.cli import main
 from inkloop.component import Job
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.exchange.job.baking import bake
-from inkloop.exchange.job.target_picture import target_picture
+from inkloop.exchange.job_picture import target_picture
+from inkloop.exchange.layer_job import bake
 from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario

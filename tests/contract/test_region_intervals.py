@@ -15,8 +15,8 @@ from inkloop.component import Ink, Job
 from inkloop.components import catalog
 from inkloop.components.job_parameters import region_maps
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.exchange.job import archive
-from inkloop.exchange.job.baking import bake
+from inkloop.exchange import layer_job
+from inkloop.exchange.layer_job import bake
 from inkloop.fmu import describe
 from inkloop.fmu_writer.archive import read_definition
 from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, export_fmu, find_fmu
@@ -83,7 +83,7 @@ def test_five_intervals_are_printed_alike_by_every_controller(scenario: Path, tm
         for name in ("pattern", "height", "mismatch"):
             np.testing.assert_array_equal(native[name], run[name], err_msg=f"{name} by {form}")
     for form, fmi in (("fmi3-fixed", "3"), ("fmi2", "2")):
-        archive.write(bake(Scenario.load(scenario)), fmi, tmp_path / f"{form}.fmu", picture=False)  # type: ignore[arg-type]
+        layer_job.write(bake(Scenario.load(scenario)), fmi, tmp_path / f"{form}.fmu", picture=False)  # type: ignore[arg-type]
         fmpy.extract(str(tmp_path / f"{form}.fmu"), str(tmp_path / form))
         with Driver("LayerJob", form, folder=tmp_path / form) as fmu:
             assert fmu.start().get("region_intervals") == 5

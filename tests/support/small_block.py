@@ -7,8 +7,7 @@ import xarray as xr
 
 from inkloop.component import Job
 from inkloop.components import catalog
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.master.master import Master
 from inkloop.master.wiring import check
 from inkloop.results.recorder import Recorder

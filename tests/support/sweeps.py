@@ -14,13 +14,12 @@ import numpy as np
 import xarray as xr
 
 from inkloop_lab.sweep import dataset
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import OptimisePlan, Plan, PointsPlan
 from inkloop_lab.sweep.report import sweep_of
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Record, Task
+from inkloop_lab.sweep.task import Bundle, Record, Task
 from support.places import SCENARIOS
 
 SCENARIO = SCENARIOS / "cuboid.toml"

@@ -8,8 +8,7 @@ import numpy as np
 
 from inkloop.component import Job, Port, Status, Values
 from inkloop.contract import contract_ports
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.master.master import Master
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result

@@ -17,8 +17,8 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import FmuError
-from inkloop.exchange.job import archive
-from inkloop.exchange.job.baking import bake
+from inkloop.exchange import layer_job
+from inkloop.exchange.layer_job import bake
 from inkloop.fmu import describe
 from inkloop.fmu_writer import cross
 from inkloop.fmu_writer.archive import unpack
@@ -74,7 +74,7 @@ pytestmark = [pytest.mark.compiled, pytest.mark.system]
 def exported(model: str, fmi: Literal["2", "3"], folder: Path, *platforms: str, side: int = 9) -> Path:
     path = folder / f"{model}.fmu"
     if model == LAYER_JOB:
-        archive.write(bake(scenario_in(folder)), fmi, path, platforms=platforms or None)
+        layer_job.write(bake(scenario_in(folder)), fmi, path, platforms=platforms or None)
         return path
     return export_fmu(model, fmi=fmi, nx=side, ny=side, fixed=True, platforms=platforms or None, out=path)
 

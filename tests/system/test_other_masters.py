@@ -52,7 +52,7 @@ def cases() -> Iterator[Any]:
 @pytest.fixture(autouse=True)
 def without_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """No block draws its target, which takes longer than its print."""
-    monkeypatch.setattr("inkloop.exchange.job.target_picture.target_picture", lambda *_: b"")
+    monkeypatch.setattr("inkloop.exchange.job_picture.target_picture", lambda *_: b"")
 
 
 @pytest.fixture(scope="module")

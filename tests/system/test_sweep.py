@@ -22,14 +22,13 @@ from inkloop.master.interrupt import deferred
 from inkloop.results import netcdf
 from inkloop.results.result import Result
 from inkloop_lab.sweep import dataset
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan
 from inkloop_lab.sweep.report import sweep_of
 from inkloop_lab.sweep.sites import on_processes
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Order, perform
+from inkloop_lab.sweep.task import Bundle, Order, perform
 from support.once_per_run import once
 from support.places import SCENARIOS
 from support.prints import quick_cuboid

@@ -40,7 +40,7 @@ PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
     *(f"inkloop.report.{name}" for name in ("layer_curves", "error_maps")),
     "inkloop_lab",
-    "inkloop.exchange.job.target_picture",
+    "inkloop.exchange.job_picture",
     "inkloop_controller.planning.layer_plan",
 )
 DOORS = {

@@ -16,7 +16,7 @@ from inkloop.commands.options import (
     screen,
     show_written,
 )
-from inkloop.commands.part_options import add_part_options, no_part_options, scenario_of_part
+from inkloop.commands.parts import add_part_options, no_part_options, scenario_of_part
 from inkloop.errors import ResultError, require
 from inkloop.exchange.layers import BITMAP_FORMATS, DROP_SPLITS, MAP_FORMATS, MESH_FORMATS
 from inkloop.exchange.ssp import FORMATS, VERSIONS
@@ -106,10 +106,10 @@ def _add_job(commands: Any) -> argparse.ArgumentParser:
 
 
 def _export_job(options: argparse.Namespace) -> int:
-    from inkloop.exchange.job import archive
+    from inkloop.exchange import layer_job
 
     with scenario_of(options) as scenario:
-        return archive.export(scenario, options, screen(options))
+        return layer_job.export(scenario, options, screen(options))
 
 
 def _add_bench(commands: Any) -> argparse.ArgumentParser:

@@ -10,7 +10,7 @@ from pathlib import Path
 from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
-from inkloop.course.wiring import contract_connections, open_inputs
+from inkloop.course.layer_course import contract_connections, open_inputs
 from inkloop.fmu.bus import BusEnd, BusLink
 from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, check

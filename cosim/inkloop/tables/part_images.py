@@ -13,7 +13,6 @@ from pydantic import Field
 
 from inkloop.errors import HeightMapError, require
 from inkloop.geometry import Columns
-from inkloop.geometry.layer_runs import Labels
 from inkloop.limits import memory_error
 from inkloop.metrology import map_folder_options as options
 from inkloop.metrology.folder_watch import name_errors, numbered_files
@@ -21,7 +20,7 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration, cell_means
 from inkloop.tables.shapes import Bounds, Grid, Length, PartError, PlacedTable, Position, Solid
-from inkloop.tables.slices import Slices
+from inkloop.tables.slices import Labels, Slices
 from inkloop.units import M_PER_UM, UM_PER_M
 
 NUMBER = "n"

@@ -16,11 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.errors import GeometryError, HeightMapError, require
 from inkloop.files import reason_of
-from inkloop.geometry.layer_runs import Labels
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import INKS
 from inkloop.tables.shapes import Grid, Length, PartError, PlacedTable, Solid
-from inkloop.tables.slices import Slices
+from inkloop.tables.slices import Labels, Slices
 from inkloop.units import M_PER_UM
 
 NAME = "manifest.json"

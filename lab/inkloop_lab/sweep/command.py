@@ -15,13 +15,12 @@ from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop_lab.sweep import dataset, report, summary
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import PRINTS_FOLDER, STATE_FILE, StudyFolder
 from inkloop_lab.sweep.plan import OptimisePlan, Plan, PointsPlan
 from inkloop_lab.sweep.sites import fitting, on_cluster, on_processes
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Order, Record
+from inkloop_lab.sweep.task import Bundle, Order, Record
 
 SOME_FAILED = 3  # exit code of a sweep whose other prints are done
 

@@ -19,9 +19,8 @@ import numpy as np
 from inkloop import __version__
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, replaced, write_text
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Record, name_of
+from inkloop_lab.sweep.task import Bundle, Record, name_of
 
 STUDY_FILE, STATE_FILE = "study.toml", "study.json"
 PRINTS_FOLDER, MAPS_FOLDER = "prints", "maps"

@@ -12,11 +12,11 @@ from inkloop.files import reason_of, replaced, write_text
 from inkloop.report.terminal import NumberTable, Terminal
 from inkloop.scenario.file import Scenario
 from inkloop_lab.sweep import dataset, summary
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import OptimisePlan, Plan
 from inkloop_lab.sweep.sensitivity import with_indices
 from inkloop_lab.sweep.study import Study
+from inkloop_lab.sweep.task import Bundle
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -26,9 +26,8 @@ from typing import Any, TypeVar
 from inkloop import __version__
 from inkloop.errors import InkloopError, require
 from inkloop.limits import usable_cores
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.engine import Site
-from inkloop_lab.sweep.task import Order, Record, Task, perform
+from inkloop_lab.sweep.task import Bundle, Order, Record, Task, perform
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 T = TypeVar("T")

@@ -12,8 +12,8 @@ from unittest.mock import patch
 import fmpy
 import xarray as xr
 
-from inkloop.exchange.job import archive
-from inkloop.exchange.job.baking import bake
+from inkloop.exchange import layer_job
+from inkloop.exchange.layer_job import bake
 from inkloop.fmu_writer import archive as fmu_archive
 from support import prints
 from support.fmus.fmu_driver import OK, Driver
@@ -36,7 +36,7 @@ def unpacked(form: str, name: str, *overrides: tuple[str, Any]) -> Path:
     _folders.append(folder)
     file = Path(folder.name) / "job.fmu"
     with patch.object(fmu_archive, "COMPRESSION", zipfile.ZIP_STORED):
-        archive.write(bake(prints.scenario(name, overrides)), form[3], file, picture=False)  # type: ignore[arg-type]
+        layer_job.write(bake(prints.scenario(name, overrides)), form[3], file, picture=False)  # type: ignore[arg-type]
     fmpy.extract(str(file), str(Path(folder.name) / "job"))
     return Path(folder.name) / "job"
 

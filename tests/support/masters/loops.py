@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.exchange.job import archive, baking
+from inkloop.exchange import layer_job
 from inkloop.exchange.ssp.system import Part, System, system_of
 from inkloop.fmu import describe
 from inkloop.printing.print import Print
@@ -61,9 +61,9 @@ class Loop:
 
 def _block(scenario: Scenario, fmi: str, folder: Path) -> System:
     """A system of one part, which nothing is connected to."""
-    baked = baking.bake(scenario)
+    baked = layer_job.bake(scenario)
     file = folder / f"{JOB}.fmu"
-    archive.write(baked, "2" if fmi == "2" else "3", file)
+    layer_job.write(baked, "2" if fmi == "2" else "3", file)
     step_s = scenario.tables.run.step_s
     return System(
         JOB, baked.title, [Part(JOB, file, describe(file), {})], [], {}, step_s, baked.stop_s, baked.scenario_text

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from inkloop.component import FloatMap, Ink, Job, Status
 from inkloop.components import catalog
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck, job

@@ -24,7 +24,7 @@ from inkloop.contract import (
     pass_colour,
     pass_colours,
 )
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import contract_connections
 from inkloop.errors import ComponentError
 from inkloop.tables import schema
 from inkloop.testing import job

@@ -18,8 +18,7 @@ import pytest
 
 from inkloop import files
 from inkloop.component import Component
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ResultError, ScenarioError
 from inkloop.files import (
     OWNER_FILE,

@@ -9,10 +9,14 @@ from math import nan, pi
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
-from inkloop.metrology.evaluation.areal import height_parameters, hybrid_parameters, material_ratio_parameters
+from inkloop.metrology.evaluation.areal import (
+    height_parameters,
+    hybrid_parameters,
+    material_ratio_parameters,
+    spatial_parameters,
+)
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Axis, Evaluation, Group, Treatment, symbols
 from inkloop.metrology.evaluation.profile import PRIMARY, ROUGHNESS, Profiles, profile_parameters
-from inkloop.metrology.evaluation.spatial import spatial_parameters
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found, Refusal, evaluated, refused
 from inkloop.metrology.height_map import HeightMap

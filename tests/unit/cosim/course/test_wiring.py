@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from inkloop.component import Port
-from inkloop.course.wiring import contract_connections, open_inputs
+from inkloop.course.layer_course import contract_connections, open_inputs
 from inkloop.master.wiring import Connection, check
 from support.toys import FunctionComponent, toy_job, toy_loop
 

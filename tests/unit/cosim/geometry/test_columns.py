@@ -12,7 +12,7 @@ import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals
 from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, Staircase, cell_centers, contained
-from inkloop.geometry.layer_runs import columns_of_layers
+from inkloop.tables.slices import columns_of_layers
 from support.compiled import program
 from support.places import C_SOURCES, ROOT
 

@@ -9,8 +9,7 @@ import pytest
 
 from inkloop.component import Port, Status, Values
 from inkloop.course.events import Event
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import Connection, checked_output

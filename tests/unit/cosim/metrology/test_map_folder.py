@@ -15,8 +15,7 @@ import pytest
 
 from inkloop.component import Component, Port, Status
 from inkloop.components import catalog
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.metrology import map_folder

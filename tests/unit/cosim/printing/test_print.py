@@ -12,7 +12,7 @@ import pytest
 
 from inkloop.component import Values
 from inkloop.course.events import Event
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import contract_connections
 from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.printing.print import Print
 from inkloop.results import checkpoint

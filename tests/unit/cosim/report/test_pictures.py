@@ -18,9 +18,9 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from inkloop.report import pictures, plot, solid_picture, surface_picture
-from inkloop.report.error_maps import comparison, error_map, hardware_against_model
 from inkloop.report.layer_curves import cross_section, divergence, layers
 from inkloop.report.model_difference import LayerDifference, ModelDifference
+from inkloop.report.pictures import comparison, error_map, hardware_against_model
 from inkloop.report.solid_picture import FRAME, LIGHT, SMOOTHING_VOXELS, SOLID_UPRIGHT, materials, solids, view
 from inkloop.report.surface_picture import surfaces
 from inkloop.results.metrics import masked_error

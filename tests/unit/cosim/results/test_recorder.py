@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Port, Status, Values
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.master.master import Master
 from inkloop.results.metrics import masked_error
 from inkloop.results.recorder import COUNTER_END, LayerRow, Recorder

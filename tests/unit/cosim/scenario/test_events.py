@@ -8,8 +8,7 @@ import pytest
 
 from inkloop.component import Port, Values
 from inkloop.course.events import Event, Manipulator
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.results.recorder import Recorder

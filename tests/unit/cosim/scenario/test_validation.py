@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from inkloop.component import Component, Job
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import contract_connections
 from inkloop.errors import ScenarioError
 from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario

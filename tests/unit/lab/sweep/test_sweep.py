@@ -16,14 +16,13 @@ import xarray as xr
 from inkloop.errors import ResultError
 from inkloop.report.terminal import Terminal
 from inkloop.results import netcdf
-from inkloop_lab.sweep.bundle import Bundle
 from inkloop_lab.sweep.dataset import coordinate
 from inkloop_lab.sweep.figures import METRICS
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan, seeds_wanted, standard_error
 from inkloop_lab.sweep.report import report
 from inkloop_lab.sweep.tables import Until
-from inkloop_lab.sweep.task import Record, Task, failed
+from inkloop_lab.sweep.task import Bundle, Record, Task, failed
 from support.sweeps import SCENARIO, Shuffled, record, study, swept
 
 TWO_KEYS = """

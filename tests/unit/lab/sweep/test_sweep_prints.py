@@ -24,13 +24,12 @@ from inkloop import __version__
 from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_lab.sweep import bundle as bundles
 from inkloop_lab.sweep import sites
-from inkloop_lab.sweep.bundle import Bundle
+from inkloop_lab.sweep import task as tasks
 from inkloop_lab.sweep.dataset import FAILING
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.sites import Processes, fitting, on_cluster, perform_unpacked
-from inkloop_lab.sweep.task import Order, Record, Task, name_of, perform
+from inkloop_lab.sweep.task import Bundle, Order, Record, Task, name_of, perform
 from support.places import SCENARIOS
 from support.sweeps import SCENARIO, Shuffled, record, study, swept
 
@@ -241,7 +240,7 @@ def test_bundle_of_other_files_has_another_fingerprint(tmp_path: Path, monkeypat
     source.with_name("more.toml").write_text("")
     named = Bundle.of("", source, [["more.toml", 3], {"k": "../ink.toml"}])
     assert sorted(named.files) == ["case/more.toml", "ink.toml"]
-    monkeypatch.setattr(bundles, "BYTES_MAX", 5)
+    monkeypatch.setattr(tasks, "BYTES_MAX", 5)
     with pytest.raises(ResultError, match="its files have 0 MB, of at most 0; put large ones"):
         Bundle.of(text, source)
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from inkloop.component import Component
 from inkloop.components.shadow.shadow import Shadow
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.master.master import Master
 from inkloop.report import PNG, run_report
 from inkloop.report.remarks import remarks

@@ -15,8 +15,7 @@ from inkloop.component import Component, Job, Port, Status, Values
 from inkloop.components import catalog
 from inkloop.components.kind import Bench
 from inkloop.components.shadow.shadow import ScannedLayer, Shadow, start_surface
-from inkloop.course.layer_course import LayerCourse
-from inkloop.course.wiring import contract_connections
+from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import check

@@ -7,7 +7,7 @@ from math import acos, cos, degrees, log, pi, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from inkloop.metrology.evaluation.spatial import autocorrelation
+from inkloop.metrology.evaluation.areal import autocorrelation
 from support.evaluated import PERIOD, STEP, A, areal, map_of, number, reason, rough, surface_of, texture, wave
 
 

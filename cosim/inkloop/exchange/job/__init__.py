@@ -1,1 +1,0 @@
-"""A scenario as LayerJob.fmu: one block that prints it, with scalar inputs and outputs."""
