@@ -11,7 +11,6 @@ import sys
 from collections.abc import Container, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn
 
 from inkloop.commands import bench, export, parts, prints, runs
@@ -191,7 +190,7 @@ def _mark_paths(parser: argparse.ArgumentParser) -> None:
             action.complete = shtab.DIR if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
 
 
-def _installed(word: str, taken: Container[str]) -> Iterator[ModuleType]:
+def _installed(word: str, taken: Container[str]) -> Iterator[Any]:
     """The commands of other packages, see `inkloop.commands`; only that of `word` where it names one.
 
     taken: names of inkloop's own commands, which no package replaces. A module that cannot be loaded is left out with a

@@ -15,7 +15,7 @@ from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, VALID, has_port
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.packaged import classes_from
-from inkloop_lab.policies.policy import MASK, TARGET, ActionCode, free_seat
+from inkloop_lab.policies import MASK, TARGET, ActionCode, free_seat
 
 FREE = f"{free_seat.__module__}:{free_seat.__name__}"
 HEIGHT_MAX_M = 1.0

@@ -22,7 +22,7 @@ from inkloop.scenario.packaged import classes_from
 from inkloop.units import NS_PER_S, UM_PER_M
 from inkloop_lab.environment.freed_scenario import FreedScenario, spaces
 from inkloop_lab.environment.surface_frame import frame
-from inkloop_lab.policies.policy import ActionCode, ControllerPolicy, PolicyController, observation_of
+from inkloop_lab.policies import ActionCode, ControllerPolicy, PolicyController, observation_of
 
 if TYPE_CHECKING:
     import gymnasium

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import BoolMap
-from inkloop_lab.policies.policy import ControllerPolicy
+from inkloop_lab.policies import ControllerPolicy
 
 RIM, INSIDE = 0, 1
 

@@ -18,7 +18,7 @@ from inkloop.printing.run import print_part
 from inkloop_lab.environment import layer_env
 from inkloop_lab.environment.freed_scenario import FreedScenario
 from inkloop_lab.environment.surface_frame import frame
-from inkloop_lab.policies.policy import ActionCode
+from inkloop_lab.policies import ActionCode
 from support.places import SCENARIOS
 from support.prints import LITTLE_WORK
 

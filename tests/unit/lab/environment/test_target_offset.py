@@ -9,13 +9,13 @@ import pytest
 
 from inkloop.component import Ink, Job, Status
 from inkloop.errors import ComponentError
-from inkloop_lab.policies.policy import ActionCode
+from inkloop_lab.policies import ActionCode
 from support.toys import FunctionComponent
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs gymnasium: pip install 'inkloop[env]'")
 
 from inkloop_lab.environment.target_offset import TargetOffset, rim  # noqa: E402
-from inkloop_lab.policies.policy import ControllerPolicy  # noqa: E402
+from inkloop_lab.policies import ControllerPolicy  # noqa: E402
 
 MASK = np.zeros((7, 6), np.bool_)
 MASK[1:6, 0:5] = True

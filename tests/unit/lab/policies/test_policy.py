@@ -14,7 +14,7 @@ from inkloop.components import catalog
 from inkloop.errors import ComponentError
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS
 from inkloop.testing import job as job_of_checks
-from inkloop_lab.policies.policy import ActionCode, PolicyController
+from inkloop_lab.policies import ActionCode, PolicyController
 from support.places import SCENARIOS
 
 POLICY = (

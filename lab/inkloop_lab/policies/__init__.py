@@ -1,1 +1,0 @@
-"""Policies: observation and action of a layer, policies as controllers, and controllers as policies."""
