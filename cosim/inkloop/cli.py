@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
-from inkloop.errors import InkloopError, message_of
+from inkloop.errors import InkloopError, message_of, near, nearest
 from inkloop.files import reason_of
 from inkloop.report import shown
 
@@ -83,8 +83,6 @@ def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]
         if below is None or word.startswith("-"):
             return
         if word not in below.choices:
-            from inkloop.suggest import near, nearest
-
             if words[0] in RENAMED and (above is whole or not near(word, below.choices)):
                 above.error(f"there is no command {word!r}; `inkloop {words[0]}` is now `inkloop {RENAMED[words[0]]}`")
             above.error(f"there is no command {word!r}; {nearest(word, below.choices)}")
@@ -94,8 +92,6 @@ def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]
 
 def _suggestion(unknown: Sequence[str], shown: str) -> str:
     """The options of a help text that are nearest to unknown ones; "" if none is alike."""
-    from inkloop.suggest import near
-
     options = set(re.findall(r"--[a-z][a-z-]*", shown))
     words = (word.partition("=")[0] for word in unknown if word.startswith("-"))
     close = sorted({option for word in words for option in near(word, options)})

@@ -14,7 +14,7 @@ InkloopError
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -132,3 +132,25 @@ def own_line(error: Exception) -> str:
         if not file.startswith((*libraries, "<")) and module.partition(".")[0] not in _PACKAGES:
             place = f" ({Path(file).name}, line {line})"
     return place
+
+
+OFFERED_MAX = 3  # more words than this are alike by chance
+SHORT = 3  # letters of a word in which one wrong letter is already a third
+
+
+def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+    """Suggestion instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
+    words = sorted(known)
+    if close := near(found, words):
+        return f"did you mean {' or '.join(close[:OFFERED_MAX])}?"
+    return f"known: {', '.join(words if listed is None else sorted(listed)) or 'none'}"
+
+
+def near(found: str, known: Iterable[str]) -> list[str]:
+    """The nearest known words, all that are equally near; none where nothing is alike."""
+    import difflib  # other commands start without it
+
+    words = sorted(known)
+    alike = {word: difflib.SequenceMatcher(None, word, found).ratio() for word in words}
+    limit = 0.5 if len(found) <= SHORT else 0.6
+    return [word for word in words if alike[word] >= max(limit, *alike.values())]

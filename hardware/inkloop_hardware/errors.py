@@ -65,7 +65,7 @@ class NodeLost(HardwareError):
 
 
 class NodeStopped(HardwareError):
-    """A node took its de-energised state during a request; `fault` is its cause, of `protocol.vocabulary.Fault`."""
+    """A node took its de-energised state during a request; `fault` is its cause, of `protocol.records.Fault`."""
 
     def __init__(self, message: str, fault: IntEnum) -> None:
         super().__init__(message)

@@ -21,10 +21,9 @@ from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.node_watch import NodeWatch
 from inkloop_hardware.mapped.mapped_peer import Peer
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.records import KINDS, NodeFault, NodeStatus, unpack
+from inkloop_hardware.protocol.records import KINDS, Node, NodeFault, NodeStatus, unpack
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.transfer_bytes import map_size, read_map
-from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.wire_library import IsotpEnd
 from support.examples import examples
 from support.verdicts import Verdicts

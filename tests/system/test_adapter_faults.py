@@ -16,8 +16,8 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import BusDisconnected, BusError, NodeLost, NodeRefused
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.records import Fault, Node, State
 from inkloop_hardware.protocol.services import Outcome
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
 from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed, settings_of, wait_until
 

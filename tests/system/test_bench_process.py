@@ -19,8 +19,8 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.records import Fault, Node
 from inkloop_hardware.protocol.services import ClearOption
-from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 from support.benches.bench_run import BLOCK, COMMAND, FAST, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start

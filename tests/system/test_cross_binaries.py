@@ -20,10 +20,8 @@ from inkloop.errors import FmuError
 from inkloop.exchange import layer_job
 from inkloop.exchange.layer_job import bake
 from inkloop.fmu import describe
-from inkloop.fmu_writer import cross
 from inkloop.fmu_writer.archive import unpack
-from inkloop.fmu_writer.cross import with_platforms
-from inkloop.fmu_writer.export import LAYER_JOB, export_fmu
+from inkloop.fmu_writer.export import COMPILER, LAYER_JOB, export_fmu, with_platforms
 from inkloop.fmu_writer.targets import TARGETS, platforms_in
 from support.fmus import amplifier
 from support.fmus.fmu_driver import MODELS
@@ -49,7 +47,7 @@ FORMATS = {
     **{name: [name] for name in FOLDERS["3"]},
 }
 HAS_COMPILER = pytest.mark.skipif(
-    importlib.util.find_spec(cross.COMPILER) is None, reason="needs ziglang (make tools, or pip install ziglang)"
+    importlib.util.find_spec(COMPILER) is None, reason="needs ziglang (make tools, or pip install ziglang)"
 )
 VALUES = {
     "ProfileSensor": {"noise_std": 1e-6, "drift_rate": 1e-7, "scan_duration": 0.0},
@@ -87,7 +85,7 @@ def test_every_platform_has_its_binary_of_the_standards_functions(
     model: str, fmi: Literal["2", "3"], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Folders and formats, no function but those of the standard, no library that a system does not have."""
-    with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.cross"):
+    with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.export"):
         members = unpack(exported(model, fmi, tmp_path))
         bare = {name: content for name, content in members.items() if not name.startswith("binaries/")}
         members = with_platforms(bare, fmi, ["all"])  # all by zig, also that of this machine

@@ -22,8 +22,7 @@ from inkloop_hardware.doctor.listening import Heard, listen
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, pack
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.records import Fault, MasterAlive, Node, NodeStatus, State, pack
 from support.benches.bench_run import BLOCK, FAST, write
 
 CODEC = Codec()

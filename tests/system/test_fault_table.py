@@ -30,10 +30,9 @@ from inkloop_hardware.errors import (
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, Happening, Step
-from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.records import Fault, Node, Source, State, StopRequest, pack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import read_map
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches import failures, node_bench
 from support.benches.fault_run import (
     BLOB,

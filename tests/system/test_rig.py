@@ -22,13 +22,12 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.inquiry import links
 from inkloop_hardware.errors import AnotherMaster, BusError, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.node_watch import E2eMonitor, Verdict
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
 from inkloop_hardware.protocol.node_state import NodeTimes
-from inkloop_hardware.protocol.records import MasterAlive, unpack
+from inkloop_hardware.protocol.records import MasterAlive, Node, State, unpack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Node, State
 from support.benches import node_bench
 
 FULL = np.ones((9, 9), np.uint8)
@@ -220,7 +219,7 @@ import sys
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Key, Routine
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 
 channel, silence_s, cure_ms = sys.argv[1:]
 with Rig(BusSettings("slcan", channel, 500_000, silence_s=float(silence_s))) as rig:

@@ -15,7 +15,7 @@ import pytest
 
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 from support.benches.fault_run import BLOB, JOB, faulty, looked_at
 from support.benches.stock_tools import adapter
 

@@ -8,7 +8,7 @@ import pytest
 
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.node_state import NodeState, Roles
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 from support.masters.other_programs import CARINGCARIBOU, SCAPY
 from support.masters.uds_scanners import (
     SERVICES,

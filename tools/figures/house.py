@@ -17,7 +17,7 @@ from tools.figures.pages import DOCS, Texts
 from support.source_tree import PACKAGES, circles, grouped, import_graph, modules, room
 
 FOLDER = DOCS / "explanation"
-FLOOR = ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
+FLOOR = ("component", "contract", "errors", "files", "geometry", "testing", "units")
 COLUMNS: Mapping[str, tuple[float, float]] = {
     "inkloop_controller": (0.0, 27.0),
     "inkloop": (30.0, 40.0),

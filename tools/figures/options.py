@@ -17,7 +17,7 @@ from tools.figures.pages import DOCS, Texts
 
 from inkloop.components.port_tables import PortTable
 from inkloop.components.python_class import options_table
-from inkloop.components.shadow.options import ShadowTable
+from inkloop.components.shadow_kind import ShadowTable
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable

@@ -93,7 +93,7 @@ def _of_mapped(scenario: Scenario, action: str, names: Iterable[str], bench: Ben
     """Lines of an action on mapped rigs. Raises InkloopError for one that they do not have."""
     actions = {
         "status": ("inkloop_hardware.doctor.status", "rig_status"),
-        "stop": ("inkloop_hardware.mapped.mapped_steps", "stop_rig"),
+        "stop": ("inkloop_hardware.mapped.mapped_layer", "stop_rig"),
     }
     if action not in actions:
         raise InkloopError(

@@ -10,11 +10,10 @@ import numpy as np
 
 from inkloop import __version__
 from inkloop.bench.commands import emulation_of
-from inkloop.exchange.parameter_file import Section, check_sum, to_bytes
+from inkloop.exchange.layer_job import Section, check_sum, to_bytes
 from inkloop.fmu_writer.archive import definition_in, described, pack, unpack
-from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.description import Baked
-from inkloop.fmu_writer.export import find_fmu
+from inkloop.fmu_writer.export import find_fmu, with_platforms
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 

@@ -19,9 +19,8 @@ from inkloop.components.kind import Bench, Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
 from inkloop.components.python_class import ADAPTERS, PythonClass
 from inkloop.components.shadow import options as shadow_options
-from inkloop.components.shadow.options import ShadowKind
-from inkloop.errors import FmuError
-from inkloop.suggest import nearest
+from inkloop.components.shadow_kind import ShadowKind
+from inkloop.errors import FmuError, nearest
 
 __all__ = ["DEPOSITION_MODELS", "MAPPED", "MAP_FOLDER", "PLAIN_PLANT", "kinds", "make"]
 

@@ -60,7 +60,7 @@ def settle_layer(folder: Path, layer_is: str) -> None:
 
     layer_is: "printed", "blank" or "unknown". Raises ComponentError if no layer is open.
     """
-    load("inkloop_hardware.mapped.open_layer", "settle")(folder, layer_is)
+    load("inkloop_hardware.mapped.mapped_layer", "settle")(folder, layer_is)
 
 
 def job_with_overrides(job: Job, options: Mapping[str, object]) -> Job:

@@ -16,10 +16,9 @@ from inkloop.components.job_parameters import (
     region_parameters,
 )
 from inkloop.components.port_tables import OPTION
-from inkloop.errors import FmuError
+from inkloop.errors import FmuError, nearest
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import INTERVALS, find_fmu
-from inkloop.suggest import nearest
 from inkloop.tables.messages import other_unit, scaled
 from inkloop.units import Key, declared_key, key_of
 

@@ -13,8 +13,7 @@ from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Val
 from inkloop.components.kind import Bench, Check, Checked
 from inkloop.components.port_mapping import held
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
-from inkloop.errors import ComponentError
-from inkloop.suggest import nearest
+from inkloop.errors import ComponentError, nearest
 from inkloop.units import conversion
 
 KIND = "PlainPlant"

@@ -19,8 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inkloop.component import Job, Port
 from inkloop.components.port_mapping import MappedPort
 from inkloop.contract import SIGNALS
+from inkloop.errors import nearest
 from inkloop.master.orientation import Mirrored, Orientation, Transposed
-from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
 from inkloop.units import UNITS, Conversion, conversion, is_defined, si_unit, unit_conversion
 

@@ -24,8 +24,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from inkloop.component import MEMBERS, Component, Job, Ports
 from inkloop.components.kind import Bench, Checked, load
-from inkloop.errors import ScenarioError, message_of, own_line
-from inkloop.suggest import near, nearest
+from inkloop.errors import ScenarioError, message_of, near, nearest, own_line
 from inkloop.tables.messages import sentence
 
 ADAPTERS = "inkloop.adapters"

@@ -1,11 +1,13 @@
 """Write LayerJob.fmu: collect its content from a scenario, report everything it cannot hold, and write the file.
 
-Parameters are in resources/job.bin.
+Its parameters are in resources/job.bin, those of an exported bench in a file like it.
 """
 
 from __future__ import annotations
 
 import argparse
+import struct
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -19,15 +21,13 @@ from inkloop import __version__, contract
 from inkloop.component import Job
 from inkloop.components import catalog
 from inkloop.errors import ScenarioError, missing
-from inkloop.exchange.parameter_file import Section, check_sum, to_bytes
 from inkloop.exchange.ssp.system import CONTROLLER, PYTHON_CONTROLLER, Part, System, Wire, system_of
 from inkloop.files import temporary_folder
 from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
-from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
-from inkloop.fmu_writer.export import INTERVALS, find_fmu, job_template
+from inkloop.fmu_writer.export import INTERVALS, find_fmu, job_template, with_platforms
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
@@ -35,6 +35,7 @@ from inkloop.units import UM_PER_M
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
 """Version of FMI -> form of our FMUs that the block comes in; without arrays there is nothing to resize."""
 JOB = "resources/job.bin"
+MAGIC, LAYOUT = b"InkJob\r\n", 1
 SCENARIO = "documentation/scenario.toml"
 PICTURE = "documentation/target.png"
 INDEX = "documentation/index.html"
@@ -206,3 +207,35 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
         console.sentence("  time_max_s is not in it: the importer decides when it stops")
     console.result(file=out)
     return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The parameters of one model that are not its start values: in SI, maps (nx, ny), enumerations as numbers.
+
+    A string is its bytes.
+    """
+
+    model: ModelDefinition
+    values: Mapping[str, NDArray[Any]]
+
+
+def to_bytes(nx: int, ny: int, sections: Sequence[Section]) -> bytes:
+    """The content of such a file, as fmus/common/parameter_file.c reads it: all numbers little-endian."""
+    checked = struct.pack("<QQ", nx, ny) + b"".join(_section_bytes(section) for section in sections)
+    return MAGIC + struct.pack("<II", LAYOUT, zlib.crc32(checked)) + checked
+
+
+def check_sum(content: bytes) -> str:
+    """Identifies this file, 8 hexadecimal digits; the token of its FMU ends with it."""
+    return f"{struct.unpack_from('<I', content, 12)[0]:08x}"
+
+
+def _section_bytes(section: Section) -> bytes:
+    numbers = {variable.name: number for number, variable in enumerate(section.model.variables)}
+    head = struct.pack("<32s16sQ", section.model.name.encode(), section.model.fingerprint.encode(), len(section.values))
+    return head + b"".join(_parameter(numbers[name], value) for name, value in section.values.items())
+
+
+def _parameter(number: int, value: NDArray[Any]) -> bytes:
+    return struct.pack("<QQ", number, value.size) + np.ascontiguousarray(value, "<f8").tobytes()

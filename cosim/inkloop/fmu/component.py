@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
-from inkloop.errors import ComponentError, FmuError
+from inkloop.errors import ComponentError, FmuError, nearest
 from inkloop.files import is_full, reason_of, temporary_folder
 from inkloop.fmu.bus_terminals import COUNTDOWN, Events
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import UNREADABLE, describe
 from inkloop.limits import unpacked_error
-from inkloop.suggest import nearest
 from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:

@@ -9,10 +9,9 @@ from itertools import groupby
 from pathlib import Path
 
 from inkloop.component import Port
-from inkloop.errors import FmuError
+from inkloop.errors import FmuError, nearest
 from inkloop.fmu.bus_terminals import BusTerminal
 from inkloop.fmu.variable import Variable, summary
-from inkloop.suggest import nearest
 
 _ALIKE_MAX = 8
 """Scalars whose names differ in numbers, in rows of their own."""

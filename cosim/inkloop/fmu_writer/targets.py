@@ -6,8 +6,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from inkloop.errors import FmuError
-from inkloop.suggest import near
+from inkloop.errors import FmuError, near
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.errors import GeometryError
+from inkloop.errors import GeometryError, nearest
 from inkloop.geometry.body import Body, Placement, bounds
 from inkloop.geometry.columns import Columns
 from inkloop.geometry.mesh_columns import MeshColumns, left_by_cuts, mesh_columns
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.limits import memory_error
-from inkloop.suggest import nearest
 from inkloop.units import MM_PER_M
 
 OPEN_MAX = 1e-3

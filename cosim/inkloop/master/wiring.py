@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import HasPorts, Port, Values
-from inkloop.errors import ComponentError
+from inkloop.errors import ComponentError, nearest
 from inkloop.master.orientation import OWN, Orientation
-from inkloop.suggest import nearest
 from inkloop.units import Conversion, is_known, unit_conversion
 
 

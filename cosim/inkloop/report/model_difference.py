@@ -17,8 +17,8 @@ from rich.table import Table
 
 from inkloop.component import Component, FloatMap, Job
 from inkloop.components import catalog, devices
-from inkloop.components.shadow.replica import FollowedPlant
-from inkloop.components.shadow.shadow import ScannedLayer, start_surface
+from inkloop.components.followed_plant import FollowedPlant
+from inkloop.components.shadow import ScannedLayer, start_surface
 from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.report.terminal import number_table
 from inkloop.results.result import Result

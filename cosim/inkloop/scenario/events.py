@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, HasPorts, Port
 from inkloop.contract import LAYER_COMMAND
 from inkloop.course.events import Event, find_port
-from inkloop.suggest import nearest
+from inkloop.errors import nearest
 from inkloop.tables.messages import read_quantities
 from inkloop.tables.schema import EventTable
 from inkloop.units import NS_PER_S, conversion, key_of

@@ -17,7 +17,7 @@ from inkloop.component import Component, Job, Ports
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.course.events import Event
-from inkloop.errors import ScenarioError
+from inkloop.errors import OFFERED_MAX, ScenarioError, nearest
 from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.fmu.bus import BusLink
 from inkloop.geometry import Columns
@@ -27,7 +27,6 @@ from inkloop.scenario.footprint import Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
-from inkloop.suggest import OFFERED_MAX, nearest
 from inkloop.tables.html import html_table
 from inkloop.tables.ink_file import merge_ink_file, names_ink_file
 from inkloop.tables.job import job_of, target_of

@@ -11,12 +11,12 @@ from inkloop.component import Component, HasPorts, Ports
 from inkloop.components.kind import Bench, Checked
 from inkloop.course.events import Event
 from inkloop.course.layer_course import contract_connections, open_inputs
+from inkloop.errors import nearest
 from inkloop.fmu.bus import BusEnd, BusLink
 from inkloop.master.orientation import Orientation
 from inkloop.master.wiring import Connection, check
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
-from inkloop.suggest import nearest
 from inkloop.tables.messages import read_quantities
 from inkloop.tables.schema import BenchTable, BusTable, ComponentTable, ConnectionTable, ScenarioFile
 

@@ -10,7 +10,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import Item
 
-from inkloop.suggest import nearest
+from inkloop.errors import nearest
 
 UNPRINTED = ("title", "label", "literature", "metrology", "bench")
 """Keys and tables that change nothing of what is printed."""

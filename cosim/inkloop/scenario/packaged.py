@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from inkloop.errors import ScenarioError
+from inkloop.errors import ScenarioError, near
 from inkloop.files import read_toml_text
-from inkloop.suggest import near
 
 __all__ = ["classes_from"]
 

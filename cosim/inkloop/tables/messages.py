@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from inkloop.suggest import nearest
+from inkloop.errors import nearest
 from inkloop.units import QUANTITIES, conversion, key_of, parts_of, si_unit
 
 __all__ = ["sentence"]

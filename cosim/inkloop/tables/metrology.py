@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from inkloop.errors import nearest
 from inkloop.metrology.evaluation.definitions import (
     DEFINITIONS,
     Evaluation,
@@ -14,7 +15,6 @@ from inkloop.metrology.evaluation.definitions import (
     Treatment,
     symbols,
 )
-from inkloop.suggest import nearest
 from inkloop.tables.shapes import Length, Table
 from inkloop.units import M_PER_UM
 

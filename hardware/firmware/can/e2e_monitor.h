@@ -1,7 +1,7 @@
 /* Supervision of one frame by its receiver: check bytes and counters.
  *
  * With two bad frames among the last five the sender counts as missing, until fewer than two of the last five are bad.
- * Silence is not detected here: the caller has the clock. e2e_monitor.py follows the same rules. */
+ * Silence is not detected here: the caller has the clock. E2eMonitor in link/node_watch.py follows the same rules. */
 #ifndef INKLOOP_E2E_MONITOR_H
 #define INKLOOP_E2E_MONITOR_H
 

@@ -25,10 +25,9 @@ from inkloop_hardware.errors import FrameError, HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags
-from inkloop_hardware.protocol.records import NodeStatus, StopRequest, unpack
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, Source, State, StopRequest, unpack
 from inkloop_hardware.protocol.services import ClearOption, Key, Routine
 from inkloop_hardware.protocol.transfer_bytes import read_map
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
 NODES = tuple(Node)
 

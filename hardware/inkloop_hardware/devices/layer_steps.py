@@ -25,9 +25,9 @@ from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError
 from inkloop_hardware.link.link import CONDITIONS
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Routine, Station
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes
-from inkloop_hardware.protocol.vocabulary import Node
 
 ALL_COLOURS = 255
 JOURNALLED = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}

@@ -28,7 +28,7 @@ from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.devices.readiness import make_ready, retry_after_recovery
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import NodeLimits
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 
 NODES = (Node.HEAD, Node.STAGE, Node.CURE)
 _STATE = Struct(">IIQQ?")  # job, layers printed, droplets of material A and of B, whether the last layer is unknown

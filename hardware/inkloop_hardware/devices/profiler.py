@@ -21,8 +21,8 @@ from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.devices.readiness import make_ready, retry_after_recovery
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.transfer_bytes import read_map
-from inkloop_hardware.protocol.vocabulary import Node
 
 HIGH_LAYERS = 3.0
 """Height above the plane of the bed from which on a cell carries something: more is no levelling (assumed)."""

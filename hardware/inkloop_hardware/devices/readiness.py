@@ -23,9 +23,8 @@ from inkloop_hardware.errors import (
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
-from inkloop_hardware.protocol.records import NodeStatus
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
 NOT_READY = {

@@ -25,8 +25,8 @@ from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapping_file import RigMapping
 from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Routine
-from inkloop_hardware.protocol.vocabulary import Node
 
 LAMP_MS = 100
 NODES = (Node.HEAD, Node.CURE)

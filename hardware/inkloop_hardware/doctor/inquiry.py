@@ -16,9 +16,8 @@ from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import Flags, JournalRecord, NodeLimits, NodeState
-from inkloop_hardware.protocol.records import MasterAlive, NodeStatus
+from inkloop_hardware.protocol.records import Fault, MasterAlive, Node, NodeStatus, State
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 CLOCK_TOLERANCE = 0.02
 """Share by which a node's clock may be off (assumed): its 300 ms without a master are then 294 to 306 ms."""

@@ -13,11 +13,9 @@ from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter, data_frame
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
-from inkloop_hardware.link.node_watch import LOST_AFTER
+from inkloop_hardware.link.node_watch import LOST_AFTER, E2eMonitor
 from inkloop_hardware.protocol.codec import EXTENDED, Codec, Frame
-from inkloop_hardware.protocol.e2e_monitor import E2eMonitor
-from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeStatus, StopRequest, unpack
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import KINDS, MasterAlive, Node, NodeStatus, StopRequest, unpack
 
 LISTEN_S = 1.2
 """Twelve statuses of a healthy node, and at least one MasterAlive of any master; at least `LISTEN_SILENCES`."""

@@ -21,8 +21,7 @@ from inkloop_hardware.mapped.mapped_bus import Readings
 from inkloop_hardware.mapped.mapping_file import RigMapping
 from inkloop_hardware.protocol.codec import Codec, id_of, id_text
 from inkloop_hardware.protocol.node_state import Flags, NodeState
-from inkloop_hardware.protocol.records import NodeStatus
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, State
 
 CONDITIONS = {
     Flags.NEEDS_OPERATOR: "needs a person to clear it",

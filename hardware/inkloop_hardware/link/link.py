@@ -22,8 +22,8 @@ from inkloop_hardware.protocol.node_state import (
     NodeState,
     NodeTimes,
 )
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Node
 
 CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)

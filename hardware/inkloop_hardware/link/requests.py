@@ -15,8 +15,8 @@ from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, MESSAGE_QUIET, I
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Identifier
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import REFUSALS, UNREADABLE, Bytes, is_answer
-from inkloop_hardware.protocol.vocabulary import Node
 
 TRIES = 6
 P2 = 1.0

@@ -28,8 +28,7 @@ from inkloop_hardware.link.link import Link, LinkCounts
 from inkloop_hardware.link.node_watch import because
 from inkloop_hardware.link.supervision import Supervision
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.records import NodeStatus
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node, NodeStatus
 from inkloop_hardware.replay.replay_connection import INTERFACE, ReplayConnection
 
 ANSWER_GRACE_S = 0.25

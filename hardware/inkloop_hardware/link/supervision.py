@@ -11,8 +11,7 @@ from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.errors import AnotherMaster, BusDisconnected, FrameError, HardwareError, NodeLost, StopRequested
 from inkloop_hardware.link.node_watch import BusWatch, NodeWatch
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeFault, NodeStatus, StopRequest, unpack
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import KINDS, MasterAlive, Node, NodeFault, NodeStatus, StopRequest, unpack
 from inkloop_hardware.replay.replay_connection import ReplayConnection
 
 LOG = logging.getLogger("inkloop_hardware")

@@ -29,10 +29,9 @@ from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.devices.profiler import NewestScan
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped_bus import MappedBus
-from inkloop_hardware.mapped.mapped_steps import MappedSteps
+from inkloop_hardware.mapped.mapped_layer import MappedSteps, newest_layer, outcome_of
 from inkloop_hardware.mapped.mapping_file import factor, load
 from inkloop_hardware.mapped.mapping_tables import Step
-from inkloop_hardware.mapped.open_layer import newest_layer, outcome_of
 from inkloop_hardware.protocol.services import Key
 
 _STATE = Struct(">Iii?")  # job, layers printed, layers scanned, whether the last layer is unknown
@@ -42,9 +41,9 @@ class Mapped:
     """Printer, profiler or both, by the steps of the mapping; a step of the loop lasts until they are done.
 
     Steps of a layer that act are in the journal of the run before and after they are made. A layer that was begun and
-    not finished is not continued: a person looks at it first (open_layer.py). `layer_unknown`: what became of the last
-    layer is not known. mapping: path of the mapping file. Raises ScenarioError with every error of the file; the errors
-    of its steps are `HardwareError`s.
+    not finished is not continued: a person looks at it first (mapped_layer.py). `layer_unknown`: what became of the
+    last layer is not known. mapping: path of the mapping file. Raises ScenarioError with every error of the file; the
+    errors of its steps are `HardwareError`s.
     """
 
     is_device = True

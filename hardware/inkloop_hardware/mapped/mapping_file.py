@@ -14,9 +14,8 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from inkloop.component import Job
-from inkloop.errors import ScenarioError
+from inkloop.errors import ScenarioError, nearest
 from inkloop.files import TomlError, read_toml_text, toml_tables
-from inkloop.suggest import nearest
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
 from inkloop_hardware.mapped.mapping_tables import (

@@ -161,7 +161,7 @@ class Codec:
         strict: the frame is one of our protocol: another format or length, or a value out of its limits, is an error.
         Otherwise bytes beyond the message are ignored, classic and FD are alike, and a value out of its limits is
         dropped; one of the value table never is. Raises FrameError for an unknown id, for too few bytes, and if strict.
-        A wrong check byte raises nothing: the supervision counts it (`e2e_monitor`).
+        A wrong check byte raises nothing: the supervision counts it (`link.node_watch`).
         """
         message = self._by_id.get(frame.arbitration_id)
         if message is None:

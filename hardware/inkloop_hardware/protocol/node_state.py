@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Annotated
 
 from inkloop_hardware.protocol import layout
+from inkloop_hardware.protocol.records import Fault, State
 from inkloop_hardware.protocol.services import Key
-from inkloop_hardware.protocol.vocabulary import Fault, State
 
 
 class Identifier(IntEnum):

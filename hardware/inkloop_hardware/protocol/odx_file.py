@@ -40,7 +40,7 @@ from inkloop.files import replaced
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.odx_services import Services, refusal
 from inkloop_hardware.protocol.odx_values import CONTAINER, NODE, WHOLE, Dictionary, made_id
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 
 PROTOCOL = "UdsOnCan"
 STACK, LINK = "ISO_15765_3_on_ISO_15765_2", "ISO_11898_2_DWCAN"

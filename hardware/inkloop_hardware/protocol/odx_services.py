@@ -27,8 +27,8 @@ from inkloop_hardware.protocol.node_state import (
     TransferState,
 )
 from inkloop_hardware.protocol.odx_values import Dictionary, const, echo, echoes, made_id
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import NEGATIVE, OPTIONS, POSITIVE, REFUSALS, ROUTINES, Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Node
 
 SESSION, READ, ROUTINE, DOWNLOAD, UPLOAD, BLOCK, EXIT, PRESENT = 0x10, 0x22, 0x31, 0x34, 0x35, 0x36, 0x37, 0x3E
 RECORDS = {

@@ -1,4 +1,4 @@
-"""Typed records of the frames of the bench, in SI units.
+"""Typed records of the frames of the bench, in SI units, and the names of nodes, states and faults in them.
 
 One class per layout of `inkloop.dbc`; a field is the signal of the same name (`pass_mask` is `PassMask`). Lengths are
 in m, times in s, shares 0 to 1; temperatures stay in degC, pressures in Pa, irradiance in W/m2.
@@ -8,12 +8,71 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from enum import IntEnum, StrEnum
 from typing import Any, ClassVar, get_type_hints
 
 from inkloop.units import M_PER_UM, S_PER_MS
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.codec import Codec, Frame, Reading
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+
+
+class Node(StrEnum):
+    """A node of the bench; its messages begin with its name."""
+
+    HEAD = "Head"
+    STAGE = "Stage"
+    CURE = "Cure"
+    PROFILER = "Profiler"
+
+
+class State(IntEnum):
+    """State of a node."""
+
+    SAFE = 0
+    IDLE = 1
+    RECEIVING = 2
+    VERIFIED = 3
+    PRINTING = 4
+    PRINTED = 5
+    CURING = 6
+    CURED = 7
+    SCANNING = 8
+    MAP_READY = 9
+    FAULT = 10
+
+
+class Fault(IntEnum):
+    """Cause of SAFE or FAULT."""
+
+    NONE = 0
+    MASTER_LOST = 1
+    STOP_REQUEST = 2
+    ENABLE_DROPPED = 3
+    TWO_MASTERS = 4
+    SUPERVISION = 5
+    STEP_EXPIRED = 6
+    GATE_NOT_CONFIRMED = 7
+    LAMP_TIME = 8
+    BACK_PRESSURE = 11
+    STAGE_POSITION = 12
+    SCAN_FAILED = 14
+    JOURNAL_DAMAGED = 16
+    PASS_UNKNOWN = 17
+    STORAGE_FAILED = 18
+    JOURNAL_UNREADABLE = 19
+
+
+class Source(IntEnum):
+    """Sender of a stop request."""
+
+    NONE = 0
+    OPERATOR = 1
+    MASTER = 2
+    HEAD = 3
+    STAGE = 4
+    CURE = 5
+    PROFILER = 6
+
 
 SI = {"": 1.0, "um": M_PER_UM, "ms": S_PER_MS, "%": 1e-2, "degC": 1.0, "Pa": 1.0, "W/m2": 1.0}
 """One unit of the DBC in the unit of the records."""

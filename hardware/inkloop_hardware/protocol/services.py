@@ -14,7 +14,7 @@ import udsoncan
 from udsoncan.exceptions import InvalidResponseException, UnexpectedResponseException
 
 from inkloop_hardware.protocol import layout
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 
 
 class Routine(IntEnum):

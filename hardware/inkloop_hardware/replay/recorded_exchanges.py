@@ -20,8 +20,8 @@ from inkloop_hardware.bus.traffic_log import WRITERS
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import TransferState
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Routine, is_answer
-from inkloop_hardware.protocol.vocabulary import Node
 
 SINGLE, FIRST, CONSECUTIVE = 0, 1, 2
 

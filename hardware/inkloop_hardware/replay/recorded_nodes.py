@@ -14,9 +14,9 @@ from struct import pack
 
 from inkloop_hardware.errors import BusError, HardwareError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.protocol.node_state import Identifier
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.transfer_bytes import first_difference, plain_form
-from inkloop_hardware.protocol.vocabulary import Node
 from inkloop_hardware.replay.recorded_exchanges import (
     BLOCK,
     DOWNLOAD,

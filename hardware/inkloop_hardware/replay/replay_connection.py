@@ -18,7 +18,7 @@ from inkloop_hardware.bus.isotp_connection import PARAMETERS
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.replay.recorded_exchanges import exchanges, parts_of, read_traffic
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes
 

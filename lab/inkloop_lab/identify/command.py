@@ -16,10 +16,10 @@ from rich.table import Table
 
 from inkloop.component import Ink
 from inkloop.components.catalog import DEPOSITION_MODELS, kinds
+from inkloop.errors import near, nearest
 from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, Result
 from inkloop.scenario.file import Scenario
-from inkloop.suggest import near, nearest
 from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
 from inkloop_lab.identify.candidates import words

@@ -13,7 +13,7 @@ import numpy as np
 from inkloop.units import UM_PER_M, US_PER_S
 from inkloop_lab.models import YoungLaplaceDeposition
 from inkloop_lab.models.young_laplace_deposition import FineSurface
-from inkloop_lab.reproduce import pictures, single_droplet, square
+from inkloop_lab.reproduce import liquid_bodies, pictures
 from inkloop_lab.reproduce.comparison import Paper, Part, Row, Step
 
 CELLS, EDGE = 11, 6
@@ -166,8 +166,8 @@ PAPER = Paper(
     "Solid Freeform Fabrication Symposium 2018",
     (
         Step("time scales of the ink", time_scales),
-        Step("one droplet, Table 2", single_droplet.find),
+        Step("one droplet, Table 2", liquid_bodies.single_droplet),
         Step("five droplets at the edge of a layer", line_on_a_step),
-        Step("square of 6250 droplets", square.find),
+        Step("square of 6250 droplets", liquid_bodies.square),
     ),
 )

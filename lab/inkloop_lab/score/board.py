@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, nearest
 from inkloop.printing.run import print_part
 from inkloop.results.metrics import without_sign
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.suggest import nearest
 from inkloop.units import NS_PER_S, UM_PER_M
 from inkloop_lab.identify.ink_regression import identify_ink
 from inkloop_lab.identify.print_record import PrintRecord

@@ -10,13 +10,12 @@ from typing import Any
 from matplotlib import rc_context
 
 from inkloop.components.catalog import kinds
-from inkloop.errors import InkloopError, ResultError, ScenarioError
+from inkloop.errors import InkloopError, ResultError, ScenarioError, nearest
 from inkloop.files import write_text
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
-from inkloop.suggest import nearest
 from inkloop_lab.score import PLANTS, tables
 from inkloop_lab.score.board import (
     AGAINST,

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from inkloop.errors import nearest
 from inkloop.results.attributes import Meaning
 from inkloop.results.metrics import MEAN_ERROR, SIGN
-from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
 
 _OVER = "over the part, at the end of a print"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.suggest import nearest
+from inkloop.errors import nearest
 
 SOBOL_INDICES = "sobol-indices"
 BALANCED = ("sobol", SOBOL_INDICES)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from inkloop.suggest import near, nearest
+from inkloop.errors import near, nearest
 from inkloop.tables.shapes import Table
 from inkloop_lab.sweep.figures import METRICS, Expression
 from inkloop_lab.sweep.sampling import KINDS, Distribution, distribution

@@ -13,8 +13,7 @@ from inkloop_hardware.devices.readiness import make_ready
 from inkloop_hardware.errors import BusDisconnected, HardwareError
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import JournalRecord, Step
-from inkloop_hardware.protocol.records import StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Node, Source
+from inkloop_hardware.protocol.records import Node, Source, StopRequest, pack
 from support.benches.fault_run import (
     BLOB,
     LIMIT_S,

@@ -18,10 +18,9 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import NodeState
-from inkloop_hardware.protocol.records import NodeStatus, unpack
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, unpack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import read_map
-from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 
 SIDE = 9

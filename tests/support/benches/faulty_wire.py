@@ -9,7 +9,7 @@ import numpy as np
 
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 from support.benches.node_bench import HEAD, NodeBench
 from support.benches.wire_library import IsotpEnd
 

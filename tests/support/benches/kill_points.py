@@ -29,7 +29,7 @@ from inkloop.scenario.file import Scenario
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.link.rig import NodeWire
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 from support import compiled
 from support.benches.bench_run import FAST, PATIENCE_S
 from support.places import C_SOURCES

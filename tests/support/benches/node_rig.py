@@ -14,9 +14,8 @@ from inkloop.component import Component, Job, Values
 from inkloop.testing import job as small_job
 from inkloop_hardware.errors import NodeRefused
 from inkloop_hardware.link.link import Link
-from inkloop_hardware.protocol.records import NodeStatus
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
 from support.benches.faulty_wire import CODEC, FaultyWire
 

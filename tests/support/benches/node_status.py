@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
-from inkloop_hardware.protocol.records import NodeStatus
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, State
 
 IDLE_HEAD = NodeStatus(
     node=Node.HEAD,

@@ -9,9 +9,8 @@ import numpy as np
 
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Happening, Step
-from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.records import Fault, Source, StopRequest, pack
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Source
 from support.benches.node_bench import CURE, GATE, HEAD, LAMP, MOTION, Broken, MasterAlive, NodeBench, pattern_blob
 
 CODEC = Codec()

@@ -32,8 +32,8 @@ from inkloop_hardware.doctor.adapter_check import before_opening
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Node
 from support.benches import foreign_rig
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
 

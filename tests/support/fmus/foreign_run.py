@@ -13,7 +13,7 @@ from typing import Any
 
 import fmpy
 
-from inkloop.fmu_writer.cross import compiler_command
+from inkloop.fmu_writer.export import compiler_command
 from inkloop.fmu_writer.targets import Target
 from support.places import C_SOURCES, ROOT
 

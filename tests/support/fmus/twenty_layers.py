@@ -10,8 +10,7 @@ import fmpy
 import pytest
 
 from inkloop.fmu_writer.archive import unpack
-from inkloop.fmu_writer.cross import with_platforms
-from inkloop.fmu_writer.export import export_fmu
+from inkloop.fmu_writer.export import export_fmu, with_platforms
 from inkloop.fmu_writer.targets import TARGETS, Target
 from support.fmus.foreign_run import AARCH64_LIBRARIES, QEMU, WINE, answers, compiled, script_of
 

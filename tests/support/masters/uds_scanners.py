@@ -22,7 +22,7 @@ import isotp
 
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.protocol.codec import Codec
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.records import Node
 
 EVERYWHERE, TRANSFER = {0x10, 0x22, 0x31, 0x3E}, {0x36, 0x37}
 SERVICES = {

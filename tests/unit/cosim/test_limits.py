@@ -265,7 +265,7 @@ def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
         "fmu.bus_terminals",
         "fmu.reading",
         "geometry.three_mf",
-        "fmu_writer.cross",
+        "fmu_writer.export",
         "exchange.ssp.folder",
     }
     parsers = re.compile(r"\b(fromstring|iterparse|XMLParser|XMLPullParser|ParserCreate|minidom|lxml|etree\.parse)\b")

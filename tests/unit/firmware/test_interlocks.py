@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop_hardware.protocol.records import Fault
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault
 from support.benches.node_bench import (
     CURE,
     DONE,

@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
-from inkloop_hardware.protocol.records import MasterAlive, NodeFault, NodeStatus, Record, StopRequest, pack, unpack
+from inkloop_hardware.protocol.records import (
+    Fault,
+    MasterAlive,
+    Node,
+    NodeFault,
+    NodeStatus,
+    Record,
+    Source,
+    State,
+    StopRequest,
+    pack,
+    unpack,
+)
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches.node_bench import (
     CURE,
     DONE,

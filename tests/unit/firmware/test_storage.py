@@ -8,8 +8,8 @@ from struct import unpack_from
 import numpy as np
 import pytest
 
+from inkloop_hardware.protocol.records import Fault
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault
 from support.benches.node_bench import CURE, DONE, DONE_BEFORE, UNKNOWN, MasterAlive, NodeBench, Nrc, pattern_blob
 
 PATTERN = pattern_blob(np.ones((9, 8)))

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from inkloop_hardware.protocol.records import Fault
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault
 from support.benches.node_bench import CURE, DONE, HEAD, NodeBench, Nrc, pattern_blob
 
 FULL = np.ones((9, 8), np.uint8)

@@ -11,7 +11,7 @@ from inkloop.exchange.ssp import VERSIONS, folder, ssd
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.files import temporary_folder
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
-from inkloop.fmu_writer.cross import with_platforms
+from inkloop.fmu_writer.export import with_platforms
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 

@@ -11,11 +11,11 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from inkloop.errors import nearest
 from inkloop.exchange.ssp.structure import SSD, SSM, SSV, Structure, converts_units, flat_name, linear, units_in
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.fmu.variable import TEXT
 from inkloop.limits import XmlError, parsed_xml
-from inkloop.suggest import nearest
 from inkloop.units import Conversion, unit_conversion
 
 Places: TypeAlias = Mapping[str, tuple[str, int]]

@@ -18,7 +18,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop.components.fmu_parameters import FILE_KEYS, JOB_PARAMETERS
-from inkloop.errors import FmuError, ScenarioError
+from inkloop.errors import FmuError, ScenarioError, nearest
 from inkloop.exchange.ssp import contents, wires
 from inkloop.exchange.ssp.contents import member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
@@ -28,7 +28,6 @@ from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import XmlError, parsed_xml, unpacked_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
-from inkloop.suggest import nearest
 from inkloop.tables.messages import scaled
 from inkloop.units import declared_key
 

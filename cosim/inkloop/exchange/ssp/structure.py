@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from inkloop.suggest import nearest
+from inkloop.errors import nearest
 from inkloop.units import Conversion, defined_unit
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from math import isclose
 from typing import Any
 
+from inkloop.errors import nearest
 from inkloop.exchange.ssp.contents import places
 from inkloop.exchange.ssp.structure import SSC, SSD, Node, Structure, converts_units, flat_name, linear
 from inkloop.fmu import FmuDescription, Variable
-from inkloop.suggest import nearest
 from inkloop.units import Conversion, key_of, unit_conversion
 
 _ROUNDING = 1e-12

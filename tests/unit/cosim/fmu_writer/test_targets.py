@@ -12,10 +12,9 @@ import pytest
 from inkloop.cli import main
 from inkloop.errors import FmuError
 from inkloop.fmu import describe
-from inkloop.fmu_writer import archive, cross
+from inkloop.fmu_writer import archive, export
 from inkloop.fmu_writer.archive import unpack
-from inkloop.fmu_writer.cross import with_platforms
-from inkloop.fmu_writer.export import find_fmu
+from inkloop.fmu_writer.export import find_fmu, with_platforms
 from inkloop.fmu_writer.targets import TARGETS, platforms_in, targets_of, universal
 from support.places import ROOT
 
@@ -110,7 +109,7 @@ def test_each_of_several_binaries_is_packed_into_the_folder_of_its_platform(form
 
 def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Binaries that are there need no compiler."""
-    monkeypatch.setitem(sys.modules, cross.COMPILER, None)
+    monkeypatch.setitem(sys.modules, export.COMPILER, None)
     members = unpack(find_fmu("ProfileSensor", "fmi3"))
     both = {**members, "binaries/aarch64-darwin/ProfileSensor.dylib": mach_o(0x0100000C, 512)}
     for names in ([NATIVE], ["aarch64-darwin"], [NATIVE, "aarch64-darwin"]):

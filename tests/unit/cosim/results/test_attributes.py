@@ -10,7 +10,7 @@ from typing import Any
 import h5netcdf
 import numpy as np
 
-from inkloop.components.shadow.shadow import shadow_ports
+from inkloop.components.shadow import shadow_ports
 from inkloop.contract import COUNTERS, STATUS
 from inkloop.results.attributes import MEANINGS, variable
 from inkloop.results.recorder import COUNTER_ROLES

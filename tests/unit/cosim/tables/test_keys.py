@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from inkloop.bench.commands import emulation_of
 from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
-from inkloop.components.shadow.options import ShadowTable
+from inkloop.components.shadow_kind import ShadowTable
 from inkloop.errors import InkloopError, ScenarioError
 from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.scenario.file import Scenario

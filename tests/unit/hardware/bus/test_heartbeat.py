@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, after
+from inkloop_hardware.link.node_watch import E2eMonitor, Verdict
 from inkloop_hardware.protocol.codec import Codec, Frame
-from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
 from inkloop_hardware.protocol.records import MasterAlive, unpack
 
 CODEC = Codec()

@@ -13,8 +13,7 @@ from inkloop_hardware.bus.process import BusProcess
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.link.node_watch import OVER_AFTER, BusWatch
-from inkloop_hardware.protocol.records import MasterAlive, StopRequest
-from inkloop_hardware.protocol.vocabulary import Source
+from inkloop_hardware.protocol.records import MasterAlive, Source, StopRequest
 
 GONE, OFF = BusError("gone."), BusOff("off.", 1.0)
 OTHER = MasterAlive(False, False, False, session=5, job=1)

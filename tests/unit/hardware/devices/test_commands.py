@@ -14,8 +14,8 @@ from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
 from inkloop_hardware.doctor.status import NodeReport, status
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
+from inkloop_hardware.protocol.records import Fault, Node, State
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.node_status import node_state
 
 

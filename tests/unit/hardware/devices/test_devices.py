@@ -21,9 +21,9 @@ from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.protocol.node_state import Flags
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Routine, Station
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes
-from inkloop_hardware.protocol.vocabulary import Node
 from support.benches import node_bench
 from support.benches.node_bench import GATE, LAMP, MOTION, NodeBench
 from support.benches.node_rig import FOUR, FULL, NodeRig, bench, print_layer

@@ -21,9 +21,9 @@ from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import NodeRefused, TransferError
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes
-from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.node_status import node_state
 
 JOB, CURE_MS = 7, 20

@@ -18,8 +18,8 @@ from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.protocol.node_state import Flags, NodeState
+from inkloop_hardware.protocol.records import Node, State
 from inkloop_hardware.protocol.services import Key, Routine
-from inkloop_hardware.protocol.vocabulary import Node, State
 from support.benches.node_rig import FOUR, NodeRig, bench, print_layer
 from support.benches.node_status import node_state
 

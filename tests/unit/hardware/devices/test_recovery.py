@@ -23,8 +23,8 @@ from inkloop_hardware.errors import (
     TransferError,
 )
 from inkloop_hardware.protocol.node_state import Flags
+from inkloop_hardware.protocol.records import Fault, Node, State
 from inkloop_hardware.protocol.services import Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
 from support.benches.node_bench import NodeBench
 from support.benches.node_rig import FOUR, FULL, NodeRig, print_layer

@@ -12,10 +12,9 @@ import pytest
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.commands import release_stop, request_stop
 from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.link.node_watch import E2eMonitor, Verdict
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
-from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
-from inkloop_hardware.protocol.records import NodeStatus, StopRequest, pack, unpack
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from inkloop_hardware.protocol.records import Fault, Node, NodeStatus, Source, State, StopRequest, pack, unpack
 
 CODEC = Codec()
 PRINTING = (State.PRINTING, Fault.NONE)

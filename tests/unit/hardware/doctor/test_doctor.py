@@ -36,8 +36,7 @@ from inkloop_hardware.protocol.node_state import (
     Roles,
     Step,
 )
-from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from inkloop_hardware.protocol.records import Fault, MasterAlive, Node, NodeStatus, Source, State, StopRequest, pack
 from support.benches.node_bench import Broken, NodeBench
 from support.benches.node_rig import NodeRig
 from support.benches.node_status import node_state

@@ -32,8 +32,7 @@ from inkloop_hardware.link.node_watch import OVER_AFTER
 from inkloop_hardware.link.rig import ANSWER_GRACE_S, NodeWire, Rig
 from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
 from inkloop_hardware.protocol.codec import COUNTERS, Frame
-from inkloop_hardware.protocol.records import MasterAlive, NodeFault, StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from inkloop_hardware.protocol.records import Fault, MasterAlive, Node, NodeFault, Source, State, StopRequest, pack
 from support.benches.faulty_wire import CODEC
 from support.benches.node_status import IDLE_HEAD
 

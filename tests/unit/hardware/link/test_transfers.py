@@ -20,9 +20,9 @@ from inkloop_hardware.link.requests import Requests
 from inkloop_hardware.link.transfers import BlockSize, receive_map
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.node_state import MapSize
+from inkloop_hardware.protocol.records import Node, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
-from inkloop_hardware.protocol.vocabulary import Node, State
 from support.benches.faulty_wire import CODEC, FaultyWire
 from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
 

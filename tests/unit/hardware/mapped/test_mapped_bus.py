@@ -22,7 +22,7 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.doctor.status import judge_rig
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
-from inkloop_hardware.mapped import mapped_bus, mapped_steps
+from inkloop_hardware.mapped import mapped_bus, mapped_layer
 from inkloop_hardware.mapped.mapped import Mapped
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapping_file import load
@@ -80,7 +80,7 @@ ANY_BED: dict[str, Any] = {"is_open": False, "valid_share": 0.0, "on_part": True
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    for module in (mapped_bus, mapped_steps):
+    for module in (mapped_bus, mapped_layer):
         monkeypatch.setattr(module, "time", found)
     monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
     monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel

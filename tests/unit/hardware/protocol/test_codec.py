@@ -16,18 +16,21 @@ from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.c_codec import snake
 from inkloop_hardware.protocol.codec import Codec, Frame, Reading
 from inkloop_hardware.protocol.records import (
+    Fault,
     HeadMeasurement,
     MasterAlive,
+    Node,
     NodeFault,
     NodeStatus,
     ProfilerMeasurement,
     Record,
+    Source,
     StageMeasurement,
+    State,
     StopRequest,
     pack,
     unpack,
 )
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches.node_status import IDLE_HEAD
 from support.benches.wire_library import wire_library
 

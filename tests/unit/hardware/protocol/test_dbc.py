@@ -15,8 +15,7 @@ from cantools.database.can import Message
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.c_codec import write_codec
 from inkloop_hardware.protocol.codec import BENCH_DBC, Codec
-from inkloop_hardware.protocol.records import KINDS, SI, signal_name
-from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from inkloop_hardware.protocol.records import KINDS, SI, Fault, Node, Source, State, signal_name
 from support.benches.node_bench import codec
 
 CODEC = Codec()

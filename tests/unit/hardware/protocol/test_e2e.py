@@ -9,7 +9,7 @@ from e2e import p01
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
+from inkloop_hardware.link.node_watch import E2eMonitor, Verdict
 from support.benches.wire_library import numbers, wire_library
 
 pytestmark = pytest.mark.compiled

@@ -22,9 +22,8 @@ from inkloop_hardware.protocol.node_state import (
     TransferFlags,
     TransferState,
 )
-from inkloop_hardware.protocol.records import NodeFault
+from inkloop_hardware.protocol.records import Fault, Node, NodeFault, State
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import HEAD, PROFILER, NodeBench, pattern_blob
 from support.benches.node_status import IDLE_HEAD

@@ -22,8 +22,8 @@ from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Identifier, TransferFlags, TransferState
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import REFUSALS, ClearOption, Key, Outcome, Routine, Station
-from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.faulty_wire import NODES, FaultyWire
 from support.benches.node_bench import NodeBench, pattern_blob, run_length
 

@@ -18,9 +18,9 @@ from hypothesis.extra.numpy import arrays
 
 from inkloop_hardware.errors import BusError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.records import Node
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.transfer_bytes import PatternBytes, first_difference, plain_form
-from inkloop_hardware.protocol.vocabulary import Node
 from inkloop_hardware.replay.recorded_exchanges import Exchange, Reassembly, Seen, exchanges, read_traffic
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes, described
 

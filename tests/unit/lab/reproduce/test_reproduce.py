@@ -14,10 +14,9 @@ from inkloop.cli import main
 from inkloop.component import Job
 from inkloop_lab.reproduce import (
     PAPERS,
+    liquid_bodies,
     lu,
     prints,
-    single_droplet,
-    square,
     wu_chiu,
 )
 from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
@@ -153,17 +152,17 @@ def test_width_of_a_block_is_where_it_is_half_as_high() -> None:
 
 
 def test_cap_is_the_exact_one_in_the_middle_and_at_the_rim() -> None:
-    assert single_droplet.exact(np.array([0.0, 35.1999])) == pytest.approx([14.5803, 0.0], abs=1e-4)
+    assert liquid_bodies.exact(np.array([0.0, 35.1999])) == pytest.approx([14.5803, 0.0], abs=1e-4)
 
 
 @pytest.mark.parametrize("form", ["linear", "nonlinear"])
 def test_square_has_its_shape_on_a_coarse_grid(form) -> None:
     """Of three layers; the full square is a long test."""
-    surface, _ = square.printed(form, 4, layers=3)
-    assert square.outside(surface) < 0.02
-    assert square.ridge(surface) > float(surface.height[7:22, 7:22].mean()) * 1e6
-    assert square.corner(surface) < float(surface.height[7:22, 7:22].mean()) * 1e6
-    assert square.wall(square.end_wall(surface), surface.spacing * 1e6)[0] > 60.0
+    surface, _ = liquid_bodies.printed(form, 4, layers=3)
+    assert liquid_bodies.outside(surface) < 0.02
+    assert liquid_bodies.ridge(surface) > float(surface.height[7:22, 7:22].mean()) * 1e6
+    assert liquid_bodies.corner(surface) < float(surface.height[7:22, 7:22].mean()) * 1e6
+    assert liquid_bodies.wall(liquid_bodies.end_wall(surface), surface.spacing * 1e6)[0] > 60.0
 
 
 def cross(one, other):
@@ -205,14 +204,14 @@ def test_elements_hold_the_volume_over_the_ground_and_stay_at_its_edge(form) -> 
 @pytest.mark.parametrize("order", [1, 2])
 def test_elements_converge_to_the_cap(order) -> None:
     pytest.importorskip("skfem")
-    errors = [single_droplet._by_triangles("nonlinear", order, size)[1] for size in (10.0, 5.0, 2.5)]
+    errors = [liquid_bodies._by_triangles("nonlinear", order, size)[1] for size in (10.0, 5.0, 2.5)]
     assert errors[0] > errors[1] > errors[2]
     assert errors[2] < {1: 0.03, 2: 0.003}[order]
 
 
 def test_without_scikit_fem_the_rest_is_reproduced_and_the_gap_is_reported(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "skfem", None)
-    rows = single_droplet.find(True).rows
+    rows = liquid_bodies.single_droplet(True).rows
     (gap,) = [row for row in rows if row.where == "Table 2"]
     assert "scikit-fem" in gap.figure
     assert gap.cells[4] == "-"
@@ -274,11 +273,13 @@ def test_whole_reproduction_ends_well(paper, tmp_path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("per_pitch", [8, 16])
 def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -> None:
-    surface, _ = square.printed("nonlinear", per_pitch)
+    surface, _ = liquid_bodies.printed("nonlinear", per_pitch)
     (end_width, end_angle), (side_width, side_angle) = (
-        square.wall(profile, surface.spacing * 1e6) for profile in (square.end_wall(surface), square.side_wall(surface))
+        liquid_bodies.wall(profile, surface.spacing * 1e6)
+        for profile in (liquid_bodies.end_wall(surface), liquid_bodies.side_wall(surface))
     )
     middle = float(surface.height[7:22, 7:22].mean()) * 1e6
-    found = [middle, end_width, end_angle, side_width, side_angle, square.ridge(surface), square.corner(surface)]
+    heights = liquid_bodies.ridge(surface), liquid_bodies.corner(surface)
+    found = [middle, end_width, end_angle, side_width, side_angle, *heights]
     assert found == pytest.approx([185.3, 154.6, 44.1, 34.3, 78.1, 200.5, 80.0], rel=0.05, abs=0.0)
-    assert square.outside(surface) < 0.005
+    assert liquid_bodies.outside(surface) < 0.005

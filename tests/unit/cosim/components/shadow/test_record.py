@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from inkloop.component import Component
-from inkloop.components.shadow.shadow import Shadow
+from inkloop.components.shadow import Shadow
 from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.master.master import Master
 from inkloop.report import PNG, run_report

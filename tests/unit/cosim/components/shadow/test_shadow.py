@@ -14,7 +14,7 @@ import pytest
 from inkloop.component import Component, Job, Port, Status, Values
 from inkloop.components import catalog
 from inkloop.components.kind import Bench
-from inkloop.components.shadow.shadow import ScannedLayer, Shadow, start_surface
+from inkloop.components.shadow import ScannedLayer, Shadow, start_surface
 from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.devices.master_journal import Asked, Event, JournalError, MasterJournal
+from inkloop_hardware.mapped.mapped_layer import LayerIsOpen, MappedLayer, newest_layer, outcome_of, settle
 from inkloop_hardware.mapped.mapping_tables import Download, Send, Wait
-from inkloop_hardware.mapped.open_layer import LayerIsOpen, MappedLayer, newest_layer, outcome_of, settle
 from inkloop_hardware.protocol.services import Key
 
 JOB, CRC = 7, 0xABCD

@@ -8,10 +8,10 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Component, Job, Ports
+from inkloop.components.followed_plant import checked_inputs
 from inkloop.components.kind import Bench, Check, Checked
 from inkloop.components.plain_plant import PlainPlant, wrapped_ports
-from inkloop.components.shadow.replica import checked_inputs
-from inkloop.components.shadow.shadow import Shadow, shadow_ports
+from inkloop.components.shadow import Shadow, shadow_ports
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN, has_port
 from inkloop.tables.messages import sentence
 from inkloop.units import M_PER_UM

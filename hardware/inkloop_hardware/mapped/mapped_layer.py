@@ -1,4 +1,9 @@
-"""The steps of a mapping, made one after the other on an open bus; a person's stop by those it has for it."""
+"""The layers of a mapped rig: their steps, made one after the other on an open bus, and those that were begun before.
+
+A mapped rig keeps no journal of its own. A layer of which a step was begun and that was not finished may lie on the
+bed, or not, or in part: only a person can tell, and nothing is sent to the rig before. A person's stop is made by the
+steps that a mapping has for it.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,8 @@ import secrets
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +22,13 @@ from udsoncan import MemoryLocation
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import ComponentError
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.master_journal import Asked, Event, JournalError, MasterJournal
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
 from inkloop_hardware.mapped.mapping_file import RigMapping, resolved
 from inkloop_hardware.mapped.mapping_tables import Acting, Download, Memory, Read, RoutineStep, Send, Step, Upload, Wait
+from inkloop_hardware.protocol.services import Key
 
 LOG = logging.getLogger("inkloop_hardware")
 POLL = 0.1
@@ -126,3 +134,84 @@ def stop_rig(settings: BusSettings, mapping: RigMapping) -> Iterator[str]:
     with closing(MappedBus(replace(settings, traffic_log=None), None, mapping, session, 1, is_alone=False)) as bus:
         MappedSteps(bus, mapping, 1).do("stop", steps, 0)
     yield f"all {len(steps)} [[stop]] steps of {mapping.path.name} were made; look at the rig before you go on"
+
+
+@dataclass(frozen=True)
+class MappedLayer:
+    """A layer of a mapped rig. step: number of the last one that was begun; outcome: INTENT while it is open;
+    pattern_crc: CRC-32 of its pattern."""
+
+    layer: int
+    step: int
+    outcome: Event
+    pattern_crc: int
+
+
+class LayerIsOpen(HardwareError):
+    """A layer was begun and not finished, or with another pattern: a person must look at it."""
+
+    has_own_remedy = True
+
+
+def newest_layer(journal: MasterJournal) -> MappedLayer | None:
+    """The newest layer that the rig was asked for in the job of a journal; None before the first."""
+    found: MappedLayer | None = None
+    for record in journal.records:
+        if record.asked not in (Asked.STEP, Asked.LAYER) or record.key.job != journal.job:
+            continue
+        outcome = record.event if record.asked is Asked.LAYER else Event.INTENT
+        step = record.key.pass_ if record.asked is Asked.STEP else found.step if found else 0
+        found = MappedLayer(record.key.layer, step, outcome, record.pattern_crc)
+    return found
+
+
+def settle(folder: Path, layer_is: str) -> None:
+    """Write into the journal of a run what a person has seen of its open layer: "printed", "blank" or "unknown".
+
+    JournalError if no layer is open.
+    """
+    journal = MasterJournal(folder)
+    known = newest_layer(journal)
+    if journal.job is None or known is None or known.outcome is not Event.INTENT:
+        raise JournalError(f"{folder}: no layer is open, there is nothing to say of one; leave --layer-is out")
+    journal.settle(Event(layer_is), Key(journal.job, known.layer), known.pattern_crc)
+
+
+def outcome_of(layer: int, pattern_crc: int, known: MappedLayer | None, steps: Sequence[Step]) -> Event | None:
+    """Outcome of a layer that is due, by what the journal holds of the newest one: None, it is to be printed; DONE or
+    PRINTED; UNKNOWN.
+
+    pattern_crc: CRC-32 of the pattern that is due; steps: those of a layer. Raises LayerIsOpen.
+    """
+    if known is None or known.layer < layer:
+        return None
+    if known.layer > layer:
+        raise LayerIsOpen(
+            f"layer {layer} is due, but this run has begun layer {known.layer} already: its checkpoint is older than "
+            "its journal, or is gone. Was the run folder restored from a copy? A part lies on the bed: take it off, "
+            "and begin a new part in a new folder"
+        )
+    if known.outcome is Event.INTENT:
+        raise LayerIsOpen(
+            f"layer {layer} was begun and not finished: the last step begun is {known.step} of {len(steps)}"
+            f"{_named(steps, known.step)}. The rig keeps no journal, so a person must say what became of the layer. "
+            "Look at the part, then continue with `inkloop resume RUN --layer-is printed` (all of it lies there), "
+            "`blank` (nothing of it: it is printed again) or `unknown` (some of it: the next scan shows what)"
+        )
+    if known.outcome is Event.BLANK:
+        return None
+    if known.pattern_crc != pattern_crc:
+        raise LayerIsOpen(
+            f"layer {layer} was printed with another pattern (CRC-32 {known.pattern_crc:08x}) than the one due now "
+            f"({pattern_crc:08x}): was the run folder changed? Take the part off, and begin a new one in a new folder"
+        )
+    return known.outcome
+
+
+def _named(steps: Sequence[Step], number: int) -> str:
+    """Name of the step of this number, in brackets."""
+    if not 1 <= number <= len(steps):  # the mapping was changed since
+        return ""
+    step = steps[number - 1]
+    what = {Send: "message", RoutineStep: "peer", Download: "peer"}.get(type(step))
+    return f" ({step.do} {getattr(step, what)})" if what else f" ({step.do})"

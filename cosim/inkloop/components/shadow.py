@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, Component, FloatMap, Job, Port, Status, Values
-from inkloop.components.shadow.replica import FollowedPlant
+from inkloop.components.followed_plant import FollowedPlant
 from inkloop.contract import (
     HEIGHT,
     LAYER_COMMAND,
