@@ -18,7 +18,7 @@ from inkloop.components.fmu_parameters import CONTROLLER
 from inkloop.components.kind import Bench, Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
 from inkloop.components.python_class import ADAPTERS, PythonClass
-from inkloop.components.shadow import options as shadow_options
+from inkloop.components.shadow_kind import KIND as SHADOW
 from inkloop.components.shadow_kind import ShadowKind
 from inkloop.errors import FmuError, nearest
 
@@ -31,7 +31,6 @@ MAP_FOLDER = "MapFolder"
 """The kind of a profiler whose maps come as files in a `folder`."""
 PLAIN_PLANT = plain_plant.KIND
 """The kind of a plant without the handshake; `plant` is the kind of the plant itself."""
-SHADOW = shadow_options.KIND
 MAPPED = "hardware.mapped"
 """The kind of a rig that `mapping`, a file relative to the scenario, binds to the contract's ports."""
 
