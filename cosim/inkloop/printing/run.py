@@ -245,8 +245,4 @@ class _LayerBar:
 def _runs(scenario: Scenario, folder: Path, compare: bool) -> Iterator[tuple[Path, Scenario]]:
     yield folder, scenario
     for name in scenario.tables.compare if compare else ():
-        yield folder / COMPARE_FOLDER / _slug(name), scenario.variant(name)
-
-
-def _slug(name: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+        yield folder / COMPARE_FOLDER / re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-"), scenario.variant(name)

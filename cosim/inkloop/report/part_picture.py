@@ -40,7 +40,8 @@ def draw(report: PartReport, title: str, path: Path, formats: Sequence[str]) -> 
 
 def _above(axes: Axes, report: PartReport, job: Job) -> None:
     """Heights of the target, with the cells of narrow walls and gaps."""
-    extent = _extent(job)
+    half = 0.5 * job.pitch * MM_PER_M
+    extent = (-half, (2 * job.nx - 1) * half, -half, (2 * job.ny - 1) * half)
     height = np.where(report.part.mask, report.part.top(*cell_centers(job.nx, job.ny, job.pitch)), np.nan)
     image = axes.imshow(height.T * UM_PER_M, origin="lower", extent=extent, interpolation="nearest", vmin=0.0)
     axes.figure.colorbar(image, ax=axes, label="top [µm]", shrink=0.7)
@@ -82,11 +83,6 @@ def _cut(axes: Axes, part: Columns, job: Job) -> None:
     extent = (-half, float(x[-1]) * MM_PER_M + half, 0.0, part.height * UM_PER_M)
     axes.imshow(shown, origin="lower", extent=extent, aspect="auto", **_INKS)
     axes.set(xlabel="x [mm]", ylabel="z [µm]", title="cut along the dashed line")
-
-
-def _extent(job: Job) -> tuple[float, float, float, float]:
-    half = 0.5 * job.pitch * MM_PER_M
-    return (-half, (2 * job.nx - 1) * half, -half, (2 * job.ny - 1) * half)
 
 
 def _row(part: Columns) -> int:

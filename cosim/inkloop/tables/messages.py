@@ -64,7 +64,7 @@ def _locate(
     field: FieldInfo | None = None
     kind: Any = root
     for key in loc:
-        if _is_table(kind):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
             table, field = kind, kind.model_fields.get(str(key))
             kind = field and _kind_of(field)
         elif isinstance(key, str) and (chosen := _tags(kind).get(key)):
@@ -99,10 +99,6 @@ def _tags(kind: Any) -> Mapping[str, type[BaseModel]]:
 
 def _keys(table: type[BaseModel] | None) -> list[str]:
     return [field.alias or name for name, field in table.model_fields.items()] if table else []
-
-
-def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
 def _without_none(kind: Any) -> Any:

@@ -42,7 +42,7 @@ class Slices:
 
     def _on_grid(self, place: str, labels: Labels) -> Labels:
         self._note(place, labels)
-        i, j = (self._pixels(axis) for axis in (0, 1))
+        i, j = (np.floor(self._positions(axis)).astype(np.intp) for axis in (0, 1))
         on_grid = labels[np.ix_(i.clip(0, labels.shape[0] - 1), j.clip(0, labels.shape[1] - 1))]
         off = [(k < 0) | (k >= count) for k, count in zip((i, j), labels.shape, strict=True)]
         return np.where(off[0][:, None] | off[1], np.int8(0), on_grid)
@@ -75,9 +75,6 @@ class Slices:
         """Centres of the cells, in pixels from the first edge."""
         count = (self._grid.nx, self._grid.ny)[axis]
         return np.asarray((np.arange(count) * self._grid.pitch - self._start(axis)) / self._pixel[axis], np.float64)
-
-    def _pixels(self, axis: int) -> NDArray[np.intp]:
-        return np.floor(self._positions(axis)).astype(np.intp)
 
     def _note(self, place: str, labels: Labels) -> None:
         """Check the size of a slice and widen the box around what is filled. Raises PartError."""

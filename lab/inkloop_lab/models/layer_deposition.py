@@ -97,7 +97,7 @@ class LayerDeposition:
         jetted, drops = pattern_of(pattern, shape), volumes(volume, shape)
         if jetted.max() > len(self.heights):
             raise ValueError("pattern asks for material B; heights has one material")
-        inks = (FarInkStruct * 2)(*(FarInkStruct(_padded(ink)) for ink in self.heights))
+        inks = (FarInkStruct * 2)(*(FarInkStruct(ink + (0.0,) * (HEIGHT_COUNT - len(ink))) for ink in self.heights))
         lost = surface.lost
         for colour in pass_colours(self.passes, self.pass_order, self.pass_rotation, number) or (-1,):
             before, after = after, np.empty(shape)
@@ -105,10 +105,6 @@ class LayerDeposition:
                 nx, ny, reals(before), reals(after), integers(jetted), inks, self.reach, reals(drops), colour
             )
         return Surface(after, lost)
-
-
-def _padded(ink: tuple[float, ...]) -> tuple[float, ...]:
-    return ink + (0.0,) * (HEIGHT_COUNT - len(ink))
 
 
 @dataclass(frozen=True)
