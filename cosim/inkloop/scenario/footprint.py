@@ -45,7 +45,7 @@ LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e
 """The same two on larger grids, where single layers are not annealed and overhead per layer is negligible."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 100e-6}
 """Kind -> additional time of a model."""
-SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 1500e-6
+SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 2300e-6
 """Additional time of a printed cell, a layer and a layer ahead with relaxation = "slp", in casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
