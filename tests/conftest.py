@@ -11,7 +11,6 @@ import os
 import shutil
 import signal
 import tempfile
-import warnings
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -55,10 +54,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item) -> None:
-    """Give the next test the locale back that a native library has changed, and say so."""
-    if locale.setlocale(locale.LC_CTYPE) != TEXTS:
-        warnings.warn(f"the locale was changed to {locale.setlocale(locale.LC_CTYPE)} by {item.nodeid}", stacklevel=1)
+    """Fail a test after which a native library has left the process another locale, and give that back."""
+    if (found := locale.setlocale(locale.LC_CTYPE)) != TEXTS:
         locale.setlocale(locale.LC_CTYPE, TEXTS)
+        pytest.fail(f"{item.nodeid} has changed the locale to {found}", pytrace=False)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -8,6 +8,7 @@ import errno
 import os
 import re
 import shutil
+import stat
 import sys
 import sysconfig
 import tempfile
@@ -32,11 +33,29 @@ OWNER_FILE = "owner.lock"
 """File of a temporary folder, locked by its process: once the process has ended, another can lock it."""
 _FOLDER = "inkloop-"
 _FAR = 1 << 30  # the locked byte lies beyond the content, which stays readable where locks keep readers out (Windows)
+_OWN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # Windows makes links for administrators only
 _FULL = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
     errno.EFBIG: "the file becomes larger than the disk or a limit (ulimit -f) allows",
 }
+
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def regular(path: Path) -> Path:
+    """The path, for one that reads it. Raises OSError where no file is, or something that can be read for ever."""
+    if kind := _KINDS.get(stat.S_IFMT(path.stat().st_mode)):
+        error = errno.EISDIR if kind == "a folder" else errno.EINVAL
+        raise OSError(error, f"it is {kind}; name a file", str(path))
+    return path
 
 
 @contextmanager
@@ -90,7 +109,7 @@ class TomlError(ValueError):
 
 def read_toml_text(path: Path) -> str:
     """The text of a TOML file, without the byte order mark that some editors write. Raises OSError, TomlError."""
-    content = path.read_bytes()
+    content = regular(path).read_bytes()
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise TomlError("is not TOML: the file is UTF-16; save it as UTF-8")
     try:
@@ -146,8 +165,12 @@ def opened_lock(path: Path, mode: int | None = None) -> int:
     A link is not followed: others can write where it lies, and closing the file that it names would release a lock of
     this process on that file. Raises OSError.
     """
-    how = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)  # Windows makes links for administrators only
-    return os.open(path, how) if mode is None else os.open(path, how | os.O_CREAT, mode)
+    return os.open(path, os.O_RDWR | _OWN) if mode is None else os.open(path, os.O_RDWR | _OWN | os.O_CREAT, mode)
+
+
+def open_own(path: Path | str, mode: str, **options: Any) -> Any:
+    """`open` of a file to which this program alone appends: a link is not followed, a pipe not awaited."""
+    return open(path, mode, opener=lambda name, flags: os.open(name, flags | _OWN, 0o666), **options)
 
 
 def take_lock(file: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import locale
 import warnings
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,11 @@ def peer_triangles(path: Path) -> meshes.Triangles:
     if path.suffix == ".3mf":
         model, copy = lib3mf.get_wrapper().CreateModel(), path.with_suffix(".3mf.stl")
         model.QueryReader("3mf").ReadFromFile(str(path))
-        model.QueryWriter("stl").WriteToFile(str(copy))
+        own = locale.setlocale(locale.LC_ALL)
+        try:
+            model.QueryWriter("stl").WriteToFile(str(copy))
+        finally:
+            locale.setlocale(locale.LC_ALL, own)  # its writer, which inkloop does not use, leaves the locale C
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return np.asarray(trimesh.load_mesh(copy, process=False).triangles, dtype=np.float64)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError, nearest
-from inkloop.files import is_full, reason_of, temporary_folder
+from inkloop.files import is_full, reason_of, regular, temporary_folder
 from inkloop.fmu.bus_terminals import COUNTDOWN, Events
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import UNREADABLE, describe
@@ -50,7 +50,7 @@ def platform_error(description: FmuDescription) -> str | None:
 def archive_error(path: Path) -> str | None:
     """The reason why an FMU cannot be unpacked: it is damaged, or too large."""
     try:
-        return _archive_error(path, path.stat().st_mtime_ns)
+        return _archive_error(path, regular(path).stat().st_mtime_ns)
     except OSError as error:
         return f"cannot be read: {reason_of(error)}"
 

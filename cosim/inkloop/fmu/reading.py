@@ -21,7 +21,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from inkloop.errors import FmuError
-from inkloop.files import reason_of, temporary_folder
+from inkloop.files import reason_of, regular, temporary_folder
 from inkloop.fmu.bus_terminals import read_buses
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, TEXT, Variable
@@ -40,7 +40,7 @@ def describe(path: Path | str) -> FmuDescription:
     """The description of an FMU. Raises FmuError if it cannot be read or is not for co-simulation."""
     path = Path(path)
     try:
-        return _describe(path, path.stat().st_mtime_ns)
+        return _describe(path, regular(path).stat().st_mtime_ns)
     except OSError as error:
         raise FmuError(f"{path}: cannot be read: {error.strerror}") from error
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from inkloop.errors import GeometryError, damaged, require
-from inkloop.files import reason_of
+from inkloop.files import reason_of, regular
 from inkloop.geometry.body import Body
 from inkloop.geometry.mending import is_closed, mended, rounding
 from inkloop.limits import memory_error, unpacked_error
@@ -89,7 +89,7 @@ def _contents(path: Path) -> Contents:
 
 def _size_error(path: Path) -> str | None:
     """The reason why a file is too large: its memory, or its size unpacked."""
-    size = path.stat().st_size
+    size = regular(path).stat().st_size
     if path.suffix.lower() == ".3mf":
         with zipfile.ZipFile(path) as archive:
             if reason := unpacked_error(archive):

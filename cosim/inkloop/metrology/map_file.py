@@ -14,6 +14,7 @@ import numpy as np
 
 from inkloop.component import FloatMap
 from inkloop.errors import HeightMapError, damaged, missing
+from inkloop.files import regular
 from inkloop.limits import memory_error, unpacked_error
 from inkloop.metrology import map_readers
 from inkloop.metrology.height_map import HeightMap
@@ -156,7 +157,7 @@ def _contents(path: Path, channel: str | None) -> FileContents:
 
 def _size_error(path: Path) -> str | None:
     """The reason why a file is too large: its unpacked size. NPZ and X3P are archives."""
-    unpacked = path.stat().st_size
+    unpacked = regular(path).stat().st_size
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             if reason := unpacked_error(archive):

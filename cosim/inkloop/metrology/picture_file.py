@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageSequence, UnidentifiedImageError
 
 from inkloop.errors import HeightMapError
+from inkloop.files import regular
 from inkloop.limits import memory_error
 from inkloop.metrology.map_readers import FileContents
 
@@ -42,7 +43,7 @@ def grey_pages(path: Path, *, indexed: bool = True) -> Iterator[NDArray[Any]]:
     """
     try:
         with _quietly():
-            picture = Image.open(path, formats=FORMATS)
+            picture = Image.open(regular(path), formats=FORMATS)
         with picture:
             if picture.format == "BMP" and (reason := _bmp_error(path)):
                 raise HeightMapError(f"{path}: {reason}")

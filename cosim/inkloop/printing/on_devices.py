@@ -9,12 +9,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
 from inkloop.component import DEVICE_LOGGER
 from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ComponentError
-from inkloop.files import reason_of
+from inkloop.files import open_own, reason_of
 from inkloop.report import shown
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
@@ -38,6 +39,16 @@ class _InFile(logging.FileHandler):
     def __init__(self, path: Path, console: Terminal) -> None:
         super().__init__(path, delay=True, encoding="utf-8")
         self._console, self._has_failed = console, False
+
+    def _open(self) -> Any:
+        return open_own(self.baseFilename, self.mode, encoding=self.encoding)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Open the file with the first record, which the handler of the standard library does unguarded."""
+        try:
+            super().emit(record)
+        except OSError:
+            self.handleError(record)
 
     def format(self, record: logging.LogRecord) -> str:
         """The line of a record, with control characters of what devices send as escapes."""

@@ -23,7 +23,7 @@ from matplotlib.image import AxesImage
 from inkloop.component import FloatMap
 from inkloop.files import replaced
 from inkloop.report import FORMATS, PNG
-from inkloop.report.page.maps import block_means
+from inkloop.report.page.maps import FINEST, block_means
 from inkloop.report.terminal import decimals
 from inkloop.results.metrics import SIGN, TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
@@ -131,7 +131,8 @@ def error_norm(errors: Sequence[FloatMap], least: float = 1e-3) -> Normalize:
     """
     scales = [max(least, float(np.nanquantile(np.abs(thinned(error, SAMPLED)), 0.99))) for error in errors]
     limit = max(scales)
-    return Normalize(-limit, limit) if len(scales) == 1 else AsinhNorm(min(scales) / 2.0, -limit, limit)
+    smallest = max(min(scales), limit / FINEST)
+    return Normalize(-limit, limit) if len(scales) == 1 else AsinhNorm(smallest / 2.0, -limit, limit)
 
 
 def thinned(values: FloatMap, side: int) -> FloatMap:

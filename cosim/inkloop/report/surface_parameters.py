@@ -11,6 +11,7 @@ from rich.table import Table
 
 from inkloop.component import BoolMap
 from inkloop.errors import HeightMapError
+from inkloop.files import reason_of, regular
 from inkloop.metrology import map_file
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group, Treatment
 from inkloop.metrology.evaluation.subject import Subject
@@ -146,9 +147,12 @@ def mask_of(map_: HeightMap, part: BoolMap | None, name: str) -> BoolMap | None:
             raise HeightMapError(f"{map_.source}: --mask part: only a run knows its part; name an NPY file or all")
         return part
     try:
-        stored = np.load(Path(name), allow_pickle=False)
+        stored = np.load(regular(Path(name)), allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise HeightMapError(f"{name}: is no mask that can be read; expected all, part or an NPY file") from error
+        reason = f" ({reason_of(error)})" if isinstance(error, OSError) else ""
+        raise HeightMapError(
+            f"{name}: is no mask that can be read{reason}; expected all, part or an NPY file"
+        ) from error
     if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "biu":
         raise HeightMapError(f"{name}: holds no mask; expected an array of booleans or whole numbers")
     return np.asarray(stored != 0, np.bool_)

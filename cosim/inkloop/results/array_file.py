@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.errors import ResultError
+from inkloop.files import regular
 
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 """Errors of reading such a file."""
@@ -36,7 +37,7 @@ def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) ->
 
 def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
     """The arrays of a file, each read when it is asked for. Raises the errors in UNREADABLE."""
-    found: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path)
+    found: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(regular(path))
     return found
 
 
@@ -58,7 +59,7 @@ class StoredArray:
 
 def bytes_of(path: Path, name: str) -> bytes:
     """The content of an array of bytes, which is once in memory."""
-    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as member:
+    with zipfile.ZipFile(regular(path)) as archive, archive.open(f"{name}.npy") as member:
         np.lib.format.read_magic(member)
         np.lib.format.read_array_header_1_0(member)
         content = io.BytesIO()
@@ -68,7 +69,7 @@ def bytes_of(path: Path, name: str) -> bytes:
 
 def check(path: Path) -> list[str]:
     """The names of the arrays of a file, after all of it was read once. Raises the errors in UNREADABLE."""
-    with zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(regular(path)) as archive:
         if bad := archive.testzip():
             raise zipfile.BadZipFile(f"bad CRC-32 of {bad}")
         return [name.removesuffix(".npy") for name in archive.namelist()]

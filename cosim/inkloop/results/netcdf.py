@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop.files import regular
 from inkloop.results.attributes import as_index
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def read(path: Path, bytes_at_once: int | None = None) -> xr.Dataset:
     import h5py
     import xarray as xr
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(regular(path), "r") as file:
         stored = dict(file.items())
         if bytes_at_once is None or sum(array.nbytes for array in stored.values()) <= bytes_at_once:
             names = {_address(array.id): name for name, array in stored.items() if array.is_scale}

@@ -21,7 +21,7 @@ import numpy as np
 
 from inkloop.component import Component
 from inkloop.errors import ResultError
-from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
+from inkloop.files import is_full, reason_of, regular, replaced, sync_folder, write_text
 from inkloop.results import netcdf
 from inkloop.results.attributes import CONVENTIONS
 from inkloop.results.layer_maps import LayerMaps
@@ -208,7 +208,7 @@ def saving(folder: Path) -> Iterator[None]:
 def read_record(folder: Path) -> dict[str, Any]:
     """The run.json of a run folder, finished or not. Raises ResultError where it is none, or of another schema."""
     try:
-        record = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+        record = json.loads(regular(folder / RUN_FILE).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
     except (OSError, ValueError, RecursionError) as error:
@@ -222,7 +222,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:
     """Whether the scenario in a run folder is the one that its record was begun with."""
     expected = record.get("scenario_sha256") or record.get("sha256", {}).get("scenario")
-    return bool(expected == _sha256((folder / SCENARIO_FILE).read_text(encoding="utf-8")))
+    return bool(expected == _sha256(regular(folder / SCENARIO_FILE).read_text(encoding="utf-8")))
 
 
 def _progress_of(folder: Path, record: Mapping[str, Any]) -> str:

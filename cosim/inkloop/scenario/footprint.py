@@ -26,23 +26,26 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> bytes of its saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 165
-SECONDS_OF_A_COMMAND, SECONDS_OF_A_RUN = 2.0, 0.4
-"""Processor time of start, table and pictures: of a command, and more for each run."""
-LAYERS_PLANNED = 20
-"""Last layers of a part, those for which a plan is searched: the full layers before them need none."""
+SECONDS_OF_A_COMMAND, SECONDS_OF_A_RUN, SECONDS_OF_A_SOLID_LAYER = 2.8, 0.5, 0.045
+"""Processor time of start, table and pictures: of a command; more for each run, and for the solid of two inks."""
+LAYERS_PLANNED, LAYERS_MORE = 20, 7
+"""Last layers of a part for which a plan is searched at most: the full layers before them need none; and how many of
+them are more than the nominal layers, as each droplet lacks some of its volume."""
 SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
-MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
+MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 15e-6, 4: 35e-6, 5: 60e-6}
 """Layers ahead -> additional time of a layer for which a plan is searched."""
-FOUR_PASSES = 2.5
+FOUR_PASSES = 5.0
 """Ratio of that time in layers of four passes."""
+ANNEALED_VALUES, SECONDS_OF_ANNEALING = 1000, 0.08
+"""Values of a plan of several layers up to which the search anneals too, and the time that this takes."""
 SMALL_CELLS = 20_000
 LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.25e-6
 LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.4e-6, 2: 1.5e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
 """The same two on larger grids, where single layers are not annealed and overhead per layer is negligible."""
-SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
+SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 100e-6}
 """Kind -> additional time of a model."""
-SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 1500e-6
+SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS = 2300e-6
 """Additional time of a printed cell, a layer and a layer ahead with relaxation = "slp", in casadi.toml."""
 PLANNING = ("LayerMpc", "LayerController")
 HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
@@ -86,7 +89,11 @@ class Footprint:
         base = SECONDS_OF_A_CELL_AND_LAYER if is_small else LARGE_SECONDS_OF_A_CELL_AND_LAYER
         slower = FOUR_PASSES if tables.process.passes > 1 else 1.0
         more = {n: slower * each for n, each in (MORE_SECONDS if is_small else LARGE_MORE_SECONDS).items()}
-        seconds = sum(layers * base + sum(_seconds(table, layers, more) for table in run.values()) for run in runs)
+        seconds = sum(
+            printed * layers * base + sum(_seconds(table, layers, printed, more) for table in run.values())
+            for run in runs
+        )
+        pictures = SECONDS_OF_A_RUN + (SECONDS_OF_A_SOLID_LAYER * layers if tables.ink.b else 0.0)
         states = [sum(STATE_BYTES.get(kind, 0) for kind in run.values()) for run in kinds]
         return cls(
             tables.grid.nx,
@@ -95,7 +102,7 @@ class Footprint:
             nominal,
             BYTES_OF_A_CELL + max(memory),
             _disk(tables, layers, STATE_BYTES_OF_A_CELL + max(states), len(kinds)),
-            SECONDS_OF_A_COMMAND + SECONDS_OF_A_RUN * len(runs) + printed * seconds,
+            SECONDS_OF_A_COMMAND + pictures * len(runs) + seconds,
         )
 
     @property
@@ -169,13 +176,14 @@ def _more_bytes(table: ComponentTable) -> int:
     return more + BYTES_OF_A_PLAN + BYTES_OF_A_LAYER_AHEAD * ((_horizon(table) or 1) - 1)
 
 
-def _seconds(table: ComponentTable, layers: int, more: Mapping[int, float]) -> float:
-    """Additional processor time of a component for each printed cell; more: of planning, by layers ahead."""
+def _seconds(table: ComponentTable, layers: int, printed: int, more: Mapping[int, float]) -> float:
+    """Additional processor time of a component; printed: cells; more: of planning each of them, by layers ahead."""
     if table.kind not in PLANNING:
-        return layers * SECONDS_OF_A_MODEL.get(table.kind, 0.0)
+        return printed * layers * SECONDS_OF_A_MODEL.get(table.kind, 0.0)
     horizon, is_slp = _horizon(table) or 0, table.options.get("relaxation") == "slp"
     by_programs = SECONDS_OF_A_LAYER_BY_LINEAR_PROGRAMS * horizon if is_slp else 0.0
-    return min(layers, LAYERS_PLANNED) * (more.get(horizon, 0.0) + by_programs)
+    annealing = SECONDS_OF_ANNEALING if horizon > 1 and 0 < horizon * printed <= ANNEALED_VALUES else 0.0
+    return min(layers + LAYERS_MORE, LAYERS_PLANNED) * (annealing + printed * (more.get(horizon, 0.0) + by_programs))
 
 
 def _horizon(table: ComponentTable) -> int | None:

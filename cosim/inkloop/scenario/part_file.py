@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop.errors import ScenarioError
+from inkloop.files import regular
 from inkloop.geometry.body import Body
 from inkloop.geometry.mesh_columns import measured
 from inkloop.tables.messages import sentence
@@ -106,7 +107,7 @@ def mesh_of_file(file: PartFile) -> tuple[Body, ...] | None:
 def mesh_of_scenario(path: Path) -> tuple[Body, ...] | None:
     """The bodies of a scenario whose part is a mesh, as it places them; None for any other, and for one with errors."""
     try:
-        raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        raw = tomlkit.parse(regular(path).read_text(encoding="utf-8")).unwrap()
         table, grid = MeshTable.model_validate(raw["part"]), Grid.model_validate(raw["grid"])
         return table.placed(table.read(path.parent), grid)
     except (OSError, UnicodeDecodeError, TOMLKitError, KeyError, ValidationError, PartError):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.errors import GeometryError, HeightMapError, require
-from inkloop.files import reason_of
+from inkloop.files import reason_of, regular
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import INKS
 from inkloop.tables.shapes import Grid, Length, PartError, PlacedTable, Solid
@@ -83,7 +83,7 @@ class Manifest(BaseModel):
 def read(path: Path) -> Manifest:
     """The manifest at `path`, whose bitmaps are there unchanged. Raises GeometryError with all errors."""
     try:
-        manifest = Manifest.model_validate(json.loads(path.read_bytes()))
+        manifest = Manifest.model_validate(json.loads(regular(path).read_bytes()))
     except OSError as error:
         raise GeometryError(f"{path}: cannot be read: {reason_of(error)}") from error
     except ValidationError as error:
@@ -121,7 +121,7 @@ def _changed_files(folder: Path, manifest: Manifest) -> Iterator[str]:
     wrong = []
     for one in manifest.files:
         try:
-            found = hashlib.sha256((folder / one.file).read_bytes()).hexdigest()
+            found = hashlib.sha256(regular(folder / one.file).read_bytes()).hexdigest()
         except OSError as error:
             wrong.append(f"{one.file} cannot be read: {reason_of(error)}")
             continue

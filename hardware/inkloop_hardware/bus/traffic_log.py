@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -95,7 +96,7 @@ class TrafficLog:
 def unused(path: Path) -> Path:
     """The path, or the first of name-2, name-3 ... that does not exist yet."""
     names = (path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, 1000)))
-    return next((name for name in names if not name.exists()), path)
+    return next((name for name in names if not os.path.lexists(name)), path)
 
 
 def _end_container(writer: BLFWriter) -> None:

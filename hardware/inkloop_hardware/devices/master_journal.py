@@ -11,12 +11,13 @@ from __future__ import annotations
 import json
 import os
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 
-from inkloop.files import sync_folder
+from inkloop.files import open_own, reason_of, sync_folder
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Key
@@ -184,7 +185,7 @@ class MasterJournal:
         try:
             is_new = not path.exists()
             path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("ab", buffering=0) as file:
+            with open_own(path, "ab", buffering=0) as file:
                 before = file.tell()
                 try:
                     if file.write(line) != len(line):
@@ -197,7 +198,7 @@ class MasterJournal:
                 sync_folder(path.parent)
         except OSError as error:
             raise JournalError(
-                f"{path}: cannot be written: {error.strerror or error}; its step was not requested; make room, "
+                f"{path}: cannot be written: {reason_of(error)}; its step was not requested; make room, "
                 "then continue with `inkloop resume`"
             ) from error
 
@@ -210,7 +211,10 @@ class MasterJournal:
 def _read(path: Path) -> list[MasterRecord]:
     """The records of a file; an incomplete last line is cut off."""
     try:
-        lines = path.read_bytes().split(b"\n") if path.exists() else [b""]
+        content = b""
+        with suppress(FileNotFoundError), open_own(path, "rb") as file:
+            content = file.read()
+        lines = content.split(b"\n")
         found = [MasterRecord.of(line) for line in lines[:-1]]
         torn = lines[-1]
         if found and found[-1] is None:
@@ -224,12 +228,11 @@ def _read(path: Path) -> list[MasterRecord]:
                 "with `inkloop run`"
             )
         if torn:
-            with path.open("r+b") as file:
+            with open_own(path, "r+b") as file:
                 file.truncate(path.stat().st_size - len(torn))
                 os.fsync(file.fileno())
     except OSError as error:
         raise JournalError(
-            f"{path}: cannot be read: {error.strerror or error}; let this user read it, then continue with "
-            "`inkloop resume`"
+            f"{path}: cannot be read: {reason_of(error)}; let this user read it, then continue with `inkloop resume`"
         ) from error
     return records

@@ -18,6 +18,7 @@ from cantools.database import errors as cantools_errors
 from cantools.database.can import Database, Message, Signal
 from e2e import p01
 
+from inkloop.files import regular
 from inkloop.units import MS_PER_S
 from inkloop_hardware.errors import FrameError
 
@@ -77,7 +78,7 @@ class Reading:
 
 def _loaded(path: Path, strict: bool = True) -> Database:
     try:
-        database = cantools.database.load_file(path, "dbc", strict=strict)
+        database = cantools.database.load_file(regular(path), "dbc", strict=strict)
     except (OSError, cantools_errors.Error) as error:
         advice = "; strict = false reads the messages without overlapping signals all the same" if strict else ""
         raise FrameError(f"{path} cannot be read as a DBC: {error}{advice}") from error

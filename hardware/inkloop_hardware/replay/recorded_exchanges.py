@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import can
 
+from inkloop.files import regular
 from inkloop_hardware.bus.adapter import data_frame
 from inkloop_hardware.bus.traffic_log import WRITERS
 from inkloop_hardware.errors import BusError
@@ -50,7 +51,7 @@ def read_traffic(path: Path) -> list[Seen]:
     if path.suffix.lower() not in WRITERS:
         raise BusError(f"traffic log {path}: its suffix is {path.suffix!r}, expected .blf or .asc")
     try:
-        with can.LogReader(path, relative_timestamp=False) as log:  # ASC only: BLF takes no notice of it
+        with can.LogReader(regular(path), relative_timestamp=False) as log:  # ASC only: BLF takes no notice of it
             frames = [
                 Seen(message.timestamp, not message.is_rx, frame)
                 for message in log

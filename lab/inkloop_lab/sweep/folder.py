@@ -18,7 +18,7 @@ import numpy as np
 
 from inkloop import __version__
 from inkloop.errors import ResultError
-from inkloop.files import reason_of, replaced, write_text
+from inkloop.files import reason_of, regular, replaced, write_text
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Bundle, Record, name_of
 
@@ -74,7 +74,7 @@ class StudyFolder:
 
 def _read(path: Path) -> Record:
     try:
-        return Record(**json.loads(path.read_bytes()))
+        return Record(**json.loads(regular(path).read_bytes()))
     except (ValueError, TypeError) as error:
         raise ResultError(f"{path}: is no record of a print ({error}); delete it to print again") from error
 

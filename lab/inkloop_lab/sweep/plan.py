@@ -113,6 +113,7 @@ class OptimisePlan:
 
         optuna.logging.set_verbosity(logging.WARNING)
         self._optuna, self._study, self._table = optuna, study, table
+        self.aim = f"smallest {table.minimise}" if table.minimise else f"largest {table.maximise}"
         self._search = optuna.create_study(direction="minimize" if table.minimise else "maximize")
         self._spaces = {key: _space(optuna, spread) for key, spread in study.search.items()}
         self._asked: list[optuna.Trial] = []

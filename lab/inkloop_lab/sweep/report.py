@@ -135,7 +135,7 @@ def _best_words(plan: Plan) -> str:
     setting = plan.settings[plan.best]
     names = summary.short_names(list(setting))
     words = ", ".join(f"{names[key]} {summary.text_of(value)}" for key, value in setting.items())
-    return f"best of {len(plan.values)} trials: {words}: {plan.values[plan.best]:.4g}"
+    return f"{plan.aim} of {len(plan.values)} trials: {words}: {plan.values[plan.best]:.4g}"
 
 
 PAGE_FILE = "study.html"

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shlex
+import stat
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from inkloop.cli import main
+from inkloop.results import result
 from support.places import SCENARIOS
 
 CUBOID = (SCENARIOS / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
@@ -167,3 +172,56 @@ def test_input_is_answered_with_place_finding_and_remedy(
     assert not [piece for piece in pieces.split("|") if piece not in shown], shown
     assert "Traceback" not in streams.err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+COMPONENTS = CUBOID[CUBOID.index("[components.") :]
+RIG = '[components.controller]\nkind = "LayerMpc"\n[components.rig]\nkind = "hardware.mapped"\nmapping = "{}.toml"\n'
+LAMP = '[components.lamp]\nkind = "Fmu"\nfile = "odd.fmu"\n[components.printer]'
+READ = {
+    "odd.toml": "validate odd.toml",
+    "odd.ssp": "validate odd.ssp",
+    "job.toml": "validate empty.ssp --job job.toml",
+    "ink.toml": ("[grid]", '[ink]\nfile = "ink.toml"\n[grid]'),
+    "odd.fmu": ("[components.printer]", LAMP),
+    "other.fmu": "info other.fmu",
+    "part.stl": "geometry part.stl --unit mm",
+    "part.3mf": "geometry part.3mf",
+    "part.png": "geometry part.png --unit um --pixel-um 5",
+    "manifest.json": "geometry manifest.json",
+    "map.npy": "metrology map.npy --unit um --pixel-um 5",
+    "map.tif": "metrology map.tif --unit um --pixel-um 5",
+    "map.x3p": "metrology map.x3p",
+    "map.csv": "metrology map.csv --unit um --pixel-um 5",
+    "mask.npy": "metrology flat.csv --unit um --pixel-um 5 --mask mask.npy",
+    "rig.toml": (COMPONENTS, RIG.format("rig")),
+    "rig.dbc": (COMPONENTS, RIG.format("bound")),
+    "study.toml": "sweep study.toml",
+    "run.json": "report .",
+    "run/result.nc": "report run",
+}
+"""File -> command that reads it, or what of the cuboid names it."""
+
+
+@pytest.mark.parametrize("found", ["a pipe", "a device", "a socket"])
+@pytest.mark.parametrize("name", READ)
+def test_what_is_no_file_is_not_read(
+    name: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Reading a pipe would wait for a writer, reading a device go on for ever."""
+    monkeypatch.chdir(tmp_path)
+    read, record = READ[name], {"schema_version": result.SCHEMA_VERSION, "stop_reason": "end"}
+    (tmp_path / "cube.toml").write_bytes(CUBOID.encode() if isinstance(read, str) else replaced(*read))
+    (tmp_path / "bound.toml").write_text('dbc = "rig.dbc"\n')
+    (tmp_path / "flat.csv").write_text("1 2\n3 4\n")
+    zipfile.ZipFile(tmp_path / "empty.ssp", "w").close()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text(json.dumps(record))
+    if found == "a device":
+        Path(name).symlink_to("/dev/zero")
+    else:
+        os.mknod(name, 0o600 | (stat.S_IFIFO if found == "a pipe" else stat.S_IFSOCK))
+    assert main(shlex.split(read if isinstance(read, str) else "validate cube.toml")) == 1
+    error = " ".join(capsys.readouterr().err.split())
+    assert f"it is {found}; name a file" in error
+    assert name in error
+    assert "Traceback" not in error

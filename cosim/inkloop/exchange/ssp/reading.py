@@ -23,6 +23,7 @@ from inkloop.exchange.ssp import contents, wires
 from inkloop.exchange.ssp.contents import member_of
 from inkloop.exchange.ssp.ssd import SCENARIO, STRUCTURE
 from inkloop.exchange.ssp.structure import SSD, Structure, flat_name, units_in
+from inkloop.files import regular
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.reading import SUFFIX, UNREADABLE, fmu_file
 from inkloop.limits import XmlError, parsed_xml, unpacked_error
@@ -41,7 +42,7 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
     """
     errors: list[str] = []
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(regular(path)) as archive:
             if reason := unpacked_error(archive):
                 raise ScenarioError(str(path), [reason])
             text = _text_of_job(archive, job, errors)
@@ -80,7 +81,7 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
 def _text_of_job(archive: zipfile.ZipFile, job: Path | None, errors: list[str]) -> str:
     if job is not None:
         try:
-            return job.read_text(encoding="utf-8")
+            return regular(job).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             errors.append(f"{job} cannot be read: {error}")
             return ""

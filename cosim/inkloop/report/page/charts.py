@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from inkloop.report.page.maps import FINEST
 from inkloop.units import MM_PER_M, UM_PER_M
 
 Values = dict[str, Any]
@@ -57,7 +58,7 @@ class ErrorScale:
     def of(cls, errors: Sequence[NDArray[np.float64]]) -> ErrorScale:
         """Up to the largest errors, and fine enough for the smallest; errors: of the cells of each part."""
         far = [max(1e-3, float(np.quantile(np.abs(error), 0.99))) for error in errors if error.size] or [1.0]
-        return cls(min(far) / 2.0, max(far))
+        return cls(max(min(far), max(far) / FINEST) / 2.0, max(far))
 
     @property
     def coloraxis(self) -> dict[str, Any]:
@@ -116,7 +117,7 @@ def droplets(inks: int) -> go.Figure:
 def plan(most: int) -> go.Figure:
     """A map of the droplets of a plan, over its layers."""
     colours = {"colorscale": INK_COLOURS[:2], "cmin": 0, "cmax": most}
-    bar = {"title": {"text": "droplets in this layer and the next ones"}, "dtick": 1}
+    bar = {"title": {"text": "droplets in this layer<br>and the next ones"}, "dtick": 1}
     return _map("Plan", "%{z:.2~g} droplets", {**colours, "colorbar": bar})
 
 

@@ -29,6 +29,8 @@ TENTHS = 10
 """Planned droplets go into the page in tenths: means of blocks are no whole numbers."""
 FINAL_CELLS = 1_000_000
 """Cells of all final error maps of a page at most."""
+FINEST = 200
+"""Ratio of the largest error of several runs to the smallest that has a scale of its own: smaller ones stay pale."""
 _TYPES = (np.dtype("<i1"), np.dtype("<i2"), np.dtype("<i4"))
 Whole = NDArray[np.int32]
 

@@ -17,7 +17,7 @@ from typing import Any
 import xarray as xr
 from plotly.offline import get_plotlyjs
 
-from inkloop.files import write_text
+from inkloop.files import regular, write_text
 from inkloop.metrology.evaluation.definitions import Evaluation, Treatment
 from inkloop.metrology.evaluation.table import Parameter, evaluate
 from inkloop.report.page import charts, curves, maps
@@ -209,7 +209,7 @@ def _facts(main: Result) -> list[list[str]]:
 def _devices(log: Path) -> dict[str, Any] | None:
     """A table of the last message of each node in a log of devices, and the last lines; None without a log."""
     try:
-        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = regular(log).read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
         return None
     nodes: dict[str, list[str]] = {}

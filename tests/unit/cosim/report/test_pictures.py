@@ -177,6 +177,8 @@ def test_scale_reaches_the_largest_error_and_tells_the_smallest() -> None:
     assert isinstance(both, AsinhNorm)
     assert (both.vmin, both.vmax, both.linear_width) == pytest.approx((-20.0, 20.0, 0.2), rel=1e-9, abs=0.0)
     assert plot.error_norm([np.zeros((2, 2))]).vmax == 1e-3
+    exact = plot.error_norm([np.zeros((3, 3)), np.full((3, 3), 0.3), np.full((3, 3), 12.0)])
+    assert 2 * exact(0.3) - 1 < 0.5  # an exact run leaves 0.3 of 12 µm pale
     every = np.arange(100.0).reshape(10, 10)
     np.testing.assert_array_equal(plot.thinned(every, 4)[:, 0], [11.0, 41.0, 71.0])
 

@@ -20,7 +20,7 @@ from inkloop.component import DEVICE_LOGGER
 from inkloop.errors import FmuError, ResultError
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
-from inkloop.printing.on_devices import live_words
+from inkloop.printing.on_devices import LOG_FILE, live_words
 from inkloop.printing.print import Print
 from inkloop.report.terminal import Terminal
 from inkloop.results import array_file, checkpoint
@@ -135,6 +135,19 @@ def test_command_that_cannot_write_its_file_names_it(tmp_path: Path, capsys: pyt
     assert "sensor.fmu" in error
     assert "the file becomes larger than the disk" in error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_log_of_devices_follows_no_link(tmp_path: Path) -> None:
+    screen, target = io.StringIO(), tmp_path / "precious"
+    target.write_text("precious")
+    (tmp_path / LOG_FILE).symlink_to(target)
+    with live_words(Terminal(screen, width=200, verbose=True), tmp_path):
+        logging.getLogger(DEVICE_LOGGER).info("message")
+    assert (
+        "bench.log cannot be written: a link lies there, which is not followed; its messages are sh"
+        in screen.getvalue()
+    )
+    assert target.read_text() == "precious"
 
 
 def test_log_of_devices_without_room_is_reported_once(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from unittest.mock import MagicMock as Mock
 import numpy as np
 import pytest
 
+from inkloop.files import open_own
+from inkloop_hardware.devices import master_journal
 from inkloop_hardware.devices.commands import clear_all
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
@@ -84,24 +86,44 @@ def test_full_disk_is_reported_and_leaves_the_journal_whole(
     writes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written = journal(tmp_path)
-    before, opened = (tmp_path / JOURNAL_FILE).read_bytes(), Path.open
+    before = (tmp_path / JOURNAL_FILE).read_bytes()
 
     def half(path: Path, *words: Any, **options: Any) -> Any:
-        file = opened(path, *words, **options)
+        file = open_own(path, *words, **options)
         taken = Mock(wraps=file, write=lambda line: file.write(line[: len(line) // 2]))
         taken.__enter__, taken.__exit__ = Mock(return_value=taken), Mock(side_effect=lambda *_: file.close())
         return taken
 
     with monkeypatch.context() as patch:
         if writes.startswith("half"):
-            patch.setattr(Path, "open", half)
+            patch.setattr(master_journal, "open_own", half)
         else:
             patch.setattr(os, "fsync", Mock(side_effect=OSError(errno.ENOSPC, "no room")))
-        with pytest.raises(JournalError, match=r"no room.*its step was not requested"):
+        with pytest.raises(JournalError, match=r"(no room|the disk is full).*its step was not requested"):
             written.intend(Asked.PASS, Key(JOB, 2, 2))
     assert (tmp_path / JOURNAL_FILE).read_bytes() == before
     written.intend(Asked.PASS, Key(JOB, 2, 2))
     assert MasterJournal(tmp_path).layer == LayerAsked(2, asked=0b111, done=0b01, pattern_crc=0)
+
+
+@pytest.mark.parametrize("other", ["records", "nothing", "pipe"])
+def test_link_or_pipe_in_the_place_of_the_journal_is_neither_followed_nor_awaited(other: str, tmp_path: Path) -> None:
+    """Others could choose which file is read, cut off or appended to."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "run").mkdir()
+    journal(tmp_path / "other")
+    target, path = tmp_path / "other" / JOURNAL_FILE, tmp_path / "run" / JOURNAL_FILE
+    before = target.read_bytes()
+    if other == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(target if other == "records" else tmp_path / "nothing")
+    with pytest.raises(
+        JournalError, match=r"master\.journal: cannot be (read|written): (a link lies there|No such dev)"
+    ):
+        MasterJournal(tmp_path / "run").intend(Asked.PASS, Key(JOB, 1))
+    assert target.read_bytes() == before
+    assert not (tmp_path / "nothing").exists()
 
 
 def test_newest_layer_is_that_of_patterns_and_passes_of_its_job(tmp_path: Path) -> None:

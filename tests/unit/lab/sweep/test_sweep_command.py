@@ -212,7 +212,7 @@ def test_best_scenario_of_a_search_is_one_that_prints_so(
     assert scenario.tables.components["controller"].options["alpha"] == 0.8
     first = scenario.text.partition("\n")[0] if scenario.text.startswith("#") else ""
     assert first == f"# trial {best['trial']} of study.toml: 0.8"
-    assert "best of 4 trials: alpha 0.8: 0.8; scenario out/best/cuboid.toml" in shown.err
+    assert "largest std_um of 4 trials: alpha 0.8: 0.8; scenario out/best/cuboid.toml" in shown.err
 
 
 def test_progress_tells_each_print_to_who_asks(
