@@ -143,14 +143,14 @@ def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
     with ExitStack() as stack:
         adapter = Adapter(BusSettings("virtual", "silent", silence_s=1.0))
         stack.callback(adapter.close)
-        seconds = count(0.0, 0.25)
-        found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
+        adapter.now = count(0.0, 0.25).__next__
+        found = listen(adapter, CODEC)
     assert found.silence_s == 1.0
     assert found.lasted >= 2.0
 
 
 def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
-    frame, seconds = pack(CODEC, status(Node.HEAD), 0), count(0.0, 0.5)
+    frame = pack(CODEC, status(Node.HEAD), 0)
     kinds = [{"is_extended_id": True}, {"is_remote_frame": True}, {"is_fd": True}, {"is_error_frame": True}, {}]
     names = ("is_extended_id", "is_remote_frame", "is_fd", "is_error_frame")
     heard_frames = [
@@ -158,9 +158,12 @@ def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
         for kind in kinds
     ]
     adapter: Any = SimpleNamespace(
-        settings=BusSettings("virtual", "mixed"), receive=lambda wait_s: heard_frames, complaints=dict[str, int]
+        settings=BusSettings("virtual", "mixed"),
+        receive=lambda wait_s: heard_frames,
+        complaints=dict[str, int],
+        now=count(0.0, 0.5).__next__,
     )
-    found = listen(adapter, CODEC, seconds=0.6, monotonic=lambda: next(seconds))
+    found = listen(adapter, CODEC, seconds=0.6)
     assert (found.frames, found.errors, len(found.times[Node.HEAD])) == (1, 1, 1)
 
 
