@@ -24,6 +24,7 @@ FAULTS = "loss:probability=1e-2"
 COURSE: list[tuple[float, float]] = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
 """Layer and mask of the passes done, of a print of one layer; the head alone counts passes."""
 JOURNAL = b"\x62\x01\x00"
+JOB_1 = b"\0\0\0\1"
 PENDING = re.compile(b"\x7f.\x78", re.DOTALL)
 """A node that is still busy says so each second of the clock: not counted."""
 
@@ -40,7 +41,7 @@ def exported(path: Path) -> Path:
 
 
 def messages(log: Path) -> dict[int, list[bytes]]:
-    """The messages of each identifier, put together of their frames, without the number of the job."""
+    """The messages of each identifier, put together of their frames, as of job 1, which that through an FMU has."""
     found: dict[int, list[bytes]] = {}
     lengths: dict[int, int] = {}
     for frame in can.BLFReader(log):
@@ -58,7 +59,7 @@ def messages(log: Path) -> dict[int, list[bytes]]:
                 of_it[-1] = (of_it[-1] + data[1:])[: lengths[number]]
     (job,) = {one[4:8] for one in found[0x640] if one[:2] == b"\x31\x01" and len(one) >= 8}
     return {
-        number: [timeless(one.replace(job, b"JOB!")) for one in of_it if not PENDING.fullmatch(one)]
+        number: [timeless(one.replace(job, JOB_1)) for one in of_it if not PENDING.fullmatch(one)]
         for number, of_it in found.items()
     }
 

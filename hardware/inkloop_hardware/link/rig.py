@@ -194,6 +194,11 @@ class Rig:
         """
         self.supervision.keep_alive()
 
+    def pause(self, seconds: float) -> None:
+        """Keep alive, then let time pass."""
+        self.keep_alive()
+        self.supervision.bus.sleep(seconds)
+
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
         """Enable lamp, gate or motion for one step; nothing is enabled after it, even after an error. Not to be nested.
