@@ -84,7 +84,7 @@ def _missing_at_rest(rig: Rig, nodes: Sequence[Node]) -> list[str]:
     while True:
         found = [f"{node.lower()}: {reason}" for node in nodes for reason in missing(node, rig.status(node))]
         looks -= 1
-        if not found or looks == 0:
+        if not found or looks <= 0:
             return found
         rig.pause(PAUSE_S)
 

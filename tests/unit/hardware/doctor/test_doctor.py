@@ -390,7 +390,7 @@ def test_page_names_every_check() -> None:
 
 def test_report_of_a_profiler_has_the_map_that_it_sends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inquiry, "_read_clock", lambda link: SimpleNamespace(answered=0.0))
-    link = Mock(node=Node.PROFILER, map_size=lambda: MapSize(1, 30, 20))
+    link = Mock(node=Node.PROFILER, map_size=lambda: MapSize(1, 30, 20), now=lambda: 0.0)
     assert inquiry.read_node(link).map_shape == (30, 20)
 
 
