@@ -14,13 +14,12 @@ from inkloop.cli import main
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.protocol.codec import Codec, Frame
-from support.benches.bench_run import FAST, assert_same_print, emulated, printed_with_fmus, write
+from support.benches.bench_run import BLOCK, FAST, assert_same_print, emulated, printed_with_fmus, write
 
 ONE_LAYER = {"part.height_um": 3.0}
 REQUESTS = range(0x640, 0x648)
 STATUSES = range(0x101, 0x105)
 PHASE = ("State", "Layer", "PassMask", "LampOn", "GateOpen", "GateClosed")
-FAULTS = "loss:probability=1e-2"
 COURSE: list[tuple[float, float]] = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
 """Layer and mask of the passes done, of a print of one layer; the head alone counts passes."""
 JOURNAL = b"\x62\x01\x00"
@@ -112,17 +111,21 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
 
 
 def test_prints_through_the_fmu_repeat_frame_by_frame(tmp_path: Path) -> None:
-    """With their times, to the byte of the log, also where frames are lost."""
-    path = write(tmp_path)
-    words = {**through(exported(path)), **ONE_LAYER, "bench.options": {"parameters": FAST | {"faults": FAULTS}}}
-    folders = [tmp_path / name for name in ("one", "other")]
+    """With their times, to the byte of the log, also where frames are lost; the log can be replayed."""
+    path, folders = write(tmp_path), [tmp_path / name for name in ("one", "other")]
+    given = "".join(f", {name} = {value}" for name, value in FAST.items())
+    lossy = f'options.parameters = {{ faults = "loss:probability=1e-2"{given} }}'
+    bench = f'interface = "inkloop_fmu"\nchannel = "{exported(path)}"\n{lossy}\n'
+    write(tmp_path, BLOCK.replace('interface = "slcan"\n', bench))
     for folder in folders:
-        assert print_part(Scenario.load(path, words), folder=folder).stop_reason == "done"
+        words = ["--no-pictures", "--quiet", "--set", "part.height_um=3.0", "--out", str(folder)]
+        assert main(["run", str(path), *words]) == 0
     one, other = ((folder / "traffic.blf").read_bytes() for folder in folders)
     assert one == other
     times = [frame.timestamp for frame in can.BLFReader(folders[0] / "traffic.blf")]
     assert times == sorted(times)
     assert times[0] == 0.0
+    assert main(["bench", "replay", str(folders[0]), "--quiet"]) == 0
 
 
 @pytest.mark.parametrize("name", ["none.fmu", "block.toml"])

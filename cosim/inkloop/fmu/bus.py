@@ -135,7 +135,7 @@ class BusLinks:
         given: dict[str, dict[str, bytes]] = {}
         for _ in range(ROUNDS_MAX):
             sent = {name: exchange(given.get(name, {})) for name, exchange in self._exchanges.items()}
-            given = self._delivered(sent)
+            given = self._delivered(sent) if any(sent.values()) else {}
             if not given:
                 return
         found = " and ".join(f"{one} and {other}" for one, other in (link.ends for link in self._links))

@@ -20,6 +20,8 @@ from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Codec, Frame
 
 STEP_S = STEP_NS * S_PER_NS
+REPLY_S = 1e-6
+"""Seconds between what came and what is sent then, in the log."""
 
 
 class FmuConnection:
@@ -63,6 +65,7 @@ class FmuConnection:
         """Send frames in this order."""
         for frame in frames:
             message = self._adapter.send(frame)
+            message.timestamp += REPLY_S
             if self._log:
                 self._log.take(message)
 
