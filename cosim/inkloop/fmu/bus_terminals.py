@@ -59,9 +59,7 @@ def read_buses(archive: zipfile.ZipFile, model: Any) -> dict[str, Any]:
     }
 
 
-def bus_terminals(
-    xml: bytes, variables: Mapping[str, ElementTree.Element]
-) -> tuple[list[BusTerminal], dict[str, str]]:
+def bus_terminals(xml: bytes, variables: Mapping[str, ElementTree.Element]) -> tuple[list[BusTerminal], dict[str, str]]:
     """Bus terminals in terminalsAndIcons.xml that the master can serve; those that it cannot, and why.
 
     variables: of modelDescription.xml, by name. Raises XmlError.
@@ -72,21 +70,21 @@ def bus_terminals(
         if element.get("terminalKind") != BUS_TERMINAL[0]:
             continue
         name = element.get("name", "")
-        named = [(m.get("memberName"), m.get("variableName")) for m in element.findall("TerminalMemberVariable")]
+        listed = element.findall("TerminalMemberVariable")
+        named = [(m.get("memberName", ""), m.get("variableName", "")) for m in listed]
         if name in ("", *unserved, *(bus.name for bus in served)):
             unserved[name] = "its name is that of another bus" if name else "it has no name"
         elif reason := _obstacle(named, variables):
             unserved[name] = reason
         else:
-            found = {member: variables[str(variable)] for member, variable in named if member in _MEMBERS}
-            references = (int(found[member].get("valueReference", "")) for member in _MEMBERS)
-            served.append(BusTerminal(name, *references, found["Tx_Clock"].get("intervalVariability", "")))
+            found = {member: variables[variable] for member, variable in named if member in _MEMBERS}
+            rx_data, rx_clock, tx_data, tx_clock = (int(found[each].get("valueReference", "")) for each in _MEMBERS)
+            interval = found["Tx_Clock"].get("intervalVariability", "")
+            served.append(BusTerminal(name, rx_data, rx_clock, tx_data, tx_clock, interval))
     return served, unserved
 
 
-def _obstacle(
-    named: Sequence[tuple[str | None, str | None]], variables: Mapping[str, ElementTree.Element]
-) -> str | None:
+def _obstacle(named: Sequence[tuple[str, str]], variables: Mapping[str, ElementTree.Element]) -> str | None:
     """The reason why the master cannot serve a terminal with these pairs of member and variable."""
     members = [member for member, _ in named]
     if wrong := [member for member in _MEMBERS if members.count(member) != 1]:

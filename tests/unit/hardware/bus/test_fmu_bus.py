@@ -57,14 +57,14 @@ def test_bus_of_another_program_runs_with_the_clock(clock: Clock) -> None:
         begun = clock.ns
         stamps = [message.timestamp for _ in range(20) if (message := bus.recv(0.1)) and not bus.recv(0)]
         assert (clock.ns - begun) / 1e9 == pytest.approx(stamps[-1] - 1e9, rel=1e-3, abs=0.0)
-        assert {message for message in (bus.recv(0.0) for _ in range(9))} == {None}
+        assert [bus.recv(0.0) for _ in range(9)] == 9 * [None]
         before = bus.now()  # type: ignore[attr-defined]
         clock.ns += 60_000_000_000
         assert bus.recv(0) is not None
         while bus.recv(0):
             pass
         assert bus.now() - before == pytest.approx(0.2, abs=0.002)  # type: ignore[attr-defined]
-        with pytest.raises(can.CanOperationError, match="classic CAN; set bench.fd = false"):
+        with pytest.raises(can.CanOperationError, match=r"classic CAN; set bench\.fd = false"):
             bus.send(can.Message(is_fd=True))
 
 
