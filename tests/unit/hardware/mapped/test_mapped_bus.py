@@ -81,7 +81,7 @@ ANY_BED: dict[str, Any] = {"is_open": False, "valid_share": 0.0, "on_part": True
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
     for name, value in {"now": found.second, "sleep": found.sleep}.items():
-        monkeypatch.setattr(Connection, name, staticmethod(value), raising=False)
+        monkeypatch.setattr(Connection, name, value, raising=False)
     monkeypatch.setattr(mapped_bus, "connected", Connection)
     monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel
     return found
