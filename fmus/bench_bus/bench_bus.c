@@ -6,6 +6,7 @@
 #include "fault_text.h"
 #include "parameter_file.h"
 #include "resources.h"
+#include "values.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -33,19 +34,7 @@ static Bench *bench_of(Kept *kept) {
 }
 
 static double number_of(Instance *instance, size_t variable) {
-    const void *value = values_of(instance, variable);
-    switch (BENCH_BUS_VARIABLES.variables[variable].type) {
-    case TYPE_REAL:
-        return *(const double *)value;
-    case TYPE_INTEGER:
-        return *(const int32_t *)value;
-    case TYPE_BOOLEAN:
-        return *(const bool *)value;
-    case TYPE_ENUMERATION:
-        return (double)*(const int64_t *)value;
-    default:
-        return (double)*(const uint64_t *)value;
-    }
+    return as_double(BENCH_BUS_VARIABLES.variables[variable].type, values_of(instance, variable));
 }
 
 static bool is_option(const VariableDefinition *definition) {
@@ -58,7 +47,7 @@ static Outcome options_of(Instance *instance, BenchOptions *options) {
     *options = bench_defaults();
     for (size_t k = 0; k < BENCH_BUS_VARIABLES.exposed_count; k++) {
         const VariableDefinition *definition = &BENCH_BUS_VARIABLES.variables[k];
-        const double value = is_option(definition) ? number_of(instance, k) : 0.0;
+        const double value = number_of(instance, k);
         if (is_option(definition) && !bench_set(options, definition->name, value))
             return refuse(instance, "%s is %g; the nodes of the bench do not take it", definition->name, value);
     }
@@ -130,12 +119,15 @@ static Outcome check_value(Instance *instance, size_t variable, const void *valu
     return read_faults(instance, value, faults);
 }
 
+static size_t room_in(const ByteString *sent) {
+    return (size_t)BENCH_BUS_VARIABLES.variables[BENCH_BUS_TX_DATA].max - sent->size;
+}
+
 /* Adds a frame of the nodes to what is sent. */
 static void send(void *context, const CanFrame *frame) {
     const BenchBusVariables *v = &((Run *)context)->v;
     ByteString *data = v->Tx_Data;
-    const size_t room = (size_t)BENCH_BUS_VARIABLES.variables[BENCH_BUS_TX_DATA].max - data->size;
-    const size_t written = bus_write_frame(frame, data->bytes + data->size, room);
+    const size_t written = bus_write_frame(frame, data->bytes + data->size, room_in(data));
     data->size += (uint32_t)written;
     *(written > 0 ? v->frames_sent : v->frames_lost) += 1;
 }
@@ -188,7 +180,7 @@ static Outcome initialize(Instance *instance) {
     emulation_begin(emulation, bench, &bus, &(MasterAdapter){NULL, NULL, NULL}, 0);
     calculate(instance);
     *run.v.start_time = *run.v.time;
-    run.v.Tx_Data->size = (uint32_t)bus_write_configuration(BIT_RATE, run.v.Tx_Data->bytes, SIZE_MAX);
+    run.v.Tx_Data->size = (uint32_t)bus_write_configuration(BIT_RATE, run.v.Tx_Data->bytes);
     publish(&run);
     emulation_unlink(emulation);
     return ACCEPTED;
@@ -214,14 +206,9 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return ACCEPTED;
 }
 
-static void answer_format_error(const Run *run, const BusOperation *operation) {
-    ByteString *data = run->v.Tx_Data;
-    const size_t room = (size_t)BENCH_BUS_VARIABLES.variables[BENCH_BUS_TX_DATA].max - data->size;
-    data->size += (uint32_t)bus_write_format_error(operation, data->bytes + data->size, room);
-}
-
 static void take(const Run *run, Emulation *emulation, const BusOperation *operation) {
     const BenchBusVariables *v = &run->v;
+    ByteString *sent = v->Tx_Data;
     switch (operation->kind) {
     case BUS_FRAME:
         *v->frames_received += 1;
@@ -231,7 +218,7 @@ static void take(const Run *run, Emulation *emulation, const BusOperation *opera
         *v->frames_lost += 1;
         break;
     case BUS_MALFORMED:
-        answer_format_error(run, operation);
+        sent->size += (uint32_t)bus_write_format_error(operation, sent->bytes + sent->size, room_in(sent));
         /* fall through */
     case BUS_NOT_READ:
         *v->format_errors += 1;

@@ -111,9 +111,7 @@ size_t bus_write_format_error(const BusOperation *wrong, uint8_t *to, size_t roo
     return FORMAT_ERROR_HEAD + quoted;
 }
 
-size_t bus_write_configuration(uint32_t bit_rate, uint8_t *to, size_t room) {
-    if (room < BIT_RATE_SIZE + BEHAVIOR_SIZE)
-        return 0;
+size_t bus_write_configuration(uint32_t bit_rate, uint8_t *to) {
     write_head(to, CONFIGURATION, BIT_RATE_SIZE);
     to[HEAD] = CAN_BAUDRATE;
     write_number(to + HEAD + 1, bit_rate, 4);

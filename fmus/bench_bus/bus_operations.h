@@ -30,13 +30,13 @@ typedef struct {
 /* The next operation; false at the end. One whose length cannot be ends the binary: all that is left is malformed. */
 bool bus_operations_next(BusOperations *from, BusOperation *operation);
 
-/* These write an operation and return its size; 0 if there is not so much room. */
+/* These write an operation and return its size, 0 if there is not so much room. */
 size_t bus_write_frame(const CanFrame *frame, uint8_t *to, size_t room);
 
 /* Format Error about an operation, of which it repeats up to 65525 bytes. */
 size_t bus_write_format_error(const BusOperation *wrong, uint8_t *to, size_t room);
 
-/* Configuration: the bit rate, and that frames which lose arbitration are sent again. */
-size_t bus_write_configuration(uint32_t bit_rate, uint8_t *to, size_t room);
+/* Configuration: the bit rate, and that frames which lose arbitration are sent again; needs 23 bytes. */
+size_t bus_write_configuration(uint32_t bit_rate, uint8_t *to);
 
 #endif

@@ -58,7 +58,7 @@ Outcome check_mode(Instance *instance, const VariableDefinition *definition) {
     }
 }
 
-static double as_double(ValueType type, const void *value) {
+double as_double(ValueType type, const void *value) {
     switch (type) {
     case TYPE_REAL:
         return *(const double *)value;

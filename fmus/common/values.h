@@ -17,6 +17,9 @@ Outcome find_typed(Instance *instance, ValueType type, uint32_t reference, size_
 /* MISUSED if the variable cannot be set now. */
 Outcome check_mode(Instance *instance, const VariableDefinition *definition);
 
+/* A value of this type as a number; not a number for a type without one. */
+double as_double(ValueType type, const void *value);
+
 /* After a value was set: outputs that may depend on it are calculated before they are read. */
 void values_changed(Instance *instance);
 

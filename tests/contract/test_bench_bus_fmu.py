@@ -14,14 +14,13 @@ from fmpy import fmi3
 from inkloop.cli import main
 from inkloop.fmu.bus import BusFrame, operation, transmit
 from inkloop.fmu.reading import describe
-from inkloop.fmu_writer import definition
+from inkloop.fmu_writer.archive import read_definition
 from inkloop.fmu_writer.export import find_fmu
 from support.benches import node_bench
 from support.benches.bench_run import BLOCK, write
 from support.fmus.bus_driver import ARE_YOU_THERE, MODEL, BusDriver
 from support.fmus.fmu_checkers import by_fmpy
 from support.fmus.fmu_driver import DISCARD, ERROR, OK
-from support.places import ROOT
 
 ALIVE, HEAD_STATUS, HEAD_ANSWER = b"\x02\x7e\x00", 0x101, 0x641
 
@@ -202,27 +201,20 @@ def test_run_replays_from_a_state_of_either_mode_bit_by_bit() -> None:
 
 @pytest.mark.compiled
 def test_parameters_are_those_of_the_fmus_and_of_the_emulator() -> None:
-    """The same description, unit and limits as in the FMUs; names, values and defaults of the emulator."""
-    own, c = {v.name: v for v in loaded("bench_bus").variables}, node_bench.library()
-    for other in ("layer_deposition", "profile_sensor"):
-        for variable in loaded(other).emulated:
-            mine = own[variable.name]
-            same = ("causality", "type", "unit", "min", "max", "declared")
-            assert [getattr(mine, name) for name in same] == [getattr(variable, name) for name in same]
-            if variable.name != "resolution":
-                assert (mine.description, mine.start) == (variable.description, variable.start)
-    scalars = [v for v in own.values() if v.causality in ("parameter", "structural") and not v.is_grid]
+    """Their enumeration too; the resolution has another start value. Values and defaults of the emulator."""
+    model, c = read_definition(find_fmu(MODEL)), node_bench.library()
+    printer, sensor = (read_definition(find_fmu(name)) for name in ("LayerDeposition", "ProfileSensor"))
+    taken = set(model.emulated)
+    assert {v.name for v in {*printer.emulated, *sensor.emulated} - taken} == {"resolution"}
+    assert taken < {*printer.emulated, *sensor.emulated}
+    assert model.types.items() <= printer.types.items()
+    scalars = [v for v in model.variables if v.causality in ("parameter", "structural") and not v.is_grid]
     options = c.probe_options()
     before = ctypes.string_at(options, c.probe_options_size())
     for variable in scalars:
         if variable.type != "string":
             assert c.bench_set(options, variable.name.encode(), float(variable.start)), variable.name
             assert ctypes.string_at(options, len(before)) == before, variable.name
-
-
-def loaded(model: str) -> definition.ModelDefinition:
-    path = ROOT / "fmus" / model / "variables.toml"
-    return definition.load(path.read_text("utf-8"), path)
 
 
 @pytest.mark.parametrize("form", ["fmi3", "fmi3-fixed"])

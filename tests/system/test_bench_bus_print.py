@@ -14,15 +14,16 @@ from inkloop.cli import main
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.protocol.codec import Codec, Frame
-from support.benches.bench_run import FAST, assert_same_print, emulated, printed_with_fmus, write
+from support.benches.bench_run import BLOCK, FAST, assert_same_print, emulated, printed_with_fmus, write
 
 ONE_LAYER = {"part.height_um": 3.0}
 REQUESTS = range(0x640, 0x648)
 STATUSES = range(0x101, 0x105)
-LASTING = ("Fault", "BootCount", "UnknownMask", "ProtocolVersion")
+PHASE = ("State", "Layer", "PassMask", "LampOn", "GateOpen", "GateClosed")
 COURSE: list[tuple[float, float]] = [(0, 0), *((1, (1 << passes) - 1) for passes in range(5))]
 """Layer and mask of the passes done, of a print of one layer; the head alone counts passes."""
 JOURNAL = b"\x62\x01\x00"
+JOB_1 = b"\0\0\0\1"
 PENDING = re.compile(b"\x7f.\x78", re.DOTALL)
 """A node that is still busy says so each second of the clock: not counted."""
 
@@ -39,7 +40,7 @@ def exported(path: Path) -> Path:
 
 
 def messages(log: Path) -> dict[int, list[bytes]]:
-    """The messages of each identifier, put together of their frames, without the number of the job."""
+    """The messages of each identifier, put together of their frames, as of job 1, which that through an FMU has."""
     found: dict[int, list[bytes]] = {}
     lengths: dict[int, int] = {}
     for frame in can.BLFReader(log):
@@ -57,7 +58,7 @@ def messages(log: Path) -> dict[int, list[bytes]]:
                 of_it[-1] = (of_it[-1] + data[1:])[: lengths[number]]
     (job,) = {one[4:8] for one in found[0x640] if one[:2] == b"\x31\x01" and len(one) >= 8}
     return {
-        number: [timeless(one.replace(job, b"JOB!")) for one in of_it if not PENDING.fullmatch(one)]
+        number: [timeless(one.replace(job, JOB_1)) for one in of_it if not PENDING.fullmatch(one)]
         for number, of_it in found.items()
     }
 
@@ -67,26 +68,33 @@ def timeless(message: bytes) -> bytes:
     return bytes(len(message)) if message.startswith(JOURNAL) else message
 
 
-def states(log: Path) -> dict[int, tuple[set[float], ...]]:
-    """Cause, boots, unknown cells and version in the status frames of each node, whose progress follows COURSE.
+Phase = tuple[int, tuple[float, ...]]
 
-    The frames of two runs are not the same: a node sends its status every 100 ms of its own clock, a pass takes 2 ms,
-    and the clock of the master decides which states a frame meets. What it meets comes in one order.
+
+def states(log: Path) -> dict[Phase, tuple[float, ...]]:
+    """The status frames by node and phase, each of which has one content; the progress of a node follows COURSE.
+
+    A node sends its status every 100 ms of its own clock, so the clock of the master decides which phases a log has.
     """
-    codec, found = Codec(), dict[int, list[Mapping[str, float]]]()
+    codec, found = Codec(), dict[Phase, tuple[float, ...]]()
+    course: dict[int, list[int]] = {}
     for frame in can.BLFReader(log):
         if frame.arbitration_id in STATUSES:
             reading = codec.decode(Frame(frame.arbitration_id, bytes(frame.data)))
             assert reading.intact
-            found.setdefault(frame.arbitration_id, []).append(reading.values)
-    for number, readings in found.items():
-        met = [COURSE.index((values["Layer"], values["PassMask"])) for values in readings]
-        assert met == sorted(met), f"{number:#x}"
-    return {number: tuple({each[name] for each in readings} for name in LASTING) for number, readings in found.items()}
+            course.setdefault(frame.arbitration_id, []).append(
+                COURSE.index((reading.values["Layer"], reading.values["PassMask"]))
+            )
+            phase = frame.arbitration_id, tuple(reading.values[name] for name in PHASE)
+            content = tuple(value for name, value in reading.values.items() if name not in PHASE)
+            assert found.setdefault(phase, content) == content
+    assert course.keys() == set(STATUSES)
+    assert all(met == sorted(met) for met in course.values())
+    return found
 
 
 def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
-    """And that with the FMUs of printer and profiler, to the bit; requests, answers and the course of states agree."""
+    """And that with the FMUs of printer and profiler, to the bit; requests, answers and the content of states agree."""
     path = write(tmp_path)
     logs: Mapping[str, Path] = {name: tmp_path / name / "traffic.blf" for name in ("fmu", "slcan")}
     found = print_part(Scenario.load(path, {**through(exported(path)), **ONE_LAYER}), folder=logs["fmu"].parent)
@@ -96,8 +104,28 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
         on_emulator = {"bench.interface": "slcan", "bench.channel": channel}
         print_part(Scenario.load(path, {**on_emulator, **ONE_LAYER}), folder=logs["slcan"].parent)
     assert messages(logs["fmu"]) == messages(logs["slcan"])
-    assert states(logs["fmu"]) == states(logs["slcan"])
-    assert states(logs["fmu"]).keys() == set(STATUSES)
+    ours, theirs = states(logs["fmu"]), states(logs["slcan"])
+    both = ours.keys() & theirs.keys()
+    assert {number for number, _ in both} == set(STATUSES)
+    assert [ours[phase] for phase in both] == [theirs[phase] for phase in both]
+
+
+def test_prints_through_the_fmu_repeat_frame_by_frame(tmp_path: Path) -> None:
+    """With their times, to the byte of the log, also where frames are lost; the log can be replayed."""
+    path, folders = write(tmp_path), [tmp_path / name for name in ("one", "other")]
+    given = "".join(f", {name} = {value}" for name, value in FAST.items())
+    lossy = f'options.parameters = {{ faults = "loss:probability=1e-2"{given} }}'
+    bench = f'interface = "inkloop_fmu"\nchannel = "{exported(path)}"\n{lossy}\n'
+    write(tmp_path, BLOCK.replace('interface = "slcan"\n', bench))
+    for folder in folders:
+        words = ["--no-pictures", "--quiet", "--set", "part.height_um=3.0", "--out", str(folder)]
+        assert main(["run", str(path), *words]) == 0
+    one, other = ((folder / "traffic.blf").read_bytes() for folder in folders)
+    assert one == other
+    times = [frame.timestamp for frame in can.BLFReader(folders[0] / "traffic.blf")]
+    assert times == sorted(times)
+    assert times[0] == 0.0
+    assert main(["bench", "replay", str(folders[0]), "--quiet"]) == 0
 
 
 @pytest.mark.parametrize("name", ["none.fmu", "block.toml"])

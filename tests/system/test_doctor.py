@@ -97,6 +97,23 @@ def test_bench_that_is_well_has_no_fault_and_without_a_yes_is_left_as_it_was(
                 assert len(rig.link(node).journal()) == 1
 
 
+def test_bench_as_an_fmu_is_examined_in_its_own_time(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So no finding depends on the load of the machine, and the heartbeat needs no priority."""
+    assert main(["export", "bench", str(path), "--quiet", "--out", str(path.with_name("bench.fmu"))]) == 0
+    words = ["--set", "bench.interface=inkloop_fmu", "--set", "bench.channel=bench.fmu", "--self-test", "--yes"]
+    reports = []
+    for _ in range(2):
+        capsys.readouterr()
+        assert main(["bench", "doctor", str(path), "--json", *words]) == 0
+        reports.append(json.loads(capsys.readouterr().out)["findings"])
+    assert reports[0] == reports[1]
+    assert {one["grade"] for one in reports[0]} == {"ok"}
+    found = {one["check"]: one["found"] for one in reports[0]}
+    assert found["heartbeat"] == "4 nodes, a status every 100 to 100 ms"
+    assert found["clock"] == "head, stage, cure, profiler: runs as fast as ours"
+    assert "priority" not in found
+
+
 def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path: Path, doctor: Doctor) -> None:
     with bench(path) as channel:
         assert doctor(channel, "--self-test", "--yes") == (0, {})

@@ -124,7 +124,7 @@ def test_prints_of_lying_scans_are_kept_as_they_ended(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", diagrams.DEFINITIONS, ids=lambda path: path.parent.name)
 def test_diagram_of_an_fmu_has_the_ports_of_its_definition(path: Path) -> None:
-    model = definition.load(path.read_text("utf-8"), path)
+    model = definition.load(definition.text_of(path), path)
     with Image.open(path.with_name("diagram.png")) as picture:
         assert picture.info["Description"] == diagrams.text(model)
     assert path.with_name("diagram.png").stat().st_size < 32_000

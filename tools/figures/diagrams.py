@@ -82,4 +82,4 @@ def texts() -> Texts:
 def run() -> None:
     """Draw the pictures."""
     for path in DEFINITIONS:
-        write(path.with_name("diagram.png"), definition.load(path.read_text("utf-8"), path))
+        write(path.with_name("diagram.png"), definition.load(definition.text_of(path), path))

@@ -124,17 +124,18 @@ class BusLinks:
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """At the start."""
-        self._carry()
+        self.carry()
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """After each step."""
-        self._carry()
+        self.carry()
 
-    def _carry(self) -> None:
+    def carry(self) -> None:
+        """Carry what has been sent, and the answers to it, at the present communication point."""
         given: dict[str, dict[str, bytes]] = {}
         for _ in range(ROUNDS_MAX):
             sent = {name: exchange(given.get(name, {})) for name, exchange in self._exchanges.items()}
-            given = self._delivered(sent)
+            given = self._delivered(sent) if any(sent.values()) else {}
             if not given:
                 return
         found = " and ".join(f"{one} and {other}" for one, other in (link.ends for link in self._links))
@@ -162,39 +163,46 @@ def _through(content: bytes) -> tuple[bytes, bytes]:
 
 
 class BusNode:
-    """An FMU with one bus, stepped by its partner there: frames in, frames out.
+    """An FMU with one bus, and its partner there, who steps it: frames in, frames out.
 
     Starts the FMU; parameters: of the FMU, by name. Raises FmuError, later ComponentError.
     """
 
     def __init__(self, path: Path | str, parameters: Mapping[str, object]) -> None:
         self._fmu = FmuComponent(path, parameters=parameters)
-        buses, unserved = self._fmu.description.buses, self._fmu.description.unserved
-        if len(buses) != 1 or unserved:
-            found = "; ".join([*(bus.name for bus in buses), *(f"{name}: {why}" for name, why in unserved.items())])
+        about = self._fmu.description
+        if len(about.buses) != 1 or about.unserved:
+            found = [bus.name for bus in about.buses] + [f"{name}: {why}" for name, why in about.unserved.items()]
             self._fmu.terminate()
-            raise FmuError(f"{path}: expected an FMU with one CAN bus (FMI-LS-BUS), its buses are {found or 'none'}")
-        self._bus = buses[0].name
-        self._answers = b""
+            raise FmuError(
+                f"{path}: expected an FMU with one CAN bus (FMI-LS-BUS), its buses are {'; '.join(found) or 'none'}"
+            )
+        ends = BusEnd("fmu", about.buses[0].name), BusEnd("partner", "frames")
+        links = [BusLink(ends, ideal=not about.is_bus_simulation)]
+        self._links = BusLinks({"fmu": self._fmu, "partner": self}, links)
+        self._given, self._taken = b"", list[BusFrame]()
         self._fmu.initialize(0, {})
 
     def step(self, time_ns: int, step_ns: int, frames: Iterable[tuple[int, bytes, bool, bool]]) -> list[BusFrame]:
         """Give frames, then step; the frames that the FMU has sent. Raises FmuError for what it could not read."""
-        given, self._answers = self._answers + b"".join(transmit(BusFrame(*frame)) for frame in frames), b""
-        sent = self._fmu.exchange({self._bus: given} if given else {})
+        self._given = b"".join(transmit(BusFrame(*frame)) for frame in frames)
+        if self._given:
+            self._links.carry()
         self._fmu.advance(time_ns, step_ns, {})
-        later = self._fmu.exchange({})
-        return list(self._read(sent.get(self._bus, b"") + later.get(self._bus, b"")))
+        self._links.carry()
+        taken, self._taken = self._taken, []
+        return taken
+
+    def exchange(self, received: Mapping[str, bytes]) -> dict[str, bytes]:
+        """Of the partner, as `FmuComponent.exchange`."""
+        for found in operations(received.get("frames", b"")):
+            if found.code == FORMAT_ERROR:
+                raise FmuError(f"the FMU could not read an operation of its partner: {found.content.hex()}")
+            if frame := found.frame:
+                self._taken.append(frame)
+        given, self._given = self._given, b""
+        return {"frames": given} if given else {}
 
     def close(self) -> None:
         """End the FMU."""
         self._fmu.terminate()
-
-    def _read(self, content: bytes) -> Iterable[BusFrame]:
-        for found in operations(content):
-            if found.code == FORMAT_ERROR:
-                wrong = found.content.hex()
-                raise FmuError(f"{self._bus}: the FMU could not read an operation of its partner: {wrong}")
-            if frame := found.frame:
-                yield frame
-            self._answers += found.answer

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -16,12 +16,18 @@ from inkloop.limits import parsed_xml
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 TRIGGERED, COUNTDOWN = "triggered", "countdown"
-_CAN = "application/org.fmi-standard.fmi-ls-bus.can;"
+_CAN = re.compile(r'application/org\.fmi-standard\.fmi-ls-bus\.can; *version="1\.')
 INSTANTS_MAX = 1000
 """Instants of Event Mode at one time; an FMU that asks for more never comes to an end."""
 _CHANGED = 2
 _ROUNDING_S = 1e-9
-_MEMBERS = ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock")
+_MEMBERS = {
+    "Rx_Data": "input, Binary",
+    "Rx_Clock": "input, Clock",
+    "Tx_Data": "output, Binary",
+    "Tx_Clock": "output, Clock",
+}
+_INTERVALS = {"Rx": (TRIGGERED,), "Tx": (TRIGGERED, COUNTDOWN)}
 
 
 class BusTerminal(NamedTuple):
@@ -35,46 +41,28 @@ class BusTerminal(NamedTuple):
     tx_interval: str
 
 
-@dataclass(frozen=True)
-class MemberVariable:
-    """A variable of a terminal; interval: of a clock, mime_type: of a binary."""
-
-    reference: int
-    kind: str
-    interval: str | None = None
-    mime_type: str | None = None
-
-
 def read_buses(archive: zipfile.ZipFile, model: Any) -> dict[str, Any]:
     """Fields of the description: `buses`, `unserved`, `is_bus_simulation`. model: the FMU as FMPy has read it."""
     names = archive.namelist()
     if model.fmiVersion[:1] != "3" or TERMINALS not in names:
         return {}
-    types = _mime_types(archive)
-    members = {
-        v.name: MemberVariable(v.valueReference, v.type, v.intervalVariability, types.get(v.name))
-        for v in model.modelVariables
-    }
-    buses, unserved = bus_terminals(archive.read(TERMINALS), members)
+    described = parsed_xml(archive.read("modelDescription.xml")).find("ModelVariables")
+    variables = {v.get("name", ""): v for v in (described if described is not None else ())}
+    buses, unserved = bus_terminals(archive.read(TERMINALS), variables)
+    if not model.coSimulation.hasEventMode:
+        unserved |= dict.fromkeys((bus.name for bus in buses), "the FMU has no Event Mode (hasEventMode)")
     manifest = parsed_xml(archive.read(MANIFEST)) if MANIFEST in names else ElementTree.Element("none")
     return {
-        "buses": tuple(buses),
+        "buses": tuple(bus for bus in buses if bus.name not in unserved),
         "unserved": unserved,
         "is_bus_simulation": manifest.get("isBusSimulationFMU") in ("true", "1"),
     }
 
 
-def _mime_types(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Of the binaries, which FMPy 0.3.32 does not read."""
-    with archive.open("modelDescription.xml") as file:
-        found = (element for _, element in ElementTree.iterparse(file) if element.tag == "Binary")
-        return {element.get("name", ""): element.get("mimeType", "") for element in found}
-
-
-def bus_terminals(xml: bytes, variables: Mapping[str, MemberVariable]) -> tuple[list[BusTerminal], dict[str, str]]:
+def bus_terminals(xml: bytes, variables: Mapping[str, ElementTree.Element]) -> tuple[list[BusTerminal], dict[str, str]]:
     """Bus terminals in terminalsAndIcons.xml that the master can serve; those that it cannot, and why.
 
-    Raises XmlError.
+    variables: of modelDescription.xml, by name. Raises XmlError.
     """
     served: list[BusTerminal] = []
     unserved: dict[str, str] = {}
@@ -82,32 +70,41 @@ def bus_terminals(xml: bytes, variables: Mapping[str, MemberVariable]) -> tuple[
         if element.get("terminalKind") != BUS_TERMINAL[0]:
             continue
         name = element.get("name", "")
-        named = {m.get("memberName"): m.get("variableName", "") for m in element.findall("TerminalMemberVariable")}
-        members = {member: variables[named[member]] for member in _MEMBERS if named.get(member) in variables}
-        if reason := _obstacle(members):
+        listed = element.findall("TerminalMemberVariable")
+        named = [(m.get("memberName", ""), m.get("variableName", "")) for m in listed]
+        if name in ("", *unserved, *(bus.name for bus in served)):
+            unserved[name] = "its name is that of another bus" if name else "it has no name"
+        elif reason := _obstacle(named, variables):
             unserved[name] = reason
         else:
-            rx_data, rx_clock, tx_data, tx_clock = (members[member].reference for member in _MEMBERS)
-            interval = members["Tx_Clock"].interval or ""
+            found = {member: variables[variable] for member, variable in named if member in _MEMBERS}
+            rx_data, rx_clock, tx_data, tx_clock = (int(found[each].get("valueReference", "")) for each in _MEMBERS)
+            interval = found["Tx_Clock"].get("intervalVariability", "")
             served.append(BusTerminal(name, rx_data, rx_clock, tx_data, tx_clock, interval))
     return served, unserved
 
 
-def _obstacle(members: Mapping[str, MemberVariable]) -> str | None:
-    """The reason why the master cannot serve a terminal with these members."""
-    if lacking := [member for member in _MEMBERS if member not in members]:
-        return f"it has no {', '.join(lacking)}"
-    for member in _MEMBERS:
-        kind = "Binary" if member.endswith("Data") else "Clock"
-        if members[member].kind != kind:
-            return f"its {member} is a {members[member].kind}; expected a {kind}"
-    for member in ("Rx_Data", "Tx_Data"):
-        if not (members[member].mime_type or "").startswith(_CAN):
-            return f"its {member} is of type {members[member].mime_type}; this master knows the bus CAN"
-    if members["Rx_Clock"].interval != TRIGGERED:
-        return f"its Rx_Clock is {members['Rx_Clock'].interval}; expected {TRIGGERED}"
-    if members["Tx_Clock"].interval not in (TRIGGERED, COUNTDOWN):
-        return f"its Tx_Clock is {members['Tx_Clock'].interval}; this master serves {TRIGGERED} and {COUNTDOWN} ones"
+def _obstacle(named: Sequence[tuple[str, str]], variables: Mapping[str, ElementTree.Element]) -> str | None:
+    """The reason why the master cannot serve a terminal with these pairs of member and variable."""
+    members = [member for member, _ in named]
+    if wrong := [member for member in _MEMBERS if members.count(member) != 1]:
+        return f"it has {members.count(wrong[0]) or 'no'} {', '.join(wrong)}"
+    found = {member: variables[variable] for member, variable in named if variable in variables}
+    for member, expected in _MEMBERS.items():
+        if member not in found:
+            return f"its {member} names {dict(named)[member]}, which is no variable of the FMU"
+        kind = f"{found[member].get('causality', 'local')}, {found[member].tag}"
+        if kind != expected:
+            return f"its {member} is ({kind}); expected ({expected})"
+    for way in ("Rx", "Tx"):
+        data, clock = found[f"{way}_Data"], found[f"{way}_Clock"]
+        if not _CAN.match(mime_type := data.get("mimeType", "")):
+            return f"its {way}_Data is of MIME type {mime_type or 'unknown'}; this master knows the bus CAN, version 1"
+        if clock.get("valueReference") not in data.get("clocks", "").split():
+            return f"its {way}_Data does not name its {way}_Clock as its clock"
+        interval, known = clock.get("intervalVariability"), _INTERVALS[way]
+        if interval not in known:
+            return f"its {way}_Clock is {interval}; this master serves {' and '.join(known)} ones"
     return None
 
 

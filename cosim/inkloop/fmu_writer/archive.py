@@ -91,7 +91,7 @@ def _now() -> str:
 def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, bytes]:
     """Everything in an FMU but its modelDescription.xml."""
     members = {f"sources/{path.name}": path.read_bytes() for path in options.sources}
-    members[DEFINITION] = options.definition.read_bytes()
+    members[DEFINITION] = definition.text_of(options.definition).encode()
     members |= _binaries(model.name, options)
     members["documentation/index.html"] = documentation.index_html(model, options.readme.read_text("utf-8"))
     members["documentation/diagram.png"] = options.diagram.read_bytes()
@@ -124,19 +124,19 @@ def _binaries(name: str, options: argparse.Namespace) -> dict[str, bytes]:
 
 
 def _write_variables(options: argparse.Namespace) -> None:
-    model = definition.load(options.definition.read_text("utf-8"), options.definition)
+    model = definition.load(definition.text_of(options.definition), options.definition)
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in {**c_tables.files(model), "fmu_model.c": c_tables.fmu_model(model)}.items():
         write_text(options.out / name, text)
 
 
 def _write_emulated(options: argparse.Namespace) -> None:
-    models = [definition.load(path.read_text("utf-8"), path) for path in options.definition]
+    models = [definition.load(definition.text_of(path), path) for path in options.definition]
     write_text(options.out, c_tables.emulated_parameters(models))
 
 
 def _pack(options: argparse.Namespace) -> None:
-    model = definition.load(options.definition.read_text("utf-8"), options.definition)
+    model = definition.load(definition.text_of(options.definition), options.definition)
     members = described(_members(model, options), options.form, model.sizes({}), options.version)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     pack(options.out, members)

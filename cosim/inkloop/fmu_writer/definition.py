@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -160,6 +161,20 @@ class ModelDefinition:
 def c_causality(variable: VariableDefinition) -> str:
     """The causality as the binary distinguishes it: tunable parameters are a separate one."""
     return "tunable" if variable.is_tunable else variable.causality
+
+
+def text_of(path: Path) -> str:
+    """The text of a variables.toml; its row `model = "emulated"` becomes the emulated parameters of the model in the
+    folder of that name, without those that it has itself.
+    """
+    text = path.read_text("utf-8")
+    own = set(re.findall(r"^(\w+) = ", text, re.MULTILINE))
+
+    def rows(match: re.Match[str]) -> str:
+        lines = (path.parent.with_name(match[1]) / path.name).read_text("utf-8").splitlines()
+        return "\n".join(line for line in lines if ", emulated = " in line and line.partition(" ")[0] not in own)
+
+    return re.sub(r'^(\w+) = "emulated"$', rows, text, flags=re.MULTILINE)
 
 
 def load(text: str, source: str | Path) -> ModelDefinition:

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import can
 from can.util import load_config
 
+from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
+from inkloop_hardware.bus.fmu_bus import FmuBus
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
@@ -57,7 +58,8 @@ class Adapter:
     """A bus of python-can.
 
     bus: one that is open already; None: that of the settings, BusError if it cannot be opened.
-    repeated: how often a frame had to be sent again; errors: error frames seen. BusOff when it has left the bus.
+    repeated: how often a frame had to be sent again; errors: error frames seen. now, sleep: the clock of the bus, the
+    simulated one of an FMU. BusOff when it has left the bus.
     """
 
     def __init__(
@@ -72,12 +74,13 @@ class Adapter:
         self.repeated = 0
         self.errors = 0
         self.is_gone = False
-        self._monotonic = monotonic
-        self._sleep = sleep
+        self.now, self.sleep, self._wall = monotonic, sleep, time.time
         try:
             self.bus = bus or _open(settings)
         except Exception as error:  # drivers of many makers: NotImplementedError, NameError, OSError, ...
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
+        if isinstance(self.bus, FmuBus):
+            self.now, self.sleep, self._wall = self.bus.now, self.bus.sleep, self.bus.now
         self._interface: str = getattr(self.bus, "channel", "") if ".socketcan" in type(self.bus).__module__ else ""
 
     def receive(self, wait_s: float) -> list[can.Message]:
@@ -107,20 +110,20 @@ class Adapter:
     def send(self, frame: Frame) -> can.Message:
         """Send a frame and return it as it was sent; BusError if the adapter does not take it within PATIENCE."""
         message = message_of(frame, bit_rate_switch=self.settings.bit_rate_switch)
-        until, pause = self._monotonic() + PATIENCE, SEND_PAUSE
+        until, pause = self.now() + PATIENCE, SEND_PAUSE
         while True:
-            message.timestamp = time.time()
+            message.timestamp = self._wall()
             try:
                 self.bus.send(message, PATIENCE)
                 return message
             except (can.CanError, OSError) as error:
-                if self.is_gone or self._monotonic() + pause > until:
+                if self.is_gone or self.now() + pause > until:
                     raise BusError(
                         f"{self.settings} accepts no frame for {PATIENCE:g} s ({error}). Is it plugged in, is the bus "
                         "terminated, and does any other node on it acknowledge frames?"
                     ) from error
             self.repeated += 1
-            self._sleep(pause)
+            self.sleep(pause)
             pause *= 2
 
     def complaints(self) -> dict[str, int]:
@@ -164,9 +167,25 @@ def has_carrier(interface: str, network: Path = NETWORK) -> bool:
     return True
 
 
+def interface_of(settings: BusSettings) -> str | None:
+    """The interface of the settings, else that of python-can's own configuration; None if both name none."""
+    if settings.interface is not None:
+        return settings.interface
+    try:
+        return str(load_config(config=settings.arguments())["interface"])
+    except NotImplementedError as error:  # it knows no such interface; none, or one of its own configuration
+        named = str(error).rpartition(" ")[2].strip('"')
+        return None if named == "None" else named
+
+
 def _open(settings: BusSettings) -> can.BusABC:
     arguments = settings.arguments()
-    if (settings.interface or _configured(arguments)) != "slcan":
+    name = interface_of(settings)
+    if name is None:
+        raise ValueError("it names none")
+    if name == FMU:
+        return can.Bus(**{"real_time": False} | arguments)
+    if name != "slcan":
         return can.Bus(**arguments)
     found = {name: value for name, value in load_config(config=arguments).items() if value is not None}
     del found["interface"]
@@ -175,23 +194,10 @@ def _open(settings: BusSettings) -> can.BusABC:
     return BulkSlcanBus(str(found.pop("channel")), **found)
 
 
-def _configured(arguments: Mapping[str, Any]) -> str | None:
-    """The interface that python-can's own configuration names. Raises ValueError where it names none."""
-    try:
-        name: str | None = load_config(config=dict(arguments)).get("interface")
-    except NotImplementedError as error:
-        if '"None"' not in str(error):
-            raise
-        name = None
-    if name is None:
-        raise ValueError("it names none")
-    return name
-
-
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
         return "Is a program listening there? `inkloop bench emulate` starts the emulator"
-    if settings.interface == "inkloop_fmu":
+    if settings.interface == FMU:
         return "`inkloop export bench` writes the FMU; bench.channel names it from the scenario's folder"
     if settings.interface is None:
         known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"

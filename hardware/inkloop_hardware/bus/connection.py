@@ -40,6 +40,8 @@ class BusConnection:
 
     is_live = True
     """Nodes and other masters may be on the bus."""
+    now, sleep = staticmethod(time.monotonic), staticmethod(time.sleep)
+    """The clock by which a user of the bus waits."""
 
     def __init__(
         self,

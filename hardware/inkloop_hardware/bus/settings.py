@@ -18,6 +18,7 @@ from typing import Any
 
 from inkloop.files import opened_lock, reason_of, sign_lock, signature, take_lock
 from inkloop.units import KILO
+from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
 from inkloop_hardware.errors import AnotherMaster, BusError
 
 ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
@@ -89,6 +90,8 @@ def lock_channel(settings: BusSettings) -> Callable[[], None]:
 
     AnotherMaster if another process of this machine holds it; BusError if its file cannot be written.
     """
+    if settings.interface == FMU:  # each opening is a bench of its own
+        return lambda: None
     path = _path(settings)
     file = _opened(path)
     try:

@@ -7,7 +7,6 @@ node takes its de-energised state, and stays in it until the request is released
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
@@ -121,11 +120,11 @@ def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeSt
     arrive meanwhile."""
     codec = Codec()
     sender, cycle = Supervised(codec), codec.cycle_time(StopRequest.message) or 0.05
-    began, sent, least = time.monotonic(), 0, max(FRAMES_MIN, math.ceil(within_s / cycle))
-    while sent < least or time.monotonic() < began + within_s:
+    began, sent, least = adapter.now(), 0, max(FRAMES_MIN, math.ceil(within_s / cycle))
+    while sent < least or adapter.now() < began + within_s:
         adapter.send(sender.frame(StopRequest(active, Source.OPERATOR)))
         sent += 1
-        while (left := began + sent * cycle - time.monotonic()) > 0:
+        while (left := began + sent * cycle - adapter.now()) > 0:
             yield from _statuses(adapter, codec, left)
 
 

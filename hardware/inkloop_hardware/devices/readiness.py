@@ -7,7 +7,6 @@ and every step is requested again by its key, so that nothing is done twice.
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -80,13 +79,13 @@ def missing(node: Node, status: NodeStatus | None) -> list[str]:
 
 def _missing_at_rest(rig: Rig, nodes: Sequence[Node]) -> list[str]:
     """Conditions that the nodes lack, each with its node and what to do, once a gate has had time to close."""
-    until = time.monotonic() + SETTLING_S
+    looks = round(SETTLING_S / PAUSE_S)
     while True:
         found = [f"{node.lower()}: {reason}" for node in nodes for reason in missing(node, rig.status(node))]
-        if not found or time.monotonic() > until:
+        looks -= 1
+        if not found or looks <= 0:
             return found
-        rig.keep_alive()
-        time.sleep(PAUSE_S)
+        rig.pause(PAUSE_S)
 
 
 def blocked(node: Node, state: NodeState) -> str | None:

@@ -20,7 +20,7 @@ import can
 from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
-from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
+from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier, interface_of
 from inkloop_hardware.bus.heartbeat import NONE
 from inkloop_hardware.bus.settings import ON_SERIAL_PORTS, BusSettings
 from inkloop_hardware.doctor.findings import Finding
@@ -33,9 +33,8 @@ def configured(settings: BusSettings) -> BusSettings:
     """The settings with what python-can's own configuration adds to them."""
     try:
         found = load_config(config=settings.arguments())
-    except NotImplementedError as error:  # it knows no such interface; none, or one of its own configuration
-        named = str(error).rpartition(" ")[2].strip('"')
-        return replace(settings, interface=settings.interface or (None if named == "None" else named))
+    except NotImplementedError:
+        return replace(settings, interface=interface_of(settings))
     channel, bitrate = (found.get(name) for name in ("channel", "bitrate"))
     return replace(
         settings, interface=found.get("interface"), channel=None if channel is None else str(channel), bitrate=bitrate

@@ -13,6 +13,7 @@ from struct import pack
 
 from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.readiness import MARGIN_S, blocked, clear
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, heartbeat_priority, opened
@@ -110,7 +111,7 @@ def examine(
     """
     bus = configured(settings) if mapping is None else bus_of(configured(settings), mapping)
     errors = list[Finding]()
-    if mapping is None:
+    if mapping is None and bus.interface != FMU:
         yield heartbeat_priority()
     yield from _noted(before_opening(bus), errors)
     yield from _noted(_second_reader(settings), errors)

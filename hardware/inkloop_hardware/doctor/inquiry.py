@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -43,7 +42,7 @@ class OwnWire:
 
     def now(self) -> float:
         """Seconds of a clock that only goes forward."""
-        return time.monotonic()
+        return self._adapter.now()
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Send frames in this order."""
@@ -105,7 +104,7 @@ def read_node(link: Link, status: NodeStatus | None = None) -> NodeReport:
         size = link.map_size()
         shape = (size.nx, size.ny)
     version, state, limits, journal = link.version(), link.state(), link.limits(), link.journal()
-    time.sleep(max(0.0, first.answered + CLOCK_SPAN - time.monotonic()))
+    link.pause(first.answered + CLOCK_SPAN - link.now())
     return NodeReport(link.node, version, state, limits, journal, shape, (first, _read_clock(link)), status)
 
 
@@ -156,8 +155,8 @@ def merge(findings: Sequence[Finding]) -> Iterator[Finding]:
 
 
 def _read_clock(link: Link) -> ClockReading:
-    asked = time.monotonic()
-    return ClockReading(link.times().now, asked, time.monotonic())
+    asked = link.now()
+    return ClockReading(link.times().now, asked, link.now())
 
 
 def _states(report: NodeReport) -> Iterator[Finding]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -90,7 +89,6 @@ def listen(
     adapter: Adapter,
     codec: Codec,
     seconds: float | None = None,
-    monotonic: Callable[[], float] = time.monotonic,
     take: Callable[[Frame], object] | None = None,
 ) -> Heard:
     """Read the bus and send nothing. BusError when the adapter is disconnected.
@@ -99,8 +97,8 @@ def listen(
     """
     silence_s = adapter.settings.silence_s
     seconds = max(LISTEN_S, LISTEN_SILENCES * silence_s) if seconds is None else seconds
-    heard, begin = Heard(silence_s=silence_s), monotonic()
-    while (now := monotonic()) < begin + seconds:
+    heard, begin = Heard(silence_s=silence_s), adapter.now()
+    while (now := adapter.now()) < begin + seconds:
         for message in adapter.receive(min(0.05, begin + seconds - now)):
             if message.is_error_frame:
                 heard.errors += 1
@@ -108,8 +106,8 @@ def listen(
                 heard.frames += 1
                 take(frame)
             elif frame is not None and not (frame.is_fd or frame.arbitration_id & EXTENDED):
-                heard.take(monotonic(), frame, codec)
-    heard.lasted = monotonic() - begin
+                heard.take(adapter.now(), frame, codec)
+    heard.lasted = adapter.now() - begin
     heard.complaints = {what: count for what, count in adapter.complaints().items() if count}
     return heard
 

@@ -3,8 +3,7 @@ that its mapping waits for. Nothing is changed."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 
@@ -141,12 +140,10 @@ def bus_of(settings: BusSettings, mapping: RigMapping) -> BusSettings:
     return replace(settings, fd=settings.fd or mapping.needs_fd)
 
 
-def judge_rig(
-    adapter: Adapter, mapping: RigMapping, monotonic: Callable[[], float] = time.monotonic
-) -> Iterator[Finding]:
+def judge_rig(adapter: Adapter, mapping: RigMapping) -> Iterator[Finding]:
     """Bus, and every frame that the mapping waits for: an error for one that does not come or cannot be read."""
     readings = Readings(mapping.codec)
-    heard = listen(adapter, mapping.codec, _seconds(adapter.settings, mapping), monotonic, readings.take)
+    heard = listen(adapter, mapping.codec, _seconds(adapter.settings, mapping), readings.take)
     yield from judge_bus(heard, foreign=True)
     for message, signals in mapping.tables.awaited.items():
         yield _judged(message, signals, readings, mapping, heard)

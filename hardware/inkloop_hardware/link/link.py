@@ -103,7 +103,7 @@ class Link:
             if refusal.code != CONDITIONS or not _may_follow(routine, state):
                 raise NodeRefused(f"{refusal}; it is {state.state.name}{because(state.cause)}", refusal.code) from None
             self.requests.repeated += 1
-            self.requests.connection.pause(ENABLED_AGAIN)
+            self.pause(ENABLED_AGAIN)
             answer = self._start(what, routine, bytes(key) + option, limit_s)
         except DeadlinePassed as late:
             return self._late_outcome(routine, key, late)
@@ -114,6 +114,14 @@ class Link:
         what = f"outcome of {routine.name.lower()} of {key}"
         service = self.requests.client.get_routine_result
         return self._outcome(what, self.requests.request(what, service, routine, bytes(key), limit_s=OUTCOME_S))
+
+    def now(self) -> float:
+        """Second of the clock by which its requests wait."""
+        return self.requests.wire.now()
+
+    def pause(self, seconds: float) -> None:
+        """Wait without a request."""
+        self.requests.connection.pause(seconds)
 
     def state(self) -> NodeState:
         """State, layer and passes (identifier 0100)."""

@@ -42,7 +42,7 @@ class Requests:
     def __init__(self, node: Node, codec: Codec, wire: Wire, place: str, *, answer_s: float = P2) -> None:
         self.name = f"{node.lower()} (0x{codec.answer_id(node):03X} on {place})"
         self.repeated = 0
-        self._wire, self._answer_s = wire, answer_s
+        self.wire, self._answer_s = wire, answer_s
         self._unsure = False
         """Answers to earlier requests may still come."""
         ids = codec.request_id(node), codec.answer_id(node)
@@ -67,7 +67,7 @@ class Requests:
         what: names the request in errors; limit_s: for all tries together. Raises LinkTimeout, NodeRefused,
         TransferError for an answer that cannot be read, and what `wire` raises.
         """
-        self.connection.deadline = self._wire.now() + limit_s
+        self.connection.deadline = self.wire.now() + limit_s
         try:
             if self._unsure:
                 self._settle()
@@ -133,7 +133,7 @@ class Requests:
 
     def _check_deadline(self, what: str) -> None:
         deadline = self.connection.deadline
-        if deadline is not None and self._wire.now() > deadline:
+        if deadline is not None and self.wire.now() > deadline:
             raise DeadlinePassed(f"the {self.name} has not ended in time: {what}")
 
 

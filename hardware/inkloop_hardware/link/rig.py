@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import secrets
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
@@ -12,7 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
+from inkloop_hardware.bus.fmu_connection import connected
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings, lock_channel
 from inkloop_hardware.errors import (
@@ -26,7 +26,7 @@ from inkloop_hardware.errors import (
 )
 from inkloop_hardware.link.link import Link, LinkCounts
 from inkloop_hardware.link.node_watch import because
-from inkloop_hardware.link.supervision import Supervision
+from inkloop_hardware.link.supervision import Bus, Supervision
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import Node, NodeStatus
 from inkloop_hardware.replay.replay_connection import INTERFACE, ReplayConnection
@@ -55,7 +55,7 @@ class NodeWire:
 
     def now(self) -> float:
         """Seconds of a clock that only goes forward."""
-        return time.monotonic()
+        return self._supervision.bus.now()
 
     def begin(self) -> None:
         """Begin a request: from now on a stop of the node ends it."""
@@ -71,7 +71,7 @@ class NodeWire:
         watch = self._supervision.watch(self._node)
         if watch.falls == self._falls:
             return
-        now = time.monotonic()
+        now = self.now()
         if self._fell_at is None:
             self._fell_at = now
         if now - self._fell_at > ANSWER_GRACE_S:
@@ -111,8 +111,9 @@ class Rig:
         self.folder = folder
         self.valid_share, self.on_part = valid_share, on_part
         self.codec = Codec()
-        self._session = 1 + secrets.randbelow(SESSION_MAX)
-        self._job = 1 + secrets.randbelow(JOB_MAX)
+        is_simulated = settings.interface == FMU  # a bench of its own, whose runs repeat frame by frame
+        self._session = 1 if is_simulated else 1 + secrets.randbelow(SESSION_MAX)
+        self._job = 1 if is_simulated else 1 + secrets.randbelow(JOB_MAX)
         self._users = 0
         self._on_close = ExitStack()
         self.supervision = Supervision(self.codec, self._session, str(settings), settings.silence_s)
@@ -192,6 +193,11 @@ class Rig:
         """
         self.supervision.keep_alive()
 
+    def pause(self, seconds: float) -> None:
+        """Keep alive, then let time pass."""
+        self.keep_alive()
+        self.supervision.bus.sleep(seconds)
+
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
         """Enable lamp, gate or motion for one step; nothing is enabled after it, even after an error. Not to be nested.
@@ -215,16 +221,17 @@ class Rig:
         limit_s: None is fifteen times the silence after which a node is lost.
         """
         limit_s = SILENCES * self.settings.silence_s if limit_s is None else limit_s
-        wanted, until = tuple(nodes), time.monotonic() + limit_s
+        bus = self.supervision.bus
+        wanted, until = tuple(nodes), bus.now() + limit_s
         while True:
             self.keep_alive()
-            if time.monotonic() > until:
+            if bus.now() > until:
                 return self.supervision.check(wanted)
             with suppress(NodeLost, BusDisconnected):
                 self.supervision.check(wanted)
                 if self.supervision.is_settled:
                     return
-            time.sleep(PAUSE)
+            bus.sleep(PAUSE)
 
     def check_alone(self) -> None:
         """AnotherMaster or StopRequested while one of them is on the bus."""
@@ -239,14 +246,14 @@ class Rig:
         if log is not None and self.folder is not None:
             log = self.folder / log
         settings = replace(self.settings, traffic_log=log)
-        bus: BusConnection | ReplayConnection
+        bus: Bus
         if settings.interface == INTERFACE:
             bus = ReplayConnection(settings)
             self._job = bus.job
         else:
             answers = [self.codec.answer_id(node) for node in Node]
             self._on_close.callback(lock_channel(self.settings))
-            bus = BusConnection(settings, self._session, self._job, answers, self.supervision.supervised_ids)
+            bus = connected(settings, self._session, self._job, answers, self.supervision.supervised_ids)
             LOG.info("the heartbeat has %s", bus.priority)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
         self.supervision.open(bus)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Container, Iterable
 
 from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.fmu_connection import FmuConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.errors import AnotherMaster, BusDisconnected, FrameError, HardwareError, NodeLost, StopRequested
 from inkloop_hardware.link.node_watch import BusWatch, NodeWatch
@@ -26,7 +26,7 @@ LISTEN_SILENCES = 1.25
 ENDING_SILENCES = 3.0
 """Silences for which another master may still be heard when this one opens: a run that was killed (assumed)."""
 
-Bus = BusConnection | ReplayConnection
+Bus = BusConnection | FmuConnection | ReplayConnection
 
 
 class Supervision:
@@ -78,7 +78,7 @@ class Supervision:
     @property
     def is_settled(self) -> bool:
         """Whether the nodes have received the heartbeat long enough to take requests."""
-        return time.monotonic() - self._beating_since > FIRST_BEATS
+        return self.bus.now() - self._beating_since > FIRST_BEATS
 
     def open(self, bus: Bus) -> None:
         """Supervise this bus and begin the heartbeat; earlier statuses of the nodes are discarded.
@@ -95,7 +95,7 @@ class Supervision:
         except BaseException:
             self.close()
             raise
-        self._beating_since = time.monotonic()
+        self._beating_since = bus.now()
         self.keep_alive()
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class Supervision:
         BusError when the bus process ended, with its message.
         """
         self.bus.check()
-        now = time.monotonic()
+        now = self.bus.now()
         if now >= self._keep_alive_due:
             self._keep_alive_due = now + KEEP_ALIVE_PERIOD_S
             self.bus.send_keep_alive(self._enables)
@@ -128,7 +128,7 @@ class Supervision:
         """
         self._take_frames()
         if self.bus.disconnected:
-            self._beating_since = time.monotonic()  # the nodes must receive the heartbeat again before any request
+            self._beating_since = self.bus.now()  # the nodes must receive the heartbeat again before any request
             raise BusDisconnected(self.bus.disconnected)
         now = self.bus.clock
         troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
@@ -161,7 +161,7 @@ class Supervision:
                     return
                 if now - began > ENDING_SILENCES * self._silence_s:
                     self.check_alone()
-            time.sleep(LISTEN_PAUSE_S)
+            self.bus.sleep(LISTEN_PAUSE_S)
 
     def _take_frames(self) -> None:
         """Take statuses and faults of all nodes, and messages of the bus process."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.fmu_connection import connected
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings, lock_channel
 from inkloop_hardware.errors import FrameError, HardwareError, LinkTimeout
@@ -93,10 +92,11 @@ class MappedBus:
         own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
         self._release = lock_channel(settings) if is_alone else lambda: None
         try:
-            self._bus = BusConnection(own, session, job, answers)
+            self._bus = connected(own, session, job, answers)
         except BaseException:
             self._release()
             raise
+        self.now, self.sleep = self._bus.now, self._bus.sleep
         self._peers = {
             name: Peer(name, _Wire(self, answer), request, answer, peer.answer_s, fd=peer.fd)
             for name, (request, answer) in mapping.ids.items()
@@ -121,7 +121,7 @@ class MappedBus:
     def take(self) -> None:
         """Keep the heartbeat alive, if the mapping has one, and read the received frames. BusError if it failed."""
         self._bus.check()
-        now = time.monotonic()
+        now = self.now()
         if self._heartbeat and now >= self._keep_alive_due:
             self._keep_alive_due = now + KEEP_ALIVE_PERIOD_S
             self._bus.send_keep_alive(self._enables)
@@ -142,7 +142,7 @@ class MappedBus:
 
         LinkTimeout with the last value, HardwareError at once when a frame has the value `unless`.
         """
-        until = time.monotonic() + limit_s
+        until = self.now() + limit_s
         while True:
             self.take()
             waiting = self.inbox.get(message, deque())
@@ -152,10 +152,10 @@ class MappedBus:
                     return
                 if unless is not None and self._has(reading, signal, unless):
                     raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; check the rig")
-            if time.monotonic() > until:
+            if self.now() > until:
                 found = self._received.found(message, signal)
                 raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {found}")
-            time.sleep(PAUSE)
+            self.sleep(PAUSE)
 
     @contextmanager
     def enabled(self, names: Sequence[str]) -> Iterator[None]:
@@ -203,7 +203,7 @@ class _Wire:
         return self._bus.receive(self._answer, wait_s)
 
     def now(self) -> float:
-        return time.monotonic()
+        return self._bus.now()
 
     def begin(self) -> None:
         self._bus.take()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import secrets
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -100,18 +99,18 @@ class MappedSteps:
         self.scan = read_map(data, table, fields)
 
     def _read(self, step: Read, expected: int) -> None:
-        peer, until = self._bus.peer(step.peer), time.monotonic() + step.limit_s
+        peer, until = self._bus.peer(step.peer), self._bus.now() + step.limit_s
         while True:
             data = peer.read(step.identifier)
             found = int.from_bytes(data[step.at : step.at + step.bytes], "big")
             if len(data) >= step.at + step.bytes and found == expected:
                 return
-            if time.monotonic() > until:
+            if self._bus.now() > until:
                 raise LinkTimeout(
                     f"identifier 0x{step.identifier:04X} of {peer.name} was not {expected} within "
                     f"{step.limit_s:g} s; it is {data.hex(' ')}"
                 )
-            time.sleep(POLL)
+            self._bus.sleep(POLL)
 
 
 def _place(step: Memory, size: int, fields: dict[str, int]) -> MemoryLocation:

@@ -6,6 +6,7 @@ links, services and ISO-TP, is the same as on a bench. Time is that of the log, 
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import accumulate
@@ -33,6 +34,7 @@ class ReplayConnection:
     """
 
     is_live = False
+    now, sleep = staticmethod(time.monotonic), staticmethod(time.sleep)
 
     def __init__(self, settings: BusSettings) -> None:
         if settings.channel is None:

@@ -106,6 +106,9 @@ class NodeRig(Base):
     def keep_alive(self) -> None:
         self.kept_alive += 1
 
+    def pause(self, seconds: float) -> None:
+        self.keep_alive()
+
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
         enables = node_bench.LAMP * lamp | node_bench.GATE * gate | node_bench.MOTION * motion

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -24,47 +25,70 @@ from inkloop.fmu.bus import (
     operations,
     transmit,
 )
-from inkloop.fmu.bus_terminals import BusTerminal, Events, MemberVariable, bus_terminals
+from inkloop.fmu.bus_terminals import BusTerminal, Events, bus_terminals
+from inkloop.fmu.reading import describe
+from inkloop.fmu_writer.archive import pack, unpack
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from support.benches.bench_run import BLOCK
 
 CAN = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'
 FRAME = BusFrame(0x123, b"abc")
-GOOD = {
-    "a": MemberVariable(1, "Binary", None, CAN),
-    "b": MemberVariable(2, "Clock", "triggered"),
-    "c": MemberVariable(3, "Binary", None, CAN),
-    "d": MemberVariable(4, "Clock", "countdown"),
+XML = {
+    "a": f"""<Binary name="a" valueReference="1" causality="input" clocks="9 2" mimeType='{CAN}'/>""",
+    "b": '<Clock name="b" valueReference="2" causality="input" intervalVariability="triggered"/>',
+    "c": f"""<Binary name="c" valueReference="3" causality="output" clocks="4" mimeType='{CAN}'/>""",
+    "d": '<Clock name="d" valueReference="4" causality="output" intervalVariability="countdown"/>',
 }
-LIN = CAN.replace("can;", "lin;")
+NETWORK = "org.fmi-ls-bus.network-terminal"
 
 
-def terminals(kind: str = "org.fmi-ls-bus.network-terminal", members: str = "abcd") -> bytes:
-    roles = dict(zip("abcd", ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock"), strict=True))
+def read(
+    old: str = "", new: str = "", kind: str = NETWORK, members: str = "abcd", names: str = "i"
+) -> tuple[list[BusTerminal], dict[str, str]]:
+    """Terminals with members by letter, of the variables of XML, in which `old` has become `new`."""
+    roles = dict(zip("abcde", ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock", "Rx_Data"), strict=True))
     listed = "".join(f'<TerminalMemberVariable variableName="{m}" memberName="{roles[m]}"/>' for m in members)
-    return f'<x><Terminals><Terminal terminalKind="{kind}" name="it">{listed}</Terminal></Terminals></x>'.encode()
+    found = "".join(f'<Terminal terminalKind="{kind}" name="{name.strip()}">{listed}</Terminal>' for name in names)
+    variables = {name: ElementTree.fromstring(text.replace(old, new)) for name, text in XML.items()}
+    return bus_terminals(f"<x><Terminals>{found}</Terminals></x>".encode(), variables)
 
 
 def test_terminal_that_can_be_served_is_read() -> None:
-    assert bus_terminals(terminals(), GOOD) == ([BusTerminal("it", 1, 2, 3, 4, "countdown")], {})
-    assert bus_terminals(terminals("org.fmi-ls-bus.signal-frame"), GOOD) == ([], {})
+    assert read() == ([BusTerminal("i", 1, 2, 3, 4, "countdown")], {})
+    assert read(kind="org.fmi-ls-bus.signal-frame") == ([], {})
 
 
 @pytest.mark.parametrize(
-    ("members", "changes", "words"),
+    ("given", "words"),
     [
-        ("acd", {}, "has no Rx_Clock"),
-        ("abcd", {"c": MemberVariable(3, "String")}, "Tx_Data is a String; expected a Binary"),
-        ("abcd", {"a": MemberVariable(1, "Binary", None, LIN)}, "this master knows the bus CAN"),
-        ("abcd", {"b": MemberVariable(2, "Clock", "countdown")}, "Rx_Clock is countdown; expected triggered"),
-        ("abcd", {"d": MemberVariable(4, "Clock", "constant")}, "serves triggered and countdown ones"),
+        ({"members": "acd"}, "it has no Rx_Clock"),
+        ({"members": "abcde"}, "it has 2 Rx_Data"),
+        ({"members": "bcde"}, "its Rx_Data names e, which is no variable of the FMU"),
+        ({"names": " "}, "it has no name"),
+        ({"names": "ii"}, "its name is that of another bus"),
+        ({"old": '<Binary name="c"', "new": '<String name="c"'}, "Tx_Data is (output, String); expected (output, B"),
+        ({"old": '"2" causality="input"', "new": '"2"'}, "its Rx_Clock is (local, Clock); expected (input, Clock)"),
+        ({"old": "can;", "new": "lin;"}, "this master knows the bus CAN, version 1"),
+        ({"old": '"1.0.0"', "new": '"2.0.0"'}, "this master knows the bus CAN, version 1"),
+        ({"old": 'clocks="4"', "new": 'clocks="2"'}, "its Tx_Data does not name its Tx_Clock as its clock"),
+        ({"old": '"triggered"', "new": '"countdown"'}, "its Rx_Clock is countdown; this master serves triggered ones"),
+        ({"old": '"countdown"', "new": '"constant"'}, "its Tx_Clock is constant; this master serves triggered and c"),
     ],
 )
-def test_terminal_that_cannot_be_served_says_what_is_missing(members, changes, words) -> None:
-    served, unserved = bus_terminals(terminals(members=members), GOOD | changes)
-    assert not served
-    assert words in unserved["it"]
+def test_terminal_that_cannot_be_served_says_what_is_missing(given, words) -> None:
+    _, unserved = read(**given)
+    (reason,) = unserved.values()
+    assert words in reason
+
+
+def test_bus_of_an_fmu_without_event_mode_cannot_be_served(tmp_path: Path) -> None:
+    members = unpack(find_fmu("BenchBus"))
+    about = members["modelDescription.xml"]
+    pack(tmp_path / "it.fmu", members | {"modelDescription.xml": about.replace(b' hasEventMode="true"', b"")})
+    described = describe(tmp_path / "it.fmu")
+    assert described.buses == ()
+    assert described.unserved == {"bench": "the FMU has no Event Mode (hasEventMode)"}
 
 
 @pytest.mark.parametrize(

@@ -87,3 +87,8 @@ def test_link_that_lies_at_the_place_of_a_lock_is_not_followed(folder: Path) -> 
     with pytest.raises(BusError, match=r"the channel cannot be locked: .*; remove what is there"):
         lock_channel(CAN0)
     assert precious.read_text() == "mine"
+
+
+def test_fmu_is_another_bench_for_each_print_and_needs_no_lock(folder: Path) -> None:
+    lock_channel(BusSettings("inkloop_fmu", "bench.fmu"))()
+    assert list(folder.iterdir()) == []

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from inkloop_hardware.devices import commands, readiness
+from inkloop_hardware.devices import commands
 from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
 from inkloop_hardware.doctor.status import NodeReport, status
 from inkloop_hardware.protocol.codec import Codec
@@ -239,7 +239,7 @@ class ClosingGate(Rig):
         super().__init__()
         self.looks = looks
 
-    def keep_alive(self) -> None:
+    def pause(self, seconds: float) -> None:
         self.looks -= 1
 
     def status(self, node: Node) -> Any:
@@ -249,11 +249,10 @@ class ClosingGate(Rig):
         )
 
 
-def test_gate_that_is_still_closing_after_a_stop_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gate_that_is_still_closing_after_a_stop_is_waited_for() -> None:
     rig: Any = ClosingGate(3)
     make_ready(rig, [Node.HEAD, Node.CURE])
     assert rig.looks == 0
-    monkeypatch.setattr(readiness, "SETTLING_S", 0.0)
     stuck: Any = ClosingGate(math.inf)
     with pytest.raises(NotReady) as raised:
         make_ready(stuck, list(Node))

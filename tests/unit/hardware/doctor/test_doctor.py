@@ -142,14 +142,14 @@ def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
     with ExitStack() as stack:
         adapter = Adapter(BusSettings("virtual", "silent", silence_s=1.0))
         stack.callback(adapter.close)
-        seconds = count(0.0, 0.25)
-        found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
+        adapter.now = count(0.0, 0.25).__next__
+        found = listen(adapter, CODEC)
     assert found.silence_s == 1.0
     assert found.lasted >= 2.0
 
 
 def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
-    frame, seconds = pack(CODEC, status(Node.HEAD), 0), count(0.0, 0.5)
+    frame = pack(CODEC, status(Node.HEAD), 0)
     kinds = [{"is_extended_id": True}, {"is_remote_frame": True}, {"is_fd": True}, {"is_error_frame": True}, {}]
     names = ("is_extended_id", "is_remote_frame", "is_fd", "is_error_frame")
     heard_frames = [
@@ -157,9 +157,12 @@ def test_frames_of_29_bits_are_none_of_the_protocol() -> None:
         for kind in kinds
     ]
     adapter: Any = SimpleNamespace(
-        settings=BusSettings("virtual", "mixed"), receive=lambda wait_s: heard_frames, complaints=dict[str, int]
+        settings=BusSettings("virtual", "mixed"),
+        receive=lambda wait_s: heard_frames,
+        complaints=dict[str, int],
+        now=count(0.0, 0.5).__next__,
     )
-    found = listen(adapter, CODEC, seconds=0.6, monotonic=lambda: next(seconds))
+    found = listen(adapter, CODEC, seconds=0.6)
     assert (found.frames, found.errors, len(found.times[Node.HEAD])) == (1, 1, 1)
 
 
@@ -386,7 +389,7 @@ def test_page_names_every_check() -> None:
 
 def test_report_of_a_profiler_has_the_map_that_it_sends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inquiry, "_read_clock", lambda link: SimpleNamespace(answered=0.0))
-    link = Mock(node=Node.PROFILER, map_size=lambda: MapSize(1, 30, 20))
+    link = Mock(node=Node.PROFILER, map_size=lambda: MapSize(1, 30, 20), now=lambda: 0.0)
     assert inquiry.read_node(link).map_shape == (30, 20)
 
 

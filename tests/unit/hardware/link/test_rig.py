@@ -27,7 +27,6 @@ from inkloop_hardware.errors import (
     StopRequested,
 )
 from inkloop_hardware.link import rig as rig_module
-from inkloop_hardware.link import supervision
 from inkloop_hardware.link.node_watch import OVER_AFTER
 from inkloop_hardware.link.rig import ANSWER_GRACE_S, NodeWire, Rig
 from inkloop_hardware.link.supervision import FIRST_BEATS, KEEP_ALIVE_PERIOD_S, Supervision
@@ -65,6 +64,9 @@ class Bus:
     def is_closed(self) -> bool:
         return "closed" in self.log
 
+    def now(self) -> float:
+        return self.clock
+
     def sleep(self, seconds: float) -> None:
         self.clock += CYCLE_S if self.is_live else seconds
         if self.clock <= self.ends_at:
@@ -94,16 +96,14 @@ class Bus:
 
 
 def patched(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> Bus:
-    """This bus in place of a bus process and its clock."""
+    """This bus in place of a bus process."""
 
     def opened(settings: BusSettings, *_: object) -> Bus:
         bus.opened.append(settings)
         bus.check()
         return bus
 
-    monkeypatch.setattr(rig_module, "BusConnection", opened)
-    monkeypatch.setattr(supervision.time, "monotonic", lambda: bus.clock)  # type: ignore[attr-defined]
-    monkeypatch.setattr(supervision.time, "sleep", bus.sleep)  # type: ignore[attr-defined]
+    monkeypatch.setattr(rig_module, "connected", opened)
     return bus
 
 

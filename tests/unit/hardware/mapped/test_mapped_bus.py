@@ -22,7 +22,7 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.doctor.status import judge_rig
 from inkloop_hardware.errors import HardwareError, LinkTimeout, TransferError
-from inkloop_hardware.mapped import mapped_bus, mapped_layer
+from inkloop_hardware.mapped import mapped_bus
 from inkloop_hardware.mapped.mapped import Mapped
 from inkloop_hardware.mapped.mapped_bus import MappedBus
 from inkloop_hardware.mapped.mapping_file import load
@@ -40,7 +40,7 @@ class Clock:
         self.now, self.after = 100.0, deque[Frame]()
         self.bus: Any = None
 
-    def monotonic(self) -> float:
+    def second(self) -> float:
         return self.now
 
     def sleep(self, seconds: float) -> None:
@@ -80,9 +80,9 @@ ANY_BED: dict[str, Any] = {"is_open": False, "valid_share": 0.0, "on_part": True
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    for module in (mapped_bus, mapped_layer):
-        monkeypatch.setattr(module, "time", found)
-    monkeypatch.setattr(mapped_bus, "BusConnection", Connection)
+    for name, value in {"now": found.second, "sleep": found.sleep}.items():
+        monkeypatch.setattr(Connection, name, value, raising=False)
+    monkeypatch.setattr(mapped_bus, "connected", Connection)
     monkeypatch.setattr(mapped_bus, "lock_channel", lambda settings: lambda: None)  # tests share a channel
     return found
 
@@ -232,11 +232,13 @@ def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:
     """Findings about the frames that the mapping waits for, when these come on its bus."""
     of_rig = iter([[message_of(frame) for frame in frames]])
     adapter: Any = SimpleNamespace(
-        settings=BusSettings("virtual", "rig"), receive=lambda wait_s: next(of_rig, []), complaints=dict[str, int]
+        settings=BusSettings("virtual", "rig"),
+        receive=lambda wait_s: next(of_rig, []),
+        complaints=dict[str, int],
+        now=itertools.count(0.0, 0.25).__next__,
     )
     found: dict[Grade, list[str]] = {}
-    seconds = itertools.count(0.0, 0.25)
-    for finding in judge_rig(adapter, load(written(folder), JOB), lambda: next(seconds)):
+    for finding in judge_rig(adapter, load(written(folder), JOB)):
         if finding.check == "frames":
             found.setdefault(finding.grade, []).append(f"{finding.found}; {finding.advice}")
     return found
