@@ -10,6 +10,7 @@ import fmpy
 import numpy as np
 import pytest
 from lxml import etree
+from matplotlib.figure import Figure
 
 from inkloop.cli import main
 from inkloop.component import Job
@@ -160,12 +161,17 @@ def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle(converts:
 
 
 def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    mask, lines = np.zeros((20, 18), np.bool_), list[float]()
+    mask, drawn = np.zeros((20, 18), np.bool_), list[Figure]()
     mask[1:17, 5:8] = True
-    monkeypatch.setattr("matplotlib.axes.Axes.axhline", lambda axes, y, **look: lines.append(y))
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *to, **how: [drawn.append(figure), save(figure, *to, **how)])
     picture = target_picture(Job(20, 18, 1e-4, np.where(mask, 3e-5, 0.0), mask), "Wall")
     assert picture.startswith(b"\x89PNG")
-    assert lines == [pytest.approx(0.6, rel=1e-9, abs=0.0)]
+    above, cut, _ = drawn[0].axes
+    assert above.lines[0].get_ydata() == pytest.approx([0.6, 0.6], rel=1e-9, abs=0.0)
+    for axes, edges in ((above, [-0.05, 1.95, -0.05, 1.75]), (cut, [-0.05, 1.95, 0.0, 30.0])):
+        assert axes.images[0].get_extent() == pytest.approx(edges, rel=1e-9, abs=0.0)
+    assert above.images[0].get_array().count(axis=0).tolist() == [0, *[3] * 16, 0, 0, 0]
 
 
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:

@@ -147,14 +147,18 @@ def test_layers_are_complete_and_scanned_after_their_durations(form) -> None:
 
 
 @EVERY_FORM
-def test_period_too_short_for_a_layer_prints_in_every_second_one(form) -> None:
+@pytest.mark.parametrize(
+    ("period", "durations", "step", "ends"), [(4.0, (2.0, 3.0), 1.0, [6, 14, 22]), (0.3, (0.1, 0.2), 0.1, [4, 7, 10])]
+)
+def test_layer_begins_in_the_first_period_after_the_last_scan(form, period, durations, step, ends) -> None:
+    """In every second period where one is too short; in each where it is just long enough, but for rounding."""
     with block(form, "cuboid", *CUBOID) as fmu:
-        fmu.start({"layer_period": 4.0, "layer_duration": 2.0, "scan_duration": 3.0})
+        fmu.start({"layer_period": period, "layer_duration": durations[0], "scan_duration": durations[1]})
         found = []
-        for number in range(24):
-            assert fmu.step(float(number)) == OK
+        for number in range(ends[-1] + 2):
+            assert fmu.step(number * step, step) == OK
             found.append(counts(fmu)[0])
-        assert [found.index(layer) + 1 for layer in (1, 2, 3)] == [6, 14, 22]
+        assert [found.index(layer) + 1 for layer in (1, 2, 3)] == ends
 
 
 @SECOND_FORM_IS_LONG

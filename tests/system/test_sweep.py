@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,9 @@ from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan
 from inkloop_lab.sweep.report import sweep_of
-from inkloop_lab.sweep.sites import on_processes
+from inkloop_lab.sweep.sites import on_cluster, on_processes
 from inkloop_lab.sweep.study import Study
-from inkloop_lab.sweep.task import Bundle, Order, perform
+from inkloop_lab.sweep.task import Bundle, Order, Task, perform
 from support.once_per_run import once
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
@@ -56,6 +56,23 @@ scenario = "{SCENARIOS / "cylinder.toml"}"
 count = 40
 [keep]
 maps = "final"
+"""
+
+OWN_RULE = """
+title = "a rule of one's own"
+grid = { nx = 12, ny = 11 }
+part = { shape = "cuboid", size_x_um = 1000.0, size_y_um = 800.0, height_um = 22.8 }
+components.controller.kind = "own:Rule"
+components.printer.kind = "LayerDeposition"
+components.profiler.kind = "ProfileSensor"
+"""
+RULE = """
+class Rule:
+    def __init__(self, job):
+        self.job = job
+
+    def pattern(self, height, layer):
+        return self.job.mask & (layer < {layers})
 """
 
 
@@ -214,6 +231,26 @@ def cylinders() -> xr.Dataset:
 def _print_cylinders(folder: Path) -> None:
     (folder / "cylinders.toml").write_text(CYLINDERS)
     undisturbed(folder / "cylinders.toml", folder / "out")
+
+
+def test_worker_of_a_cluster_prints_each_of_two_studies_by_its_own_files(tmp_path: Path) -> None:
+    """Their prints come in turns, and their classes have the same name."""
+    distributed = pytest.importorskip("distributed", reason="inkloop[dask] is not installed; .ci/run has it")
+    options = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster, ExitStack() as stack:
+        sites = {}
+        for layers in (1, 2):
+            source = tmp_path / str(layers) / "case.toml"
+            source.parent.mkdir()
+            source.write_text(OWN_RULE)
+            source.with_name("own.py").write_text(RULE.format(layers=layers))
+            order, bundle = Order(OWN_RULE, str(source), None, False), Bundle.of(OWN_RULE, source)
+            sites[layers] = stack.enter_context(on_cluster(cluster.scheduler_address, order, bundle))
+        for seed in (1, 2):
+            task = Task(0, seed, seed, {})
+            sent = {layers: site.executor.submit(site.work, task) for layers, site in sites.items()}
+            for layers, future in sent.items():
+                assert (future.result().error, future.result().metrics.get("layers")) == ("", layers)
 
 
 @pytest.fixture

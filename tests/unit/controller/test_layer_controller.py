@@ -278,6 +278,15 @@ def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
     assert not found["stop_reason"]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_ground_of_the_first_scan_is_reported_along_x_and_y(sign: float) -> None:
+    u, w = (np.linspace(-1.0, 1.0, count) for count in FLAT.shape)
+    ground = sign * (5e-6 + 1e-6 * u[:, None] - 2e-6 * w)
+    found = answer(started(LayerMpcController(JOB)), ground, 0, 0)
+    reported = [float(found[f"ground_{name}"]) for name in ("offset", "rise_x", "rise_y")]
+    assert reported == pytest.approx(sign * np.array([5e-6, 2e-6, -4e-6]), rel=1e-2, abs=0.0)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -123,19 +123,22 @@ def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, 
 
 
 @pytest.mark.parametrize(
-    ("slots", "asked"),
+    ("newest", "slots", "asked"),
     [
-        (range(149), False),  # older in the newest record's sector, and the sector before it
-        (range(150, 151), True),  # where the next record would be
-        (range(203, 204), True),
-        (range(204, 205), False),  # records behind it show that the next sector was not erased since
-        (range(204, 306), True),
-        (range(306, SLOTS), False),
+        (149, range(149), False),  # older in the newest record's sector, and the sector before it
+        (149, range(150, 151), True),  # where the next record would be
+        (149, range(203, 204), True),
+        (149, range(204, 205), False),  # records behind it show that the next sector was not erased since
+        (149, range(204, 306), True),
+        (149, range(306, SLOTS), False),
+        (203, range(204, 205), False),  # the newest record is the last one of its sector
+        (203, range(204, 306), True),
+        (203, range(306, SLOTS), False),
     ],
 )
-def test_only_what_may_be_newer_asks_a_person(bench: NodeBench, slots: range, asked: bool) -> None:
-    """The ring has gone round once; the newest record is in slot 149 of 408."""
-    fill(bench, SLOTS + 150)
+def test_only_what_may_be_newer_asks_a_person(bench: NodeBench, newest: int, slots: range, asked: bool) -> None:
+    """The ring of 408 slots has gone round once."""
+    fill(bench, SLOTS + newest + 1)
     bench.decay_slots(slots)
     restart(bench)
     assert (bench.state().cause == Fault.JOURNAL_UNREADABLE) == asked

@@ -45,7 +45,7 @@ def test_height_of_a_cell_is_the_mean_of_the_cap_over_it(radius, height) -> None
         assert surface[i, j] == pytest.approx(mean, abs=1e-11 * whole)
 
 
-@pytest.mark.parametrize(("nx", "ny"), [(9, 9), (1, 7), (5, 8), (1, 1)])
+@pytest.mark.parametrize(("nx", "ny"), [(8, 5), (1, 7), (5, 8), (1, 1)])
 def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
     caps = (CAP, (420e-6, 9e-6))
     varied: dict[str, Any] = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
@@ -56,7 +56,7 @@ def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
             factor = lu_numpy.factors((nx, ny), number, **varied)
             surface, fell = caps_numpy.layer(surface, pattern, caps, PITCH, factor)
             lost += fell
-            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-11, abs=0.0)
+            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-11, abs=1e-18)
         assert fmu.get("volume_lost") == pytest.approx(lost * PITCH**2, rel=1e-11, abs=0.0)
 
 

@@ -227,10 +227,18 @@ def test_line_with_more_liquid_than_a_half_cylinder_has_no_solution(cylinders, f
     assert line.fallbacks == fallbacks
 
 
-def test_cells_become_a_continuous_surface_with_their_means() -> None:
-    cells = np.random.default_rng(4).uniform(0.0, 5e-6, (6, 5))
+@pytest.mark.parametrize(("nx", "ny"), [(6, 4), (4, 6)])
+def test_cells_become_a_continuous_surface_with_their_means(nx, ny) -> None:
+    """Between the centres of cells of a plane it is that plane, except in cells at the border."""
+    cells = np.random.default_rng(4).uniform(0.0, 5e-6, (nx, ny))
     for per_pitch in (2, 5, 8):
-        ours = Print(6, 5, per_pitch)
+        ours, flat = Print(nx, ny, per_pitch), Print(nx, ny, per_pitch)
+        i, j = np.indices((nx, ny))
+        library().spread_cells(ctypes.byref(flat.surface), numbers(1e-5 + 2e-6 * i - 1e-6 * j))
+        x, y = ((np.arange(count) - flat.rim + 0.5) / per_pitch - 0.5 for count in flat.height.shape)
+        inner = np.ix_(abs(x - 0.5 * (nx - 1)) < 0.5 * nx - 1.0, abs(y - 0.5 * (ny - 1)) < 0.5 * ny - 1.0)
+        plane = 1e-5 + 2e-6 * x[:, None] - 1e-6 * y
+        assert flat.height[inner] == pytest.approx(plane[inner], rel=1e-9, abs=0.0)
         library().spread_cells(ctypes.byref(ours.surface), numbers(cells))
         assert ours.cells == pytest.approx(cells, rel=1e-12, abs=0.0)
         assert np.abs(np.diff(ours.height, axis=0)).max() <= 5.0 * 5e-6 / per_pitch * 4.0

@@ -24,14 +24,14 @@ def problem(height: Any, target: Any, alpha: float = 1.0, *, layers: int = 1, **
     return HorizonProblem(height=height, target=target, alpha=alpha, **values)
 
 
-def rough(seed: int, n: int = 20) -> tuple[Any, Any]:
-    """A rough surface, and a flat target that no pattern reaches exactly."""
-    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
-    return height, np.full((n, n), height.mean() + 3.8e-6)
+def rough(seed: int, nx: int = 20, ny: int = 0) -> tuple[Any, Any]:
+    """A rough surface, a square without ny, and a flat target that no pattern reaches exactly."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (nx, ny or nx))
+    return height, np.full(height.shape, height.mean() + 3.8e-6)
 
 
-def everything(n: int = 20, layers: int = 1) -> Any:
-    return np.ones((layers, n, n), np.int32)
+def everything(nx: int = 20, layers: int = 1, ny: int = 0) -> Any:
+    return np.ones((layers, nx, ny or nx), np.int32)
 
 
 def printed(height: Any, plan: Any, kinds: tuple[Ink, ...] = (INK,), orders: Any = ()) -> Any:
@@ -82,12 +82,12 @@ def test_running_sums_do_not_drift(alpha: float) -> None:
 
 @pytest.mark.parametrize("layers", [1, 2, 3])
 @pytest.mark.parametrize("alpha", [0.7, 1.0])
-@pytest.mark.parametrize("seed", [2, 7, 20])
-def test_finished_search_leaves_no_move_that_helps(seed: int, layers: int, alpha: float) -> None:
+@pytest.mark.parametrize(("seed", "nx", "ny"), [(2, 7, 7), (7, 7, 7), (20, 7, 7), (2, 4, 11), (2, 11, 4)])
+def test_finished_search_leaves_no_move_that_helps(seed: int, nx: int, ny: int, layers: int, alpha: float) -> None:
     """With seeds 7 and 20 also where moves begin to help that were tried in vain before."""
-    height, target = rough(seed, 7)
+    height, target = rough(seed, nx, ny)
     wanted = problem(height, target, alpha, layers=layers)
-    found = search(wanted, everything(7, layers), sweeps_max=500)
+    found = search(wanted, everything(nx, layers, ny), sweeps_max=500)
     assert found.status is SearchStatus.DONE
     for changed in [*flips(found.plan), *swaps(found.plan), *shifts(found.plan)]:
         assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
@@ -103,12 +103,12 @@ def flips(plan: Any) -> list[Any]:
 
 
 def swaps(plan: Any) -> list[Any]:
-    n = plan.shape[1]
+    _, nx, ny = plan.shape
     changes = []
     for layer, i, j in np.argwhere(plan):
         for k, m in np.ndindex(3, 3):
             place = (layer, i + k - 1, j + m - 1)
-            if 0 <= place[1] < n and 0 <= place[2] < n and not plan[place]:
+            if 0 <= place[1] < nx and 0 <= place[2] < ny and not plan[place]:
                 changed = plan.copy()
                 changed[layer, i, j], changed[place] = 0, 1
                 changes.append(changed)

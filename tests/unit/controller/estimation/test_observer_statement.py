@@ -91,6 +91,7 @@ CASES = {
     "shift that scatters": Case(15, 13, layers=12, shift=(0.5, 0.0), scatter=0.6),
     "frozen scan, shift that scatters": Case(15, 13, layers=12, frozen=9, shift=(0.5, 0.0), scatter=0.6),
     "rotated": Case(rotation=0.05),
+    "rotated back": Case(15, 13, rotation=-0.05),
     "spot": Case(15, 13, spot=0.8),
     "levelled anew": Case(level=2e-6),
     "lines along y jitter": Case(jitter=(1e-6, 0.0)),

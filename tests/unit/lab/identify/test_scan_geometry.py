@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop_lab.identify.scan_geometry import TERMS, GeometryFit, ScanGeometry
+from inkloop_lab.identify.scan_geometry import PRIOR_STD, TERMS, GeometryFit, ScanGeometry
 from support.lying_scans.profiler import Profiler, displaced
 
 SHAPES = [(9, 14), (14, 9)]
@@ -42,6 +42,12 @@ def test_scan_reads_what_the_profiler_of_the_rig_reads(shape: tuple[int, int], f
     expected = displaced(profiler, surface, 0.0, np.random.default_rng(0))
     found = geometry_of(shape, 4, **faults).sampling(2) @ surface.ravel()
     np.testing.assert_allclose(found, expected.ravel(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_linear_part_is_as_uncertain_before_the_scans_on_any_grid(shape: tuple[int, int]) -> None:
+    deviations = ScanGeometry.in_register(shape, 4).prior_precision ** -0.5
+    np.testing.assert_allclose(ScanGeometry(shape, 4, deviations).linear, PRIOR_STD[1], rtol=1e-12)
 
 
 def test_scans_in_register_are_read_as_they_are() -> None:

@@ -47,7 +47,7 @@ def varied() -> list[dict[str, Any]]:
 @pytest.mark.parametrize(
     ("stds", "error", "sentence"),
     [
-        ([5.0, 3.0, 9.0], 0.3, "smallest std: alpha 0.8: 3.00 ± 0.30 µm"),
+        ([4.0, 3.0, 9.0], 0.3, "smallest std: alpha 0.8: 3.00 ± 0.30 µm"),
         (
             [3.5, 3.0, 9.0],
             0.3,

@@ -18,6 +18,7 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
+from inkloop.results.surface import surface
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
 
@@ -169,6 +170,14 @@ def test_a_map_folder_takes_the_surface_back(
         tolerance = 1e-6 if form == "tif" else 1e-9
         height = printed().dataset.height.values[layer]
         assert np.abs(outputs["measured_height"] - height).max() <= tolerance * np.abs(height).max()
+
+
+@pytest.mark.parametrize("layer", [0, 1, 2])
+def test_a_measured_surface_lacks_what_the_scan_of_its_layer_lacks(layer: int) -> None:
+    run = printed().dataset
+    found = surface(run, "run", name="measured", layer=layer).valid
+    assert 0 < found.sum() < found.size
+    np.testing.assert_array_equal(found, run.valid.values[layer])
 
 
 def test_a_filled_part_becomes_a_body(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

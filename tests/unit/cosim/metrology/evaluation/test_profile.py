@@ -17,7 +17,9 @@ from support.evaluated import PERIOD, STEP, A, Map, check, check_same, map_of, n
 
 
 def profiles(z: Map, axis: Axis = "x", mask: Map | None = None, **treatment: Any) -> tuple[Found, Profiles]:
-    values, evaluated = found_on_profiles(Subject(map_of(z), mask), axis, Treatment(**treatment))
+    """Of pixels that are longer across the profiles."""
+    steps = (STEP, 3 * STEP) if axis == "x" else (3 * STEP, STEP)
+    values, evaluated = found_on_profiles(Subject(map_of(z, *steps), mask), axis, Treatment(**treatment))
     assert evaluated is not None
     return values, evaluated
 
