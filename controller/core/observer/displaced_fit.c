@@ -1,12 +1,16 @@
-#include "displaced_fit.h"
+/* The robust fit of a displaced scan: ink, datum, and geometry.
+ *
+ * The geometry shows at walls, so only these enter its Gauss-Newton steps. A displacement is believed if the odds
+ * favour it and its residuals are small: a true one leaves one to two variances; droplets that the model does not
+ * describe leave ten and more in any fit. Until this is decided readings at walls are down-weighted by the covariance
+ * and the square of the geometry. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "map_memory.h"
-#include "register_fit.h"
 #include "small_algebra.h"
-#include "wall_readings.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
 static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01;

@@ -1,12 +1,15 @@
-#include "fit_choice.h"
+/* Choice between the two fits of a scan, in register and displaced, and update of the estimate by it.
+ *
+ * The chosen fit updates the maps (map_update.c), ink, datum, variation of the droplets and shares of surprises. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "displaced_fit.h"
-#include "map_update.h"
-#include "register_fit.h"
-#include "scan_doubts.h"
+#include "median.h"
+
+/* two standard deviations: the droplets do not follow the model (assumed) */
+static const double FOREIGN_MISFIT = 4.0;
 
 /* share of the datum's variance kept from scan to scan; its least value [m^2] */
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;
@@ -18,6 +21,115 @@ static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATI
 static const double EVIDENCE_MAX = 500.0;                                                 /* degrees of freedom */
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
+
+/* Memory shared by the threads for misfits: lists of squares by class, and sums over cells with a droplet. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const InkFit *fit;
+    const FitRoom *room;
+    size_t shares;
+    ValueLists lists[CLASSES];
+    double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
+} MisfitWork;
+
+/* Appends the chosen values; returns the end. No branch depends on a cell. */
+static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
+    for (size_t k = 0; k < count; k++) {
+        *end = values[k];
+        end += chosen[k];
+    }
+    return end;
+}
+
+static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
+                                 size_t column, size_t count, double *ends[CLASSES]) {
+    const ScanEvidence *evidence = work->evidence;
+    const double *variance = evidence->variance + first, *squares = evidence->increments->squares + first;
+    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
+    const int32_t *pattern = evidence->layer->pattern + first;
+    const uint8_t *valid = evidence->valid + first;
+    uint8_t chosen[CLASSES][BLOCK];
+    double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
+    places_in_row(evidence->options->ny, column, count, w);
+    for (size_t k = 0; k < count; k++)
+        rest[k] = scan[k] - predicted[k];
+    for (size_t s = 0; s < work->shares; s++) {
+        const ShareColumn of = share_column(evidence, s);
+        const double change = work->fit->share[s] - evidence->known->share[s];
+        for (size_t k = 0; k < count; k++)
+            rest[k] -= change * (of.factor * of.map[first + k]);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const double left = rest[k] - datum_in_row(row, w[k]);
+        base[k] = evidence->noise_variance + variance[k];
+        square[k] = left * left / (base[k] + evidence->droplet_variance * squares[k]);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const uint8_t reached = (valid[k] != 0) & (squares[k] > 0.0), own = pattern[k] > 0;
+        chosen[OWN][k] = reached & own;
+        chosen[SPILL][k] = reached & !own;
+    }
+    for (size_t k = 0; k < count; k++) {
+        base[k] = chosen[OWN][k] ? base[k] : 0.0;
+        droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
+    }
+    work->base[chunk] += lane_sum(base, count);
+    work->droplets[chunk] += lane_sum(droplets, count);
+    for (size_t class = 0; class < CLASSES; class++)
+        ends[class] = append(square, chosen[class], count, ends[class]);
+}
+
+static INLINED void misfit_rows(void *context, const RowRange *range) {
+    MisfitWork *work = context;
+    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t begin = chunk_row(nx, chunk) * ny;
+        double *ends[CLASSES] = {work->room->lists[OWN] + begin, work->room->lists[SPILL] + begin};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_TERMS];
+            datum_of_row(work->fit->datum, place_on(i, nx), row);
+            for (size_t column = 0; column < ny; column += BLOCK) {
+                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
+                misfit_cells(work, chunk, row, i * ny + column, column, count, ends);
+            }
+        }
+        for (size_t class = 0; class < CLASSES; class++)
+            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->room->lists[class] + begin));
+    }
+}
+
+CLONED_ROW_WORK(misfit_range, misfit_rows)
+
+void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    MisfitWork work = {.evidence = evidence, .fit = fit, .room = room, .shares = learnt_shares(evidence->options)};
+    size_t counts[CLASSES] = {0, 0};
+    double base = 0.0, droplets = 0.0;
+    for (size_t class = 0; class < CLASSES; class++)
+        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = room->lists[class]};
+    run_rows(evidence->layer->threads, nx, ny, misfit_range, &work);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        for (size_t class = 0; class < CLASSES; class++)
+            counts[class] += work.lists[class].lengths[chunk];
+        base += work.base[chunk];
+        droplets += work.droplets[chunk];
+    }
+    fit->droplets = counts[OWN];
+    fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
+    fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
+    for (size_t class = 0; class < CLASSES; class++)
+        fit->misfit[class] = counts[class] < LEAST_READINGS
+                                 ? 1.0
+                                 : median_of_lists(&work.lists[class], room->spread_slope) / MEDIAN_SQUARE;
+}
+
+bool is_foreign(double misfit) {
+    return misfit >= FOREIGN_MISFIT;
+}
+
+bool is_misfit(const InkFit *fit) {
+    return is_foreign(fmax(fit->misfit[OWN], fit->misfit[SPILL]));
+}
 
 /* Variation of the droplets, by the residuals of the growth of cells. */
 static void learn_droplets(const InkFit *fit, Knowledge *known) {

@@ -1,4 +1,9 @@
-#include "map_update.h"
+/* Update of the maps by a scan, cell by cell: heights, their variances, surprises, and evidence of dead cells.
+ *
+ * A reading is weighted by its variance against that of the prediction. A residual beyond droplets and sensor is a
+ * surprise: the first time it counts as an error of the sensor and gets hardly any weight; if it repeats, it counts as
+ * a change of the cell. The residuals of a displaced scan are interpolated at the place of each cell on the scan. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,12 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "fit_choice.h"
 #include "layer_surface.h"
 #include "map_memory.h"
-#include "map_update.h"
-#include "scan_doubts.h"
-#include "scan_lines.h"
+#include "scan_fit.h"
 
 static const double NOISE_KEPT = 0.7; /* share of the noise estimate kept from layer to layer (assumed) */
 /* tilt of flat ground, in layers at a corner: a larger one is an error of levelling (assumed) */

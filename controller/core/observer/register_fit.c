@@ -1,4 +1,8 @@
-#include "register_fit.h"
+/* The robust fit of a scan in register: ink, and correction of the datum.
+ *
+ * Errors of readings have a t distribution with the variance of sensor and droplets as scale. The fit of a displaced
+ * scan (displaced_fit.c) uses the normal equations of this one where there are no walls. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>

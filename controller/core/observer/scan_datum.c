@@ -1,4 +1,10 @@
-#include "scan_datum.h"
+/* The datum of a scan: offset, tilts and bows of the profiler's frame, from ground that no droplet reaches.
+ *
+ * A profiler is levelled anew for every scan, or a substrate bows while it is printed on: both move all readings
+ * smoothly. The datum is fitted to cells four and more from the part, or two and more where those are few. The fit is
+ * robust, and the variance of its prior is learnt over the scans: it shrinks for a profiler that keeps its frame.
+ * Without ground there is no datum. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,7 +17,10 @@ static const double MAD = 1.4826;   /* standard deviation / median absolute valu
 static const double SURELY = 1e-30; /* variance of absent terms [m^2] */
 /* least step of quantised readings in layers; tolerance as a share of a step (assumed) */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01;
-enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
+enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_ROUNDED = 64, LEAST_LEVELS = 6 };
+
+/* share of the noise within a line that the offsets of lines must exceed: less is chance (assumed) */
+static const double LINES_TELL = 0.5;
 
 void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
     const size_t cells = nx * ny;
@@ -152,7 +161,7 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
     for (size_t cell = 0; cell < nx * ny && count < CELLS_MAX; cell += distance)
         if (valid[cell])
             reading[count++] = scan[cell];
-    if (count < LEAST_READINGS)
+    if (count < LEAST_ROUNDED)
         return 0.0;
     qsort(reading, count, sizeof *reading, by_size);
     for (size_t k = 1; k < count; k++)
@@ -184,4 +193,51 @@ void datum_variance_of_row(const double *covariance, double u, double row[ROW_VA
     for (size_t i = 0; i < DATUM_TERMS; i++)
         for (size_t j = 0; j < DATUM_TERMS; j++)
             row[POWER[i] + POWER[j]] += factor[i] * covariance[i * DATUM_TERMS + j] * factor[j];
+}
+
+/* Offsets of whole lines of readings: a line profiler takes one exposure after the other, and vibrates in between.
+ *
+ * Along x or along y neighbours on bare ground then differ more than along the other axis (neighbours_variance). The
+ * offset of each line is found from its cells that no droplet reaches, as a random effect, and taken off the scan. */
+double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], const double *slopes,
+                      const uint8_t *near, FitRoom *room, double *scan) {
+    const EstimatorOptions *options = evidence->options;
+    const size_t nx = options->nx, ny = options->ny;
+    const double excess = neighbours[0] - neighbours[1], spread = fabs(excess);
+    const double noise = fmax(fmin(neighbours[0], neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    if (!(spread > LINES_TELL * noise))
+        return evidence->noise_variance;
+    const bool is_along_y = excess > 0.0; /* lines have the same i */
+    const size_t lines = is_along_y ? nx : ny;
+    const Registration *registration = &evidence->known->registration;
+    const double *seen = registration->estimate, *expected = room->averaged;
+    double shift = fmax(registration->covariance[0], registration->covariance[GEOMETRY + 1]), left = 0.0, all = 0.0;
+    if (!registration->is_displaced)
+        shift += fmax(seen[SHIFT_X] * seen[SHIFT_X], seen[SHIFT_Y] * seen[SHIFT_Y]);
+    if (!options->register_scans)
+        shift = 0.0;
+    read_map(registration, nx, ny, evidence->predicted, room->spread_slope, room->lists[0], room->averaged);
+    double *offset = room->spread_slope, *weight = room->lists[0], *reached = room->lists[1];
+    for (size_t line = 0; line < lines; line++)
+        offset[line] = weight[line] = reached[line] = 0.0;
+    for (size_t cell = 0; cell < nx * ny; cell++) {
+        const size_t line = is_along_y ? cell / ny : cell % ny;
+        reached[line] += near[cell];
+        if (!evidence->valid[cell] || near[cell])
+            continue;
+        const double rest = scan[cell] - expected[cell];
+        const double within = noise + evidence->variance[cell] + shift * slopes[cell], whole = within + spread;
+        const double counts = (NU + 1.0) * whole / ((NU * whole + rest * rest) * within);
+        offset[line] += counts * rest;
+        weight[line] += counts;
+    }
+    for (size_t line = 0; line < lines; line++) {
+        offset[line] /= weight[line] + 1.0 / spread;
+        left += reached[line] / (weight[line] + 1.0 / spread);
+        all += reached[line];
+    }
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        if (evidence->valid[cell])
+            scan[cell] -= offset[is_along_y ? cell / ny : cell % ny];
+    return noise + (all > 0.0 ? left / all : 0.0);
 }

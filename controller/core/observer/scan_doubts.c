@@ -1,4 +1,13 @@
-#include "scan_doubts.h"
+/* Tests for scans that do not show the print, and for cells that get no more ink.
+ *
+ * Away from steep slopes each scan is compared with the prediction. If it fits badly, it is compared with other
+ * explanations: nothing grew, the last scan again, the scan mirrored or turned. An explanation that fits far better
+ * gains evidence; such a scan changes no map. Two in a row stop the print.
+ *
+ * The ledger needs no scan: with the least credible volume of a droplet it gives a lower bound of each height. A cell
+ * whose bound is a layer above its target gets no more ink. Nor do the neighbours of a cell that is higher than its
+ * droplets explain: their droplets flow to it. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>

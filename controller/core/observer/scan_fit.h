@@ -1,4 +1,5 @@
-/* A scan with the prior knowledge, and the result of any fit of it: ink, residual datum, and misfits. */
+/* A scan with the prior knowledge, the steps of its use, and the results of its fits. Each step has a source of its
+ * own. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
@@ -89,5 +90,157 @@ static INLINED void places_in_row(size_t ny, size_t column, size_t count, double
 
 /* Medians of the squared residuals of a fit in register, and its means over droplets. */
 void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
+
+/* Maps of one layer; `room`, `scan`, `slopes` and `ground` are filled after the prediction. */
+typedef struct {
+    JettedLayer living;           /* without droplets from dead nozzles */
+    DropletIncrements increments; /* increments of its layer map */
+    double *predicted, *variance; /* predicted heights [m] and their variances [m^2] */
+    double *full_own;             /* height that each cell's droplet would leave on it, dead nozzles included [m] */
+    double *scan, *slopes;        /* scan without its datum [m]; squared slopes of the prediction [m^2 per cell^2] */
+    uint8_t *ground;              /* cells that no droplet reaches */
+    FitRoom room;                 /* `marks` holds two maps */
+    void *memory;                 /* memory of all maps, released by give_maps */
+} LayerMaps;
+
+/* Predicts the surface after a layer. An unknown layer counts as half printed, with the variance of a uniform
+ * distribution between nothing and all, and without droplets. False if there is no memory. */
+bool predict_layer(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   bool is_unknown, LayerMaps *maps);
+
+/* Subtracts the offsets from the scan of the evidence, `scan`, if neighbours differ more along one axis; returns the
+ * remaining variance of a reading [m^2]. neighbours: variances of a reading by those along x and along y [m^2]; slopes:
+ * squared slopes of the prediction; near: cells that droplets may reach. */
+double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], const double *slopes,
+                      const uint8_t *near, FitRoom *room, double *scan);
+
+typedef struct {
+    const ScanEvidence *evidence;
+    const SurfaceEstimate *before;
+    const double *measured; /* the raw scan, 0 where it is not valid [m] */
+    double noise_variance;  /* variance of a reading before this scan [m^2] */
+    int32_t layer;
+    const LayerMaps *maps; /* maps whose memory is used as scratch */
+} ScanDoubt;
+
+/* Whether another explanation fits the scan far better; adds the evidence to `trust`. */
+bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust);
+
+/* Tests after a scan whether the learnt volume of the droplets is credible. */
+void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32_t layer, LoopTrust *trust);
+
+/* Counts the cells of the part that were not seen, are high, and are capped; into `estimate`. */
+void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
+
+enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
+
+/* Copies a block of n * n values between matrices of different row length. */
+static inline void copy_block(size_t n, const double *from, size_t from_stride, double *into, size_t stride) {
+    for (size_t a = 0; a < n; a++)
+        memcpy(into + a * stride, from + a * from_stride, n * sizeof *into);
+}
+
+/* The share, limited to the volumes that are believed. */
+double share_within(double share);
+
+/* The normal equations of terms of the datum, and changes of the shares. */
+typedef struct {
+    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
+} SmoothSums;
+
+/* Normal equations of the cells not in `left_out`. misfit: factor of the variances in each class; NULL: 1. */
+SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, const double *misfit);
+
+/* Prior precision of datum and shares, in rows of `stride`. False if it is not definite. */
+bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, double *precision);
+
+/* Stores datum and shares in the fit, from `first` on among `all` unknowns. */
+void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit);
+
+/* Fits the scan in register. False if the equations are singular. */
+bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
+
+enum { DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+
+/* A reading, and its derivatives with respect to the unknowns. */
+typedef struct {
+    size_t cell;
+    double u, w, column[FITTED], rest, variance, slopes;
+    double squares; /* sum of the squares of its droplets' increments [m^2] */
+    size_t class;
+} Wall;
+
+typedef struct {
+    const ScanEvidence *evidence;
+    FitRoom *room;
+    size_t shares, count;
+    double spread, share[SHARES_MAX]; /* spot [cells^2] and ink of the averaged prediction */
+    double step;                      /* half a step of the difference quotients [cells] */
+    Wall *walls;                      /* memory released by give_maps */
+    double *values;                   /* for medians */
+} WallFit;
+
+/* Marks the cells that a geometry of this covariance may move: those near steep cells, by squares of the slopes; all
+ * cells if scans are displaced. */
+void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room);
+
+/* Finds the readings on marked cells. False if there is no memory. */
+bool collect_walls(WallFit *fit);
+
+/* Averages the prediction with the ink of the unknowns over their spot. */
+void average_walls(const double *x, WallFit *fit);
+
+/* Residuals and derivatives of the readings for the unknowns x. */
+void look_at_walls(const double *x, WallFit *fit);
+
+/* Median squared error of steep readings in variances, at least 1: divides the weights while the fit is far from its
+ * end. */
+double heat_of(const WallFit *fit, const double *covariance);
+
+/* Residuals in variances, the largest over groups of walls; stores those of the classes, and those that droplets are
+ * learnt from, in the fit. */
+double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced);
+
+/* Log likelihood ratio of the readings, displaced against in register, with datum and shares of one of the fits. */
+double likelihood_gained(const WallFit *fit, const InkFit *in_register);
+
+/* Marks the walls by squares of the slopes of the prediction, and fits the displaced scan: the registration after it,
+ * and `displaced`. It is compared with the fit `in_register`. False if there is no memory. */
+bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const InkFit *in_register, FitRoom *room,
+                   Registration *registration, InkFit *displaced);
+
+/* Whether a displacement can be the truth, by the residuals that displaced fits of the last scans left. */
+bool may_be_displaced(const Registration *registration);
+
+/* Updates the estimate by the scan of layer number `number`. False if the fit is singular, or there is no memory. */
+bool take_scan(const ScanEvidence *evidence, const SurfaceEstimate *before, int32_t number, bool is_unknown,
+               LayerMaps *maps, SurfaceEstimate *after);
+
+typedef struct {
+    const ScanEvidence *evidence;
+    const SurfaceEstimate *before;
+    const InkFit *fit;      /* fit that predicts the heights */
+    const double *geometry; /* covariance of the geometry for readings at walls; NULL: none */
+    const uint8_t *walls;
+    const double *spread_slope; /* derivative of the prediction with respect to the spot */
+    const double *full_own;     /* height that each cell's droplet would leave on it, dead nozzles included [m] */
+    double extra[CLASSES];      /* process noise in addition to that of droplets, in native variances */
+    bool is_robust;
+    bool is_telling; /* whether the scan shows dead cells and surprises */
+    double *scratch[3];
+    SurfaceEstimate *after;
+} MapUpdate;
+
+/* Counts of an update. */
+typedef struct {
+    size_t seen, vanished, lasted; /* readings; surprises of the scan before that vanished, and that lasted */
+} Surprises;
+
+/* Update by a scan in register, and by a scan displaced by the geometry `g`. */
+Surprises update_in_register(const MapUpdate *update);
+Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], const double *averaged);
+
+/* Update without a scan: heights are the predicted ones; reads `evidence`, `before` and `after`. */
+void live_on_prediction(const MapUpdate *update);
 
 #endif

@@ -1,4 +1,7 @@
-#include "wall_readings.h"
+/* Readings at walls, which determine the geometry of a displaced scan, and their residuals.
+ *
+ * The unknowns are geometry, terms of the datum, and shares of the ink. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,9 +1,82 @@
-#include "scan_view.h"
+/* The surface that a layer is expected to leave, and what a displaced sensor with a wide spot reads of it. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "instruction_sets.h"
+#include "map_memory.h"
+
+static const double NO_VOLUME = 1e-12; /* of a droplet of a dead nozzle */
+
+/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` holds the volumes of
+ * living droplets. */
+static bool take_memory(const EstimatorOptions *options, LayerMaps *maps, double **factor) {
+    const size_t cells = options->nx * options->ny;
+    const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
+    DropletIncrements *increments = &maps->increments;
+    FitRoom *room = &maps->room;
+    double **const map[] = {
+        &maps->predicted, &maps->variance,      &maps->full_own,  &maps->scan,     &maps->slopes,
+        factor,           &increments->squares, &increments->own, &room->averaged, &room->spread_slope,
+        &room->lists[0],  &room->lists[1],      &increments->adds};
+    const size_t reals = sizeof map / sizeof *map - 1 + options->ink.inks * maps_of_ink(unit);
+    double *memory = take_raw_maps(cells, reals * sizeof(double) + 4);
+    if (!memory)
+        return false;
+    maps->memory = memory;
+    increments->unit = unit;
+    for (size_t k = 0; k < sizeof map / sizeof *map; k++)
+        *map[k] = memory + k * cells;
+    maps->ground = (uint8_t *)(memory + reals * cells);
+    room->walls = maps->ground + cells;
+    room->marks = room->walls + cells;
+    return true;
+}
+
+/* The layer without droplets from dead nozzles, with their volumes in `factor`; `full_own`: height that each cell's
+ * droplet would leave on it, dead nozzles included. */
+static JettedLayer living_droplets(const EstimatorOptions *options, const SurfaceEstimate *before,
+                                   const JettedLayer *layer, const Ink ink[], double *factor, double *full_own) {
+    JettedLayer living = *layer;
+    bool has_dead = false;
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        const int32_t kind = layer->pattern[cell];
+        const double volume = layer->factor ? layer->factor[cell] : 1.0;
+        const bool is_dead = before->dead_evidence[cell] >= DEAD_EVIDENCE;
+        full_own[cell] = kind > 0 ? volume * ink[kind - 1].h1 : 0.0;
+        factor[cell] = is_dead ? NO_VOLUME : volume;
+        has_dead |= is_dead && kind > 0;
+    }
+    if (has_dead)
+        living.factor = factor;
+    return living;
+}
+
+bool predict_layer(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   bool is_unknown, LayerMaps *maps) {
+    const size_t cells = options->nx * options->ny;
+    DropletIncrements *increments = &maps->increments;
+    Ink ink[INKS_MAX];
+    double *factor;
+    if (!take_memory(options, maps, &factor))
+        return false;
+    learnt_inks(options, before->known, ink);
+    maps->living = living_droplets(options, before, layer, ink, factor, maps->full_own);
+    droplet_increments(&maps->living, before->height, options->ink.inks, ink, maps->room.averaged, increments,
+                       maps->predicted);
+    memcpy(maps->variance, before->variance, cells * sizeof(double));
+    if (!is_unknown)
+        return true;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double whole = maps->predicted[cell] - before->height[cell];
+        maps->predicted[cell] = before->height[cell] + 0.5 * whole;
+        maps->variance[cell] += whole * whole / 12.0;
+        increments->squares[cell] = increments->own[cell] = 0.0;
+    }
+    memset(increments->adds, 0, options->ink.inks * maps_of_ink(increments->unit) * cells * sizeof(double));
+    return true;
+}
 
 static const double POINT = 1e-9;      /* variance below which a spot is a point [cells^2] */
 static const double NARROW = 0.36;     /* variance up to which a spot covers adjacent cells only [cells^2] */
@@ -143,4 +216,44 @@ void read_map(const Registration *registration, size_t nx, size_t ny, const doub
             const Place place = place_of(nx, ny, spot.x, spot.y);
             reading[i * ny + j] = value_at(averaged, &place);
         }
+}
+
+void slope_squares(size_t nx, size_t ny, const double *height, double *squares) {
+    for (size_t i = 0; i < nx; i++) {
+        const double *here = height + i * ny, *up = i > 0 ? here - ny : here, *down = i + 1 < nx ? here + ny : here;
+        double *restrict into = squares + i * ny;
+        for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
+            const double along_x = 0.5 * (down[j] - up[j]);
+            const double along_y = 0.5 * (here[j + 1 < ny ? j + 1 : j] - here[j > 0 ? j - 1 : j]);
+            into[j] = along_x * along_x + along_y * along_y;
+        }
+        for (size_t j = 1; j + 1 < ny; j++) {
+            const double along_x = 0.5 * (down[j] - up[j]), along_y = 0.5 * (here[j + 1] - here[j - 1]);
+            into[j] = along_x * along_x + along_y * along_y;
+        }
+    }
+}
+
+ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
+    const InkPrior *prior = &evidence->options->ink;
+    const size_t cells = evidence->options->nx * evidence->options->ny;
+    const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
+    return (ShareColumn){evidence->increments->adds + share * cells, factor};
+}
+
+double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
+    double change = 0.0;
+    for (size_t k = 0; k < ink_shares(&evidence->options->ink); k++) {
+        const ShareColumn column = share_column(evidence, k);
+        change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
+    }
+    return change;
+}
+
+void average_prediction(const ScanEvidence *evidence, const double share[], double spread, FitRoom *room) {
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    double *predicted = room->lists[1];
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        predicted[cell] = evidence->predicted[cell] + share_change(evidence, share, cell);
+    average_under_spot(nx, ny, predicted, spread, room->lists[0], room->averaged, room->spread_slope);
 }
