@@ -26,8 +26,6 @@ enum { EARLY = 12, LEAST_DROPLETS = 20 };
 typedef struct {
     const ScanEvidence *evidence;
     const InkFit *fit;
-    const FitRoom *room;
-    size_t shares;
     ValueLists lists[CLASSES];
     double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
 } MisfitWork;
@@ -44,16 +42,16 @@ static INLINED double *append(const double *values, const uint8_t *chosen, size_
 static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
                                  size_t column, size_t count, double *ends[CLASSES]) {
     const ScanEvidence *evidence = work->evidence;
-    const double *variance = evidence->variance + first, *squares = evidence->increments->squares + first;
+    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
     const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
-    const int32_t *pattern = evidence->layer->pattern + first;
+    const int32_t *pattern = evidence->living.pattern + first;
     const uint8_t *valid = evidence->valid + first;
     uint8_t chosen[CLASSES][BLOCK];
     double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
     places_in_row(evidence->options->ny, column, count, w);
     for (size_t k = 0; k < count; k++)
         rest[k] = scan[k] - predicted[k];
-    for (size_t s = 0; s < work->shares; s++) {
+    for (size_t s = 0; s < evidence->shares; s++) {
         const ShareColumn of = share_column(evidence, s);
         const double change = work->fit->share[s] - evidence->known->share[s];
         for (size_t k = 0; k < count; k++)
@@ -84,7 +82,7 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
     const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         const size_t begin = chunk_row(nx, chunk) * ny;
-        double *ends[CLASSES] = {work->room->lists[OWN] + begin, work->room->lists[SPILL] + begin};
+        double *ends[CLASSES] = {work->evidence->lists[OWN] + begin, work->evidence->lists[SPILL] + begin};
         for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
             double row[ROW_TERMS];
             datum_of_row(work->fit->datum, place_on(i, nx), row);
@@ -94,20 +92,20 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
             }
         }
         for (size_t class = 0; class < CLASSES; class++)
-            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->room->lists[class] + begin));
+            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->evidence->lists[class] + begin));
     }
 }
 
 CLONED_ROW_WORK(misfit_range, misfit_rows)
 
-void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
+void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    MisfitWork work = {.evidence = evidence, .fit = fit, .room = room, .shares = learnt_shares(evidence->options)};
+    MisfitWork work = {.evidence = evidence, .fit = fit};
     size_t counts[CLASSES] = {0, 0};
     double base = 0.0, droplets = 0.0;
     for (size_t class = 0; class < CLASSES; class++)
-        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = room->lists[class]};
-    run_rows(evidence->layer->threads, nx, ny, misfit_range, &work);
+        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = evidence->lists[class]};
+    run_rows(evidence->living.threads, nx, ny, misfit_range, &work);
     for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
         for (size_t class = 0; class < CLASSES; class++)
             counts[class] += work.lists[class].lengths[chunk];
@@ -120,7 +118,7 @@ void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
     for (size_t class = 0; class < CLASSES; class++)
         fit->misfit[class] = counts[class] < LEAST_READINGS
                                  ? 1.0
-                                 : median_of_lists(&work.lists[class], room->spread_slope) / MEDIAN_SQUARE;
+                                 : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
 }
 
 bool is_foreign(double misfit) {
@@ -197,54 +195,45 @@ static void doubtful_geometry(const Registration *registration, double *covarian
 }
 
 /* Updates the maps; may_be: scans may be displaced. */
-static Surprises update_maps(const ScanEvidence *evidence, const SurfaceEstimate *before, const InkFit *fit,
-                             bool is_unknown, bool may_be, LayerMaps *maps, SurfaceEstimate *after) {
+static Surprises update_maps(const ScanEvidence *evidence, const InkFit *fit, bool may_be, SurfaceEstimate *after) {
     const Knowledge *known = after->known;
     const bool is_displaced = known->registration.is_displaced;
-    FitRoom *room = &maps->room;
     double doubtful[GEOMETRY * GEOMETRY], g[GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
     geometry_seen(&known->registration, g);
     MapUpdate update = {.evidence = evidence,
-                        .before = before,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,
-                        .walls = room->walls,
-                        .spread_slope = room->spread_slope,
-                        .full_own = maps->full_own,
                         .is_robust = (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known),
-                        .is_telling = !is_unknown,
-                        .scratch = {maps->slopes, room->lists[0], room->lists[1]},
                         .after = after};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
     if (!is_displaced)
         return update_in_register(&update);
-    average_prediction(evidence, fit->share, g[SPREAD], room);
-    return update_displaced(&update, g, room->averaged);
+    average_prediction(evidence, fit->share, g[SPREAD]);
+    return update_displaced(&update, g);
 }
 
-bool take_scan(const ScanEvidence *evidence, const SurfaceEstimate *before, int32_t number, bool is_unknown,
-               LayerMaps *maps, SurfaceEstimate *after) {
+bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after) {
     Knowledge *known = after->known;
     Registration *registration = &known->registration;
-    const bool is_registered = evidence->options->register_scans && !is_unknown;
+    const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
-    if (!fit_in_register(evidence, &maps->room, &in_register) ||
-        (is_registered && !fit_displaced(evidence, maps->slopes, &in_register, &maps->room, registration, &displaced)))
+    if (!fit_in_register(evidence, &in_register) ||
+        (is_registered && !fit_displaced(evidence, &in_register, registration, &displaced)))
         return false;
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;
-    const Surprises found = update_maps(evidence, before, fit, is_unknown, may_be, maps, after);
-    if (is_unknown)
+    const Surprises found = update_maps(evidence, fit, may_be, after);
+    if (evidence->is_unknown)
         return true;
     learn_surprises(&found, known);
     learn_droplets(is_displaced || (may_be && is_misfit(&in_register)) ? &displaced : &in_register, known);
-    learn_datum(evidence->datum, fit, known);
+    learn_datum(&evidence->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
     memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
     if (!is_misfit(fit) && !known->trust.is_volume_believed)
-        doubt_volume(evidence->options, known, number, &known->trust);
+        doubt_volume(evidence->options, evidence->number, known);
     return true;
 }

@@ -29,9 +29,9 @@ static size_t cells_of(const MapUpdate *update) {
 
 static double process_variance(const MapUpdate *update, size_t cell) {
     const ScanEvidence *evidence = update->evidence;
-    const double squares = evidence->increments->squares[cell];
+    const double squares = evidence->increments.squares[cell];
     const double droplets = evidence->droplet_variance * squares;
-    const double extra = evidence->layer->pattern[cell] > 0 ? update->extra[OWN]
+    const double extra = evidence->living.pattern[cell] > 0 ? update->extra[OWN]
                          : squares > 0.0                    ? update->extra[SPILL]
                                                             : 0.0;
     const double variance = evidence->variance[cell] + droplets + extra * native_variance(evidence, cell);
@@ -44,7 +44,7 @@ typedef struct {
 } Belief;
 
 static Belief believe(const MapUpdate *update, size_t cell, double rest, double variance, Surprises *count) {
-    const SurfaceEstimate *before = update->before, *after = update->after;
+    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
     const double square = rest * rest / variance, told = before->surprise[cell];
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
@@ -56,7 +56,7 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
     count->vanished += has_surprised && (update->is_robust ? !is_big : is_back);
-    const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet failed */
+    const bool is_failed = update->evidence->living.pattern[cell] > 0 && told < 0.0; /* a droplet failed */
     count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
@@ -80,11 +80,11 @@ static void clear_surprise(const MapUpdate *update, size_t cell) {
 
 /* Updates the evidence that a cell is dead; returns whether this layer shows no growth there. */
 static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
-    const double told = update->before->dead_evidence[cell], own = update->full_own[cell];
+    const double told = update->evidence->before->dead_evidence[cell], own = update->evidence->full_own[cell];
     update->after->dead_evidence[cell] = told;
-    if (!is_seen || !(own > 0.0) || !update->is_telling)
+    if (!is_seen || !(own > 0.0) || update->evidence->is_unknown)
         return false;
-    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments->own[cell] : 0.0);
+    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments.own[cell] : 0.0);
     const double weak = DEAD_WEAK * own;
     const double evidence = weak * (0.5 * weak - grown) / fmax(fmin(variance, own * own), LEAST_VARIANCE);
     const double sum = told + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
@@ -97,7 +97,8 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 static void forget_dry(const MapUpdate *update, size_t dry) {
     const size_t part = count_marked(update->evidence->options->part, cells_of(update));
     if ((double)dry > WHOLE_HEAD * (double)part)
-        memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
+        memcpy(update->after->dead_evidence, update->evidence->before->dead_evidence,
+               cells_of(update) * sizeof(double));
 }
 
 /* Residual datum of the fit along a row, and its variance. */
@@ -121,7 +122,7 @@ static double variance_of(const DatumRow *row, double w) {
 
 Surprises update_in_register(const MapUpdate *update) {
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = update->before, *after = update->after;
+    const SurfaceEstimate *before = evidence->before, *after = update->after;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     const double *predicted = evidence->predicted;
     Surprises count = {0, 0, 0};
@@ -137,12 +138,12 @@ Surprises update_in_register(const MapUpdate *update) {
                 const double w = place_on(j, ny);
                 rest = evidence->scan[cell] - datum_in_row(row.left, w) - expected;
                 double error = evidence->noise_variance + variance_of(&row, w);
-                if (update->geometry && update->walls[cell]) {
+                if (update->geometry && evidence->walls[cell]) {
                     const double up = predicted[i > 0 ? cell - ny : cell],
                                  down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
-                    const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), update->spread_slope[cell]};
+                    const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), evidence->spread_slope[cell]};
                     error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
                 }
                 variance = spread + error;
@@ -162,8 +163,8 @@ Surprises update_in_register(const MapUpdate *update) {
 }
 
 /* Weighted residuals of the readings, their weights, and the jumps of cells. */
-static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *averaged,
-                                  const double *spread, double *weight, double *off, double *jump) {
+static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *spread,
+                                  double *weight, double *off, double *jump) {
     const ScanEvidence *evidence = update->evidence;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
     Surprises count = {0, 0, 0};
@@ -177,13 +178,12 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                 clear_surprise(update, cell);
                 continue;
             }
-            const Spot spot = spot_of(g, (double)i, (double)j, u, w);
-            const Reading reading = reading_at(nx, ny, averaged, update->spread_slope, spot, SLOPE_STEP);
+            const Spot spot = spot_of(g, nx, ny, i, j);
+            const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, SLOPE_STEP);
             const double known = value_at(spread, &reading.place);
             const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
-            const double error = evidence->noise_variance + view_variance(&reading.slopes, g[SPREAD]) +
-                                 border_variance(nx, ny, evidence->predicted, &reading, g[SPREAD]) +
-                                 variance_of(&row, w) + geometry_variance(update->geometry, &reading.slopes, u, w);
+            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
+                                 geometry_variance(update->geometry, &reading.slopes, u, w);
             const Belief belief = believe(update, cell, rest, known + error, &count);
             const double weak = error_of(error, belief.weight, known);
             weight[cell] = 1.0 / weak;
@@ -194,23 +194,23 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
     return count;
 }
 
-Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], const double *averaged) {
+Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]) {
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = update->before, *after = update->after;
+    const SurfaceEstimate *before = evidence->before, *after = update->after;
     const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    double *spread = after->variance, *changed = after->height, *weight = update->scratch[0], *off = update->scratch[1],
-           *jump = update->scratch[2], back[GEOMETRY];
+    double *spread = after->variance, *changed = after->height, *weight = evidence->slopes, *off = evidence->lists[0],
+           *jump = evidence->lists[1], back[GEOMETRY];
     size_t dry = 0;
     for (size_t cell = 0; cell < nx * ny; cell++) {
         spread[cell] = process_variance(update, cell);
         changed[cell] = share_change(evidence, update->fit->share, cell);
     }
-    const Surprises count = look_at_readings(update, g, averaged, spread, weight, off, jump);
+    const Surprises count = look_at_readings(update, g, spread, weight, off, jump);
     reversed(g, nx, ny, back);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const Spot spot = spot_of(back, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
+            const Spot spot = spot_of(back, nx, ny, i, j);
             const Place place = place_of(nx, ny, spot.x, spot.y);
             const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
             const bool is_read = weight[nearest] > 0.0;
@@ -228,7 +228,7 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
 }
 
 void live_on_prediction(const MapUpdate *update) {
-    const SurfaceEstimate *before = update->before, *after = update->after;
+    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
     for (size_t cell = 0; cell < cells_of(update); cell++) {
         after->height[cell] = update->evidence->predicted[cell];
         after->variance[cell] = process_variance(update, cell);

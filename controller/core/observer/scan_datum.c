@@ -22,9 +22,10 @@ enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_ROUNDED = 64, LEAST
 /* share of the noise within a line that the offsets of lines must exceed: less is chance (assumed) */
 static const double LINES_TELL = 0.5;
 
-void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
-    const size_t cells = nx * ny;
-    const uint8_t *from[] = {part, marks, marks + cells};
+void mark_ground(const ScanEvidence *evidence) {
+    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    uint8_t *marks = evidence->marks, *ground = evidence->ground;
+    const uint8_t *from[] = {evidence->options->part, marks, marks + cells};
     uint8_t *into[] = {marks, marks + cells, ground};
     size_t found = 0;
     for (size_t k = 0; k < 3; k++)
@@ -199,8 +200,7 @@ void datum_variance_of_row(const double *covariance, double u, double row[ROW_VA
  *
  * Along x or along y neighbours on bare ground then differ more than along the other axis (neighbours_variance). The
  * offset of each line is found from its cells that no droplet reaches, as a random effect, and taken off the scan. */
-double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], const double *slopes,
-                      const uint8_t *near, FitRoom *room, double *scan) {
+double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]) {
     const EstimatorOptions *options = evidence->options;
     const size_t nx = options->nx, ny = options->ny;
     const double excess = neighbours[0] - neighbours[1], spread = fabs(excess);
@@ -210,14 +210,15 @@ double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], 
     const bool is_along_y = excess > 0.0; /* lines have the same i */
     const size_t lines = is_along_y ? nx : ny;
     const Registration *registration = &evidence->known->registration;
-    const double *seen = registration->estimate, *expected = room->averaged;
+    const double *seen = registration->estimate, *expected = evidence->averaged;
     double shift = fmax(registration->covariance[0], registration->covariance[GEOMETRY + 1]), left = 0.0, all = 0.0;
     if (!registration->is_displaced)
         shift += fmax(seen[SHIFT_X] * seen[SHIFT_X], seen[SHIFT_Y] * seen[SHIFT_Y]);
     if (!options->register_scans)
         shift = 0.0;
-    read_map(registration, nx, ny, evidence->predicted, room->spread_slope, room->lists[0], room->averaged);
-    double *offset = room->spread_slope, *weight = room->lists[0], *reached = room->lists[1];
+    read_map(evidence, evidence->predicted, evidence->averaged);
+    const uint8_t *near = evidence->marks; /* cells that droplets may reach, from mark_ground */
+    double *offset = evidence->spread_slope, *weight = evidence->lists[0], *reached = evidence->lists[1];
     for (size_t line = 0; line < lines; line++)
         offset[line] = weight[line] = reached[line] = 0.0;
     for (size_t cell = 0; cell < nx * ny; cell++) {
@@ -225,8 +226,9 @@ double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], 
         reached[line] += near[cell];
         if (!evidence->valid[cell] || near[cell])
             continue;
-        const double rest = scan[cell] - expected[cell];
-        const double within = noise + evidence->variance[cell] + shift * slopes[cell], whole = within + spread;
+        const double rest = evidence->scan[cell] - expected[cell];
+        const double within = noise + evidence->variance[cell] + shift * evidence->slopes[cell],
+                     whole = within + spread;
         const double counts = (NU + 1.0) * whole / ((NU * whole + rest * rest) * within);
         offset[line] += counts * rest;
         weight[line] += counts;
@@ -238,6 +240,6 @@ double take_lines_off(const ScanEvidence *evidence, const double neighbours[2], 
     }
     for (size_t cell = 0; cell < nx * ny; cell++)
         if (evidence->valid[cell])
-            scan[cell] -= offset[is_along_y ? cell / ny : cell % ny];
+            evidence->scan[cell] -= offset[is_along_y ? cell / ny : cell % ny];
     return noise + (all > 0.0 ? left / all : 0.0);
 }

@@ -19,9 +19,6 @@ typedef struct {
     double neighbours[2];
 } ScanDatum;
 
-/* Marks the cells that no droplet reaches; `marks` holds two maps. */
-void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks);
-
 /* The datum of a scan where the ground has the known height `height`, NULL: 0; `ground` NULL: all cells are ground.
  * spread: variances of the terms before the scan; noise: of a reading [m^2]. Maps of nx * ny cells in C order. */
 ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
@@ -81,9 +78,10 @@ typedef struct {
     double x, y;
 } Spot;
 
-static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double u, double w) {
-    return (Spot){i + g[SHIFT_X] + g[ALONG_X_U] * u + g[ALONG_X_W] * w,
-                  j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
+static inline Spot spot_of(const double g[GEOMETRY], size_t nx, size_t ny, size_t i, size_t j) {
+    const double u = place_on(i, nx), w = place_on(j, ny);
+    return (Spot){(double)i + g[SHIFT_X] + g[ALONG_X_U] * u + g[ALONG_X_W] * w,
+                  (double)j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
 }
 
 /* Derivatives of a reading: with respect to its place [m per cell], and to the variance of its spot [m per cells^2]. */
@@ -101,7 +99,7 @@ typedef struct {
 /* Half a step of the difference quotients [cells]. */
 #define SLOPE_STEP 0.3
 
-/* Reading of a map that is averaged over the spot, and its derivative with respect to the spot (average_under_spot). */
+/* Reading of a map that is averaged over the spot, and its derivative with respect to the spot (average_prediction). */
 static inline Reading reading_at(size_t nx, size_t ny, const double *averaged, const double *slope, Spot spot,
                                  double step) {
     const Place place = place_of(nx, ny, spot.x, spot.y);
@@ -125,27 +123,7 @@ static inline void geometry_column(const Slopes *slopes, double u, double w, dou
 /* Variance of a reading at (u, w) through the geometry [m^2]. */
 double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w);
 
-/* Variance of a displaced reading by the errors of this view model [m^2]: a few thousandths of a cell in its place, a
- * few hundredths in the shape of the spot (assumed). */
-static inline double view_variance(const Slopes *slopes, double spread) {
-    const double x = slopes->along_x, y = slopes->along_y, shape = 0.03 * spread * slopes->with_spread;
-    return 0.004 * 0.004 * (x * x + y * y) + shape * shape;
-}
-
-/* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as
- * average_under_spot assumes, or not count. */
-double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread);
-
-/* The map averaged over a spot of variance `spread` [cells^2], and its derivative with respect to that variance [m per
- * cells^2]; `lines` holds a map. */
-void average_under_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged,
-                        double *slope);
-
 /* The inverse geometry: place on the scan of each cell's reading. All 0 if there is none. */
 void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
-
-/* Readings of a map, displaced or not; `lines` and `averaged` hold a map. */
-void read_map(const Registration *registration, size_t nx, size_t ny, const double *map, double *lines,
-              double *averaged, double *reading);
 
 #endif
