@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "map_memory.h"
+#include "median.h"
 #include "small_algebra.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
@@ -35,9 +36,10 @@ enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 
 bool may_be_displaced(const Registration *registration) {
-    const double a = registration->misfits[0], b = registration->misfits[1], c = registration->misfits[2];
-    const double middle = fmax(fmin(a, b), fmin(fmax(a, b), c));
-    return !is_foreign(registration->fits == 1 ? a : registration->fits == 2 ? 0.5 * (a + b) : middle);
+    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
+    double last[REMEMBERED];
+    memcpy(last, registration->misfits, sizeof last);
+    return !is_foreign(median(last, fits));
 }
 
 /* Prior of the unknowns: geometry, datum, shares. */
@@ -49,8 +51,7 @@ typedef struct {
 
 /* Unknowns and covariance of the geometry before the scan. */
 static void expect_geometry(const ScanEvidence *evidence, const Registration *registration, WallPrior *prior) {
-    const double rise = LINEAR_STEP * half_of(evidence->options->nx),
-                 run = LINEAR_STEP * half_of(evidence->options->ny);
+    const double rise = LINEAR_STEP * half_of(evidence->nx), run = LINEAR_STEP * half_of(evidence->ny);
     const double steps[GEOMETRY] = {
         sqrt(registration->steps[0]), sqrt(registration->steps[1]), rise, run, rise, run, SPREAD_STEP};
     memcpy(prior->covariance, registration->covariance, sizeof prior->covariance);

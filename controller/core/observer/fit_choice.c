@@ -48,7 +48,7 @@ static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double ro
     const uint8_t *valid = evidence->valid + first;
     uint8_t chosen[CLASSES][BLOCK];
     double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
-    places_in_row(evidence->options->ny, column, count, w);
+    places_in_row(evidence->ny, column, count, w);
     for (size_t k = 0; k < count; k++)
         rest[k] = scan[k] - predicted[k];
     for (size_t s = 0; s < evidence->shares; s++) {
@@ -79,7 +79,7 @@ static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double ro
 
 static INLINED void misfit_rows(void *context, const RowRange *range) {
     MisfitWork *work = context;
-    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         const size_t begin = chunk_row(nx, chunk) * ny;
         double *ends[CLASSES] = {work->evidence->lists[OWN] + begin, work->evidence->lists[SPILL] + begin};
@@ -99,7 +99,7 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
 CLONED_ROW_WORK(misfit_range, misfit_rows)
 
 void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     MisfitWork work = {.evidence = evidence, .fit = fit};
     size_t counts[CLASSES] = {0, 0};
     double base = 0.0, droplets = 0.0;

@@ -23,10 +23,6 @@ static const double WHOLE_HEAD = 0.5; /* share of the part without growth above 
 /* weight of readings times variance of the cell, below which the cell counts as not seen */
 static const double NOT_SEEN = 1e-6;
 
-static size_t cells_of(const MapUpdate *update) {
-    return update->evidence->options->nx * update->evidence->options->ny;
-}
-
 static double process_variance(const MapUpdate *update, size_t cell) {
     const ScanEvidence *evidence = update->evidence;
     const double squares = evidence->increments.squares[cell];
@@ -95,10 +91,10 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 /* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
  * blame. */
 static void forget_dry(const MapUpdate *update, size_t dry) {
-    const size_t part = count_marked(update->evidence->options->part, cells_of(update));
+    const size_t part = count_marked(update->evidence->options->part, update->evidence->cells);
     if ((double)dry > WHOLE_HEAD * (double)part)
         memcpy(update->after->dead_evidence, update->evidence->before->dead_evidence,
-               cells_of(update) * sizeof(double));
+               update->evidence->cells * sizeof(double));
 }
 
 /* Residual datum of the fit along a row, and its variance. */
@@ -107,7 +103,7 @@ typedef struct {
 } DatumRow;
 
 static DatumRow datum_row(const MapUpdate *update, size_t i) {
-    const double u = place_on(i, update->evidence->options->nx);
+    const double u = place_on(i, update->evidence->nx);
     DatumRow row;
     datum_of_row(update->fit->datum, u, row.left);
     datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
@@ -123,7 +119,7 @@ static double variance_of(const DatumRow *row, double w) {
 Surprises update_in_register(const MapUpdate *update) {
     const ScanEvidence *evidence = update->evidence;
     const SurfaceEstimate *before = evidence->before, *after = update->after;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     const double *predicted = evidence->predicted;
     Surprises count = {0, 0, 0};
     size_t dry = 0;
@@ -166,7 +162,7 @@ Surprises update_in_register(const MapUpdate *update) {
 static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *spread,
                                   double *weight, double *off, double *jump) {
     const ScanEvidence *evidence = update->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     Surprises count = {0, 0, 0};
     for (size_t i = 0; i < nx; i++) {
         const DatumRow row = datum_row(update, i);
@@ -197,7 +193,7 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
 Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]) {
     const ScanEvidence *evidence = update->evidence;
     const SurfaceEstimate *before = evidence->before, *after = update->after;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     double *spread = after->variance, *changed = after->height, *weight = evidence->slopes, *off = evidence->lists[0],
            *jump = evidence->lists[1], back[GEOMETRY];
     size_t dry = 0;
@@ -229,7 +225,7 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]) {
 
 void live_on_prediction(const MapUpdate *update) {
     const SurfaceEstimate *before = update->evidence->before, *after = update->after;
-    for (size_t cell = 0; cell < cells_of(update); cell++) {
+    for (size_t cell = 0; cell < update->evidence->cells; cell++) {
         after->height[cell] = update->evidence->predicted[cell];
         after->variance[cell] = process_variance(update, cell);
         after->unseen[cell] = before->unseen[cell] + 1;

@@ -15,7 +15,7 @@ static const double LEAST_SEEN = 0.02;    /* share of the grid: fewer readings a
 static const double UNSURE = 1e-6;        /* variance of heights after a person has looked [m^2] */
 
 static void take_datum_off(const ScanEvidence *evidence) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
         datum_of_row(evidence->datum.term, place_on(i, nx), row);
@@ -108,14 +108,14 @@ static void count_droplets(const ScanEvidence *evidence, SurfaceEstimate *after)
     const double *before = evidence->before->ledger;
     const Ink both[2] = {options->ink.nominal[0], options->ink.nominal[options->ink.inks - 1]};
     layer_surface(&evidence->living, before, both, evidence->averaged, after->ledger);
-    for (size_t cell = 0; evidence->is_unknown && cell < options->nx * options->ny; cell++)
+    for (size_t cell = 0; evidence->is_unknown && cell < evidence->cells; cell++)
         after->ledger[cell] = 0.5 * (before[cell] + after->ledger[cell]);
 }
 
 /* Sets the heights to the readings. */
 static void take_as_read(const ScanEvidence *evidence, SurfaceEstimate *after) {
     const SurfaceEstimate *before = evidence->before;
-    for (size_t cell = 0; cell < evidence->options->nx * evidence->options->ny; cell++) {
+    for (size_t cell = 0; cell < evidence->cells; cell++) {
         const bool is_valid = evidence->valid[cell];
         after->height[cell] = is_valid ? evidence->measured[cell] : evidence->predicted[cell];
         after->variance[cell] = is_valid ? 0.0 : before->variance[cell];
@@ -129,7 +129,7 @@ static void take_as_read(const ScanEvidence *evidence, SurfaceEstimate *after) {
 static void take_ground(ScanEvidence *evidence, Knowledge *known) {
     const EstimatorOptions *options = evidence->options;
     const SurfaceEstimate *before = evidence->before;
-    const size_t nx = options->nx, ny = options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     mark_ground(evidence);
     const ScanDatum datum = scan_datum(nx, ny, evidence->measured, evidence->valid, before->height, evidence->ground,
                                        known->datum_spread, known->noise_variance);
@@ -149,8 +149,7 @@ static void take_ground(ScanEvidence *evidence, Knowledge *known) {
 
 /* Cells with a droplet of each ink, as a share of the part. */
 static void count_printed(ScanEvidence *evidence) {
-    const EstimatorOptions *options = evidence->options;
-    const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
+    const size_t cells = evidence->cells, part = count_marked(evidence->options->part, cells);
     for (size_t ink = 0; ink < INKS_MAX; ink++) {
         size_t count = 0;
         for (size_t cell = 0; cell < cells; cell++)
@@ -182,6 +181,9 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
                    int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
                    SurfaceEstimate *after) {
     ScanEvidence evidence = {.options = options,
+                             .nx = options->nx,
+                             .ny = options->ny,
+                             .cells = options->nx * options->ny,
                              .before = before,
                              .known = before->known,
                              .shares = options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink),

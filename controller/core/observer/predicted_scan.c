@@ -106,7 +106,7 @@ bool predict_layer(const JettedLayer *layer, ScanEvidence *evidence) {
 
 ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
     const InkPrior *prior = &evidence->options->ink;
-    const size_t cells = evidence->options->nx * evidence->options->ny;
+    const size_t cells = evidence->cells;
     const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
     return (ShareColumn){evidence->increments.adds + share * cells, factor};
 }
@@ -172,7 +172,7 @@ static void average_columns(size_t nx, size_t ny, const double *map, size_t reac
 
 /* The map averaged over a spot; scratch in the first of the lists. */
 static void average_over_spot(const ScanEvidence *evidence, const double *map, double spread, double *averaged) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     double weights[TAPS_MAX + 1];
     if (spread < POINT) {
         memcpy(averaged, map, nx * ny * sizeof *map);
@@ -184,7 +184,7 @@ static void average_over_spot(const ScanEvidence *evidence, const double *map, d
 }
 
 void average_prediction(const ScanEvidence *evidence, const double share[], double spread) {
-    const size_t cells = evidence->options->nx * evidence->options->ny;
+    const size_t cells = evidence->cells;
     double *predicted = evidence->lists[1], *slope = evidence->spread_slope;
     for (size_t cell = 0; cell < cells; cell++)
         predicted[cell] = evidence->predicted[cell] + share_change(evidence, share, cell);
@@ -196,7 +196,7 @@ void average_prediction(const ScanEvidence *evidence, const double share[], doub
 
 void read_map(const ScanEvidence *evidence, const double *map, double *reading) {
     const Registration *registration = &evidence->known->registration;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     double g[GEOMETRY];
     if (!registration->is_displaced) {
         memcpy(reading, map, nx * ny * sizeof *map);
@@ -215,7 +215,7 @@ void read_map(const ScanEvidence *evidence, const double *map, double *reading) 
 /* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as
  * average_over_spot assumes, or not count. */
 static double border_variance(const ScanEvidence *evidence, const Reading *reading, double spread) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     const Spot *spot = &reading->spot;
     const double to[4] = {spot->x, (double)nx - 1.0 - spot->x, spot->y, (double)ny - 1.0 - spot->y};
     double sum = 0.0;

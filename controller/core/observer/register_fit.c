@@ -41,7 +41,7 @@ static INLINED void load_cells(const ScanEvidence *evidence, const uint8_t *left
         cells->rest[k] = rest;
         cells->weight[k] = counts ? weight : 0.0;
     }
-    places_in_row(evidence->options->ny, column, count, cells->w);
+    places_in_row(evidence->ny, column, count, cells->w);
     for (size_t k = 0; left_out && k < count; k++)
         cells->weight[k] = left_out[first + k] ? 0.0 : cells->weight[k];
     for (size_t s = 0; s < evidence->shares; s++) {
@@ -108,7 +108,7 @@ typedef struct {
 
 static INLINED void smooth_rows(void *context, const RowRange *range) {
     SmoothWork *work = context;
-    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
     FitCells cells;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         SmoothSums sums = {{0.0}, {0.0}};
@@ -133,7 +133,7 @@ SmoothSums smooth_sums(const ScanEvidence *evidence, const uint8_t *left_out, co
     SmoothSums sums = {{0.0}, {0.0}};
     for (size_t class = 0; misfit && class < CLASSES; class++)
         work.larger[class] = fmax(misfit[class], 1.0);
-    run_rows(evidence->living.threads, evidence->options->nx, evidence->options->ny, smooth_range, &work);
+    run_rows(evidence->living.threads, evidence->nx, evidence->ny, smooth_range, &work);
     for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
         for (size_t k = 0; k < n * n; k++)
             sums.matrix[k] += work.sums[chunk].matrix[k];

@@ -23,14 +23,13 @@ enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_ROUNDED = 64, LEAST
 static const double LINES_TELL = 0.5;
 
 void mark_ground(const ScanEvidence *evidence) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    const size_t cells = evidence->cells;
     uint8_t *marks = evidence->marks, *ground = evidence->ground;
     const uint8_t *from[] = {evidence->options->part, marks, marks + cells};
     uint8_t *into[] = {marks, marks + cells, ground};
     size_t found = 0;
     for (size_t k = 0; k < 3; k++)
-        for (size_t i = 0; i < nx; i++)
-            mark_near_row(from[k], nx, ny, i, into[k] + i * ny);
+        mark_near(from[k], evidence->nx, evidence->ny, into[k]);
     for (size_t cell = 0; cell < cells; cell++)
         found += ground[cell] = !ground[cell];
     for (size_t cell = 0; found < LEAST_CELLS && cell < cells; cell++)

@@ -38,10 +38,6 @@ static const double SMOOTH = 2e-4;
 static const double NOISY = 1e-16; /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
 enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
 
-static size_t cells_of(const ScanEvidence *evidence) {
-    return evidence->options->nx * evidence->options->ny;
-}
-
 /* The cell of the scan that a transform maps to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     const size_t i = cell / ny, j = cell % ny, up = nx - 1 - i, left = ny - 1 - j;
@@ -54,7 +50,7 @@ static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
 /* Robust mean square residual of the readings against `expected`, with the datum fitted; below 0: too few cells. */
 static double cost_of(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *expected,
                       double most) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     const uint8_t *even = evidence->walls, *ground = evidence->ground;
     size_t on_ground = 0, count = 0;
     double sum = 0.0;
@@ -63,7 +59,7 @@ static double cost_of(const ScanEvidence *evidence, const double *scan, const ui
         on_ground += ground[cell] && valid[cell];
     const ScanDatum datum =
         scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? even : ground,
-                   evidence->before->known->datum_spread, fmax(evidence->usual_noise, SMOOTH * layer * layer));
+                   evidence->known->datum_spread, fmax(evidence->usual_noise, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
         datum_of_row(datum.term, place_on(i, nx), row);
@@ -80,14 +76,22 @@ static double cost_of(const ScanEvidence *evidence, const double *scan, const ui
     return count < LEAST_CELLS ? -1.0 : sum / (double)count;
 }
 
+/* Variance of the shares, mean over them. */
+static double variance_of_shares(const InkPrior *prior, const Knowledge *known) {
+    const size_t n = ink_shares(prior);
+    double variance = 0.0;
+    for (size_t k = 0; k < n; k++)
+        variance += known->share_covariance[k * n + k] / (double)n;
+    return variance;
+}
+
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
  * their mean volume [m^2]. */
 static double native_square(const ScanEvidence *evidence) {
-    const EstimatorOptions *options = evidence->options;
-    const size_t n = ink_shares(&options->ink), part = count_marked(options->part, cells_of(evidence));
-    double own = 0.0, growth = 0.0, shares = 0.0;
+    const size_t part = count_marked(evidence->options->part, evidence->cells);
+    double own = 0.0, growth = 0.0;
     size_t droplets = 0;
-    for (size_t cell = 0; cell < cells_of(evidence); cell++) {
+    for (size_t cell = 0; cell < evidence->cells; cell++) {
         if (evidence->living.pattern[cell] <= 0)
             continue;
         const double grown = evidence->predicted[cell] - evidence->before->height[cell];
@@ -97,16 +101,14 @@ static double native_square(const ScanEvidence *evidence) {
     }
     if (droplets == 0)
         return INFINITY;
-    for (size_t k = 0; k < n; k++)
-        shares += evidence->before->known->share_covariance[k * n + k] / (double)n;
     const double share = (double)droplets / fmax((double)part, 1.0), of_own = own / (double)droplets;
     return evidence->usual_noise + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
-           shares * (growth / (double)droplets) * share;
+           variance_of_shares(&evidence->options->ink, evidence->known) * (growth / (double)droplets) * share;
 }
 
 /* Costs of the other explanations; below 0 where one does not apply. expected: readings predicted. */
 static void take_costs(const ScanEvidence *evidence, const double *expected, double most, double cost[DOUBTS]) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    const size_t nx = evidence->nx, ny = evidence->ny, cells = evidence->cells;
     double *past = evidence->spread_slope, *other = evidence->lists[0];
     uint8_t *marks = evidence->marks;
     read_map(evidence, evidence->before->height, past);
@@ -128,11 +130,18 @@ static void take_costs(const ScanEvidence *evidence, const double *expected, dou
 }
 
 static bool is_last_scan(const ScanEvidence *evidence) {
-    for (size_t cell = 0; cell < cells_of(evidence); cell++)
+    for (size_t cell = 0; cell < evidence->cells; cell++)
         if (evidence->valid[cell] && evidence->before->last_valid[cell] &&
             evidence->measured[cell] != evidence->before->last[cell])
             return false;
     return evidence->usual_noise > NOISY;
+}
+
+static void stop_print(LoopTrust *trust, int64_t reason, int32_t layer, int transform, double figure) {
+    trust->stop = reason;
+    trust->stop_layer = layer;
+    trust->transform = transform;
+    trust->stop_figure = figure;
 }
 
 /* Stops the print if two scans in a row fit the same explanation. */
@@ -142,13 +151,12 @@ static void conclude(const ScanEvidence *evidence, const double cost[DOUBTS], do
     if (trust->stop != 0 || (is_stuck ? stuck : trust->doubts[best]) < BELIEVED)
         return;
     const bool has_changed = cost[DOUBT_SAME_SCAN] >= FAR_BETTER * read;
-    trust->stop = !is_stuck                ? STOP_TURNED
-                  : has_changed            ? STOP_LATE
-                  : is_last_scan(evidence) ? STOP_SAME_SCAN
-                                           : STOP_NO_GROWTH;
-    trust->stop_layer = evidence->number;
-    trust->transform = is_stuck ? 0 : best;
-    trust->stop_figure = sqrt(read / fmax(cost[best], evidence->usual_noise));
+    const int64_t reason = !is_stuck                ? STOP_TURNED
+                           : has_changed            ? STOP_LATE
+                           : is_last_scan(evidence) ? STOP_SAME_SCAN
+                                                    : STOP_NO_GROWTH;
+    const double figure = sqrt(read / fmax(cost[best], evidence->usual_noise));
+    stop_print(trust, reason, evidence->number, is_stuck ? 0 : best, figure);
 }
 
 bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
@@ -162,7 +170,7 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
         trust->doubts[k] *= KEPT;
     if (isinf(native))
         return false;
-    for (size_t cell = 0; cell < cells_of(evidence); cell++)
+    for (size_t cell = 0; cell < evidence->cells; cell++)
         evidence->walls[cell] = evidence->slopes[cell] < steep; /* cells without steep slopes */
     read_map(evidence, evidence->predicted, expected);
     const double read = cost_of(evidence, evidence->measured, evidence->valid, expected, most);
@@ -185,22 +193,14 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
 
 void doubt_volume(const EstimatorOptions *options, int32_t layer, Knowledge *known) {
     LoopTrust *trust = &known->trust;
-    const size_t n = ink_shares(&options->ink);
-    const double volume = learnt_volume(options, known);
-    double variance = 0.0;
-    for (size_t k = 0; k < n; k++)
-        variance += known->share_covariance[k * n + k] / (double)n;
+    const double volume = learnt_volume(options, known), variance = variance_of_shares(&options->ink, known);
     const bool is_known = variance < VOLUME_STD * VOLUME_STD && options->ink.model == INK_SCALE;
     trust->volume_doubt *= KEPT;
     if (!is_known || (volume >= options->volume_least && volume <= options->volume_most))
         return;
     trust->volume_doubt += 1.0;
-    if (trust->stop != 0 || trust->volume_doubt < BELIEVED)
-        return;
-    trust->stop = STOP_VOLUME;
-    trust->stop_layer = layer;
-    trust->transform = 0;
-    trust->stop_figure = volume;
+    if (trust->stop == 0 && trust->volume_doubt >= BELIEVED)
+        stop_print(trust, STOP_VOLUME, layer, 0, volume);
 }
 
 /* Caps a cell and its neighbours in the part. */

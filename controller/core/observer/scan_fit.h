@@ -9,6 +9,7 @@
 /* A layer, its prediction, and its scan. */
 typedef struct ScanEvidence {
     const EstimatorOptions *options;
+    size_t nx, ny, cells;          /* of the grid */
     const SurfaceEstimate *before; /* estimate before the layer */
     const Knowledge *known;        /* knowledge before the scan */
     size_t shares;                 /* shares that are fitted */

@@ -18,7 +18,7 @@ static const double FAR_FROM_1 = 1e100; /* product of ratios whose logarithm is 
 enum { WALLS_MAX = 640, WALLS_WATCHED = 160 };
 
 void mark_walls(const ScanEvidence *evidence, const double *covariance) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+    const size_t cells = evidence->cells;
     if (evidence->known->registration.is_displaced) {
         memset(evidence->walls, 1, cells);
         return;
@@ -33,14 +33,13 @@ void mark_walls(const ScanEvidence *evidence, const double *covariance) {
         evidence->walls[cell] = evidence->slopes[cell] > least;
     for (size_t k = 0; k < reach; k++) {
         memcpy(evidence->marks, evidence->walls, cells);
-        for (size_t i = 0; i < nx; i++)
-            mark_near_row(evidence->marks, nx, ny, i, evidence->walls + i * ny);
+        mark_near(evidence->marks, evidence->nx, evidence->ny, evidence->walls);
     }
 }
 
 /* Samples the walls at even distances, if there are many. */
 bool collect_walls(WallFit *fit) {
-    const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny, cells = nx * ny;
+    const size_t nx = fit->evidence->nx, ny = fit->evidence->ny, cells = fit->evidence->cells;
     const size_t limit = fit->evidence->known->registration.odds < IN_REGISTER ? WALLS_WATCHED : WALLS_MAX;
     const size_t most = cells < limit ? cells : limit;
     size_t all = 0;
@@ -82,7 +81,7 @@ static size_t class_at(const int32_t *all, const Place *place, double squares) {
 
 static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
     const ScanEvidence *evidence = fit->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     const Spot spot = spot_of(x, nx, ny, wall->cell / ny, wall->cell % ny);
     const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, fit->step);
     const Slopes *slopes = &reading.slopes;
