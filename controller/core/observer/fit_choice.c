@@ -133,7 +133,7 @@ bool is_misfit(const InkFit *fit) {
 static void learn_droplets(const InkFit *fit, Knowledge *known) {
     LoopTrust *trust = &known->trust;
     const double unit = DROPLET_STD * DROPLET_STD, own = unit * fit->mean_droplets, variation = known->droplet_variance;
-    if (fit->droplets < LEAST_DROPLETS || !(own > 0.0))
+    if (fit->droplets < LEAST_DROPLETS)
         return;
     const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
     const double found = fmax(LEAST_VARIATION, variation + surplus);

@@ -14,7 +14,7 @@ static const double CERTAIN = 0.9; /* weight of a reading below which it surpris
 static const double SAME = 0.4;    /* share of a surprise that a second one must reach to count as the same */
 /* share of vanishing surprises above which a surprise must come three times, not two */
 static const double SPIKY = 0.008;
-static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
+static const double LEAST_VARIANCE = 1e-21; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
 static const double DEAD_WEAK = 0.3; /* least volume of a droplet from a living nozzle, as a share (assumed) */
 /* limit of one layer's evidence: a single failed droplet is no dead nozzle */
@@ -34,14 +34,15 @@ static double process_variance(const MapUpdate *update, size_t cell) {
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
 
-/* Weight of a reading that surprises, and the change of its cell. */
+/* Variances of a reading's error, the larger the more it surprises, and of the jump of its cell [m^2]. */
 typedef struct {
-    double weight, jump; /* weight of the reading [1]; variance of the jump of its cell [m^2] */
+    double error, jump;
 } Belief;
 
-static Belief believe(const MapUpdate *update, size_t cell, double rest, double variance, Surprises *count) {
+/* error: variance of a reading that does not surprise; known: that of the prediction [m^2]. */
+static Belief believe(const MapUpdate *update, size_t cell, double rest, double error, double known, Surprises *count) {
     const SurfaceEstimate *before = update->evidence->before, *after = update->after;
-    const double square = rest * rest / variance, told = before->surprise[cell];
+    const double square = rest * rest / (known + error), told = before->surprise[cell];
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
         weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
@@ -56,16 +57,9 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
-    if (is_big && (is_real || !update->is_robust))
-        return (Belief){1.0, rest * rest};
-    return (Belief){update->is_robust ? weight : 1.0, 0.0};
-}
-
-/* Variance of the error of a reading of weight `weight`, beside a prediction of variance `known`. */
-static double error_of(double error, double weight, double known) {
-    const double counted = weight > LEAST_WEIGHT ? weight : LEAST_WEIGHT;
-    const double wide = error / counted + known * (1.0 / counted - 1.0);
-    return wide > LEAST_ERROR ? wide : LEAST_ERROR;
+    const bool is_believed = is_big && (is_real || !update->is_robust);
+    const double counted = is_believed || !update->is_robust ? 1.0 : fmax(weight, LEAST_WEIGHT);
+    return (Belief){error / counted + known * (1.0 / counted - 1.0), is_believed ? rest * rest : 0.0};
 }
 
 /* Clears the surprises of a cell that was not seen. */
@@ -112,8 +106,7 @@ static DatumRow datum_row(const MapUpdate *update, size_t i) {
 
 static double variance_of(const DatumRow *row, double w) {
     const double *of = row->variance;
-    const double variance = of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
-    return variance > 0.0 ? variance : 0.0;
+    return of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
 }
 
 Surprises update_in_register(const MapUpdate *update) {
@@ -143,10 +136,9 @@ Surprises update_in_register(const MapUpdate *update) {
                     error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
                 }
                 variance = spread + error;
-                const Belief belief = believe(update, cell, rest, variance, &count);
-                const double weak = error_of(error, belief.weight, spread);
+                const Belief belief = believe(update, cell, rest, error, spread, &count);
                 spread += belief.jump;
-                gain = spread / (spread + weak);
+                gain = spread / (spread + belief.error);
             } else
                 clear_surprise(update, cell);
             dry += take_dead(update, cell, evidence->valid[cell], rest, variance);
@@ -180,10 +172,9 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
             const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
             const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
                                  geometry_variance(update->geometry, &reading.slopes, u, w);
-            const Belief belief = believe(update, cell, rest, known + error, &count);
-            const double weak = error_of(error, belief.weight, known);
-            weight[cell] = 1.0 / weak;
-            off[cell] = rest / weak;
+            const Belief belief = believe(update, cell, rest, error, known, &count);
+            weight[cell] = 1.0 / belief.error;
+            off[cell] = rest / belief.error;
             jump[cell] = belief.jump;
         }
     }

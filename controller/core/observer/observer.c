@@ -61,7 +61,7 @@ static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
     size_t seen = 0;
     for (size_t cell = 0; cell < cells; cell++)
         seen += valid[cell] != 0;
-    return (double)seen >= LEAST_SEEN * (double)cells && seen > 0;
+    return (double)seen >= LEAST_SEEN * (double)cells;
 }
 
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,

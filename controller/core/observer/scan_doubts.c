@@ -177,11 +177,11 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
     if (read <= SUSPICIOUS * native)
         return false;
     take_costs(evidence, expected, most, cost);
-    int best = -1;
-    for (int k = 0; k < DOUBTS; k++)
-        if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
+    int best = DOUBT_NO_GROWTH; /* which applies wherever the scan as read does */
+    for (int k = best + 1; k < DOUBTS; k++)
+        if (cost[k] >= 0.0 && cost[k] < cost[best])
             best = k;
-    if (best < 0 || cost[best] >= FAR_BETTER * read)
+    if (cost[best] >= FAR_BETTER * read)
         return false;
     const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
     if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * evidence->usual_noise)
