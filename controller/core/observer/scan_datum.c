@@ -39,7 +39,7 @@ void mark_ground(const ScanEvidence *evidence) {
 /* Measured cells of the ground. */
 typedef struct {
     size_t count, cell[CELLS_MAX];
-    double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
+    double term[CELLS_MAX][DATUM_TERMS], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
 } Ground;
 
 /* A scan and the ground that it is compared with, as in scan_datum. */
@@ -69,8 +69,7 @@ static void collect(const GroundScan *of, Ground *cells) {
         if (!is_ground(of, cell) || found++ % distance != 0)
             continue;
         cells->cell[cells->count] = cell;
-        cells->u[cells->count] = place_on(cell / ny, nx);
-        cells->w[cells->count] = place_on(cell % ny, ny);
+        datum_terms(place_on(cell / ny, nx), place_on(cell % ny, ny), cells->term[cells->count]);
         cells->rise[cells->count++] = rise_of(of, cell);
     }
 }
@@ -81,10 +80,8 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
     memset(matrix, 0, DATUM_TERMS * DATUM_TERMS * sizeof *matrix);
     memset(side, 0, DATUM_TERMS * sizeof *side);
     for (size_t cell = 0; cell < cells->count; cell++) {
-        double term[DATUM_TERMS];
-        const double square = cells->rest[cell] * cells->rest[cell];
+        const double *term = cells->term[cell], square = cells->rest[cell] * cells->rest[cell];
         const double weight = (is_first ? 1.0 : (NU + 1.0) / (NU + square / scale)) / noise;
-        datum_terms(cells->u[cell], cells->w[cell], term);
         for (size_t i = 0; i < DATUM_TERMS; i++) {
             side[i] += weight * term[i] * cells->rise[cell];
             for (size_t j = 0; j < DATUM_TERMS; j++)
@@ -130,10 +127,9 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
             return datum;
         memcpy(datum.term, term, sizeof term);
         for (size_t cell = 0; cell < cells.count; cell++) {
-            double of[DATUM_TERMS], sum = 0.0;
-            datum_terms(cells.u[cell], cells.w[cell], of);
+            double sum = 0.0;
             for (size_t i = 0; i < DATUM_TERMS; i++)
-                sum += of[i] * term[i];
+                sum += cells.term[cell][i] * term[i];
             cells.rest[cell] = cells.rise[cell] - sum;
             cells.sorted[cell] = fabs(cells.rest[cell]);
         }
