@@ -1,12 +1,17 @@
-#include "displaced_fit.h"
+/* The robust fit of a displaced scan: ink, datum, and geometry.
+ *
+ * The geometry shows at walls, so only these enter its Gauss-Newton steps. A displacement is believed if the odds
+ * favour it and its residuals are small: a true one leaves one to two variances; droplets that the model does not
+ * describe leave ten and more in any fit. Until this is decided readings at walls are down-weighted by the covariance
+ * and the square of the geometry. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "map_memory.h"
-#include "register_fit.h"
+#include "median.h"
 #include "small_algebra.h"
-#include "wall_readings.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
 static const double LINEAR_STEP = 5e-4, SPREAD_STEP = 0.01;
@@ -31,9 +36,10 @@ enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 
 bool may_be_displaced(const Registration *registration) {
-    const double a = registration->misfits[0], b = registration->misfits[1], c = registration->misfits[2];
-    const double middle = fmax(fmin(a, b), fmin(fmax(a, b), c));
-    return !is_foreign(registration->fits == 1 ? a : registration->fits == 2 ? 0.5 * (a + b) : middle);
+    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
+    double last[REMEMBERED];
+    memcpy(last, registration->misfits, sizeof last);
+    return !is_foreign(median(last, fits));
 }
 
 /* Prior of the unknowns: geometry, datum, shares. */
@@ -45,8 +51,7 @@ typedef struct {
 
 /* Unknowns and covariance of the geometry before the scan. */
 static void expect_geometry(const ScanEvidence *evidence, const Registration *registration, WallPrior *prior) {
-    const double rise = LINEAR_STEP * half_of(evidence->options->nx),
-                 run = LINEAR_STEP * half_of(evidence->options->ny);
+    const double rise = LINEAR_STEP * half_of(evidence->nx), run = LINEAR_STEP * half_of(evidence->ny);
     const double steps[GEOMETRY] = {
         sqrt(registration->steps[0]), sqrt(registration->steps[1]), rise, run, rise, run, SPREAD_STEP};
     memcpy(prior->covariance, registration->covariance, sizeof prior->covariance);
@@ -59,14 +64,14 @@ static void expect_geometry(const ScanEvidence *evidence, const Registration *re
 /* The prior precision and the equations of cells without walls; in_register: the fit that gives the variances of errors
  * there. */
 static bool expect_smooth(const WallFit *fit, const InkFit *in_register, WallPrior *prior) {
-    const size_t all = SHARE + fit->shares;
+    const size_t all = SHARE + fit->evidence->shares;
     double geometry[GEOMETRY * GEOMETRY];
     if (!invert_definite(GEOMETRY, prior->covariance, geometry) ||
-        !smooth_prior(fit->evidence, fit->shares, all, prior->precision + DATUM * (all + 1)))
+        !smooth_prior(fit->evidence, all, prior->precision + DATUM * (all + 1)))
         return false;
     copy_block(GEOMETRY, geometry, GEOMETRY, prior->precision, all);
     prior->elsewhere =
-        smooth_sums(fit->evidence, fit->shares, fit->room->walls, is_misfit(in_register) ? in_register->misfit : NULL);
+        smooth_sums(fit->evidence, fit->evidence->walls, is_misfit(in_register) ? in_register->misfit : NULL);
     return true;
 }
 
@@ -85,14 +90,14 @@ static void add_elsewhere(const WallPrior *prior, const double *x, size_t shares
 /* The normal equations about x, with the prior. */
 static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const double *x, double heat, double *matrix,
                                double *side) {
-    const size_t all = SHARE + fit->shares;
+    const size_t all = SHARE + fit->evidence->shares;
     memcpy(matrix, prior->precision, all * all * sizeof *matrix);
     for (size_t a = 0; a < all; a++) {
         side[a] = 0.0;
         for (size_t b = 0; b < all; b++)
             side[a] += prior->precision[a * all + b] * (prior->before[b] - x[b]);
     }
-    add_elsewhere(prior, x, fit->shares, matrix, side);
+    add_elsewhere(prior, x, fit->evidence->shares, matrix, side);
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
         const double weight = (NU + 1.0) / (NU * (heat * wall->variance) + wall->rest * wall->rest);
@@ -111,7 +116,7 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
 /* Whether readings are linear from the averaged prediction on: within small changes of spot and shares. */
 static bool is_averaged(const WallFit *fit, const double *x) {
     double off = 0.0;
-    for (size_t k = 0; k < fit->shares; k++)
+    for (size_t k = 0; k < fit->evidence->shares; k++)
         off = fmax(off, fabs(x[SHARE + k] - fit->share[k]));
     return fabs(x[SPREAD] - fit->spread) <= SAME_SPREAD && off * fmin(x[SPREAD], 1.0) <= SAME_SHARE;
 }
@@ -157,7 +162,8 @@ static void try_shifts(const WallPrior *prior, int times, double distance, WallF
 
 /* The best shift by whole cells, then by half cells, where it is not known: Gauss-Newton steps find no minimum further
  * away. */
-static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, double *x) {
+static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+    const bool is_known = fit->evidence->known->registration.is_displaced;
     const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
     if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
         return;
@@ -168,11 +174,11 @@ static void begin_at_best(const WallPrior *prior, bool is_known, WallFit *fit, d
 
 /* Gauss-Newton steps from the prior mean; errors weigh less at first, so that a scan that has moved far does not count
  * as outliers. */
-static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, double *x, double *covariance) {
-    const size_t all = SHARE + fit->shares;
+static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
+    const size_t all = SHARE + fit->evidence->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];
     memcpy(x, prior->before, sizeof prior->before);
-    begin_at_best(prior, is_known, fit, x);
+    begin_at_best(prior, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
         if (!is_averaged(fit, x))
@@ -187,7 +193,7 @@ static bool solve_walls(const WallPrior *prior, bool is_known, WallFit *fit, dou
         double largest = 0.0;
         for (size_t k = 0; k < all; k++)
             x[k] += side[k];
-        keep_within(fit->shares, before, x);
+        keep_within(fit->evidence->shares, before, x);
         for (size_t k = 0; k < GEOMETRY; k++)
             largest = fmax(largest, fabs(x[k] - before[k]));
         if (heat == 1.0 && largest < CONVERGED)
@@ -216,24 +222,23 @@ static void learn_geometry(const double *x, const double *covariance, size_t all
     copy_block(GEOMETRY, covariance, all, registration->covariance, GEOMETRY);
 }
 
-bool fit_displaced(const ScanEvidence *evidence, const double *slopes, const InkFit *in_register, FitRoom *room,
-                   Registration *registration, InkFit *displaced) {
-    const size_t n = learnt_shares(evidence->options), all = SHARE + n;
-    const bool is_displaced = registration->is_displaced;
-    WallFit fit = {.evidence = evidence, .room = room, .shares = n, .step = SLOPE_STEP};
+bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+                   InkFit *displaced) {
+    const size_t all = SHARE + evidence->shares;
+    WallFit fit = {.evidence = evidence, .step = SLOPE_STEP};
     WallPrior prior = {.elsewhere = {.side = {0.0}}};
     double x[FITTED], covariance[ENTRIES_MAX];
     *displaced = *in_register;
     displaced->droplets = 0;
     expect_geometry(evidence, registration, &prior);
-    mark_walls(evidence, slopes, prior.covariance, room);
+    mark_walls(evidence, prior.covariance);
     if (!collect_walls(&fit))
         return false;
     average_walls(prior.before, &fit);
     if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
-        solve_walls(&prior, is_displaced, &fit, x, covariance)) {
-        const double left = misfit_of(&fit, is_displaced, displaced);
-        take_smooth(x, covariance, DATUM, n, all, displaced);
+        solve_walls(&prior, &fit, x, covariance)) {
+        const double left = misfit_of(&fit, displaced);
+        take_smooth(evidence, x, covariance, all, displaced);
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);
     }

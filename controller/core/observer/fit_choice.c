@@ -1,12 +1,15 @@
-#include "fit_choice.h"
+/* Choice between the two fits of a scan, in register and displaced, and update of the estimate by it.
+ *
+ * The chosen fit updates the maps (map_update.c), ink, datum, variation of the droplets and shares of surprises. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "displaced_fit.h"
-#include "map_update.h"
-#include "register_fit.h"
-#include "scan_doubts.h"
+#include "median.h"
+
+/* two standard deviations: the droplets do not follow the model (assumed) */
+static const double FOREIGN_MISFIT = 4.0;
 
 /* share of the datum's variance kept from scan to scan; its least value [m^2] */
 static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;
@@ -19,11 +22,118 @@ static const double EVIDENCE_MAX = 500.0;                                       
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
 
+/* Memory shared by the threads for misfits: lists of squares by class, and sums over cells with a droplet. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const InkFit *fit;
+    ValueLists lists[CLASSES];
+    double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
+} MisfitWork;
+
+/* Appends the chosen values; returns the end. No branch depends on a cell. */
+static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
+    for (size_t k = 0; k < count; k++) {
+        *end = values[k];
+        end += chosen[k];
+    }
+    return end;
+}
+
+static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
+                                 size_t column, size_t count, double *ends[CLASSES]) {
+    const ScanEvidence *evidence = work->evidence;
+    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
+    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
+    const int32_t *pattern = evidence->living.pattern + first;
+    const uint8_t *valid = evidence->valid + first;
+    uint8_t chosen[CLASSES][BLOCK];
+    double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
+    places_in_row(evidence->ny, column, count, w);
+    for (size_t k = 0; k < count; k++)
+        rest[k] = scan[k] - predicted[k];
+    for (size_t s = 0; s < evidence->shares; s++) {
+        const ShareColumn of = share_column(evidence, s);
+        const double change = work->fit->share[s] - evidence->known->share[s];
+        for (size_t k = 0; k < count; k++)
+            rest[k] -= change * (of.factor * of.map[first + k]);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const double left = rest[k] - datum_in_row(row, w[k]);
+        base[k] = evidence->noise_variance + variance[k];
+        square[k] = left * left / (base[k] + evidence->droplet_variance * squares[k]);
+    }
+    for (size_t k = 0; k < count; k++) {
+        const uint8_t reached = (valid[k] != 0) & (squares[k] > 0.0), own = pattern[k] > 0;
+        chosen[OWN][k] = reached & own;
+        chosen[SPILL][k] = reached & !own;
+    }
+    for (size_t k = 0; k < count; k++) {
+        base[k] = chosen[OWN][k] ? base[k] : 0.0;
+        droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
+    }
+    work->base[chunk] += lane_sum(base, count);
+    work->droplets[chunk] += lane_sum(droplets, count);
+    for (size_t class = 0; class < CLASSES; class++)
+        ends[class] = append(square, chosen[class], count, ends[class]);
+}
+
+static INLINED void misfit_rows(void *context, const RowRange *range) {
+    MisfitWork *work = context;
+    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t begin = chunk_row(nx, chunk) * ny;
+        double *ends[CLASSES] = {work->evidence->lists[OWN] + begin, work->evidence->lists[SPILL] + begin};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_TERMS];
+            datum_of_row(work->fit->datum, place_on(i, nx), row);
+            for (size_t column = 0; column < ny; column += BLOCK) {
+                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
+                misfit_cells(work, chunk, row, i * ny + column, column, count, ends);
+            }
+        }
+        for (size_t class = 0; class < CLASSES; class++)
+            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->evidence->lists[class] + begin));
+    }
+}
+
+CLONED_ROW_WORK(misfit_range, misfit_rows)
+
+void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    MisfitWork work = {.evidence = evidence, .fit = fit};
+    size_t counts[CLASSES] = {0, 0};
+    double base = 0.0, droplets = 0.0;
+    for (size_t class = 0; class < CLASSES; class++)
+        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = evidence->lists[class]};
+    run_rows(evidence->living.threads, nx, ny, misfit_range, &work);
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
+        for (size_t class = 0; class < CLASSES; class++)
+            counts[class] += work.lists[class].lengths[chunk];
+        base += work.base[chunk];
+        droplets += work.droplets[chunk];
+    }
+    fit->droplets = counts[OWN];
+    fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
+    fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
+    for (size_t class = 0; class < CLASSES; class++)
+        fit->misfit[class] = counts[class] < LEAST_READINGS
+                                 ? 1.0
+                                 : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
+}
+
+bool is_foreign(double misfit) {
+    return misfit >= FOREIGN_MISFIT;
+}
+
+bool is_misfit(const InkFit *fit) {
+    return is_foreign(fmax(fit->misfit[OWN], fit->misfit[SPILL]));
+}
+
 /* Variation of the droplets, by the residuals of the growth of cells. */
 static void learn_droplets(const InkFit *fit, Knowledge *known) {
     LoopTrust *trust = &known->trust;
     const double unit = DROPLET_STD * DROPLET_STD, own = unit * fit->mean_droplets, variation = known->droplet_variance;
-    if (fit->droplets < LEAST_DROPLETS || !(own > 0.0))
+    if (fit->droplets < LEAST_DROPLETS)
         return;
     const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
     const double found = fmax(LEAST_VARIATION, variation + surplus);
@@ -85,54 +195,45 @@ static void doubtful_geometry(const Registration *registration, double *covarian
 }
 
 /* Updates the maps; may_be: scans may be displaced. */
-static Surprises update_maps(const ScanEvidence *evidence, const SurfaceEstimate *before, const InkFit *fit,
-                             bool is_unknown, bool may_be, LayerMaps *maps, SurfaceEstimate *after) {
+static Surprises update_maps(const ScanEvidence *evidence, const InkFit *fit, bool may_be, SurfaceEstimate *after) {
     const Knowledge *known = after->known;
     const bool is_displaced = known->registration.is_displaced;
-    FitRoom *room = &maps->room;
     double doubtful[GEOMETRY * GEOMETRY], g[GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
     geometry_seen(&known->registration, g);
     MapUpdate update = {.evidence = evidence,
-                        .before = before,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,
-                        .walls = room->walls,
-                        .spread_slope = room->spread_slope,
-                        .full_own = maps->full_own,
                         .is_robust = (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known),
-                        .is_telling = !is_unknown,
-                        .scratch = {maps->slopes, room->lists[0], room->lists[1]},
                         .after = after};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
     if (!is_displaced)
         return update_in_register(&update);
-    average_prediction(evidence, fit->share, g[SPREAD], room);
-    return update_displaced(&update, g, room->averaged);
+    average_prediction(evidence, fit->share, g[SPREAD]);
+    return update_displaced(&update, g);
 }
 
-bool take_scan(const ScanEvidence *evidence, const SurfaceEstimate *before, int32_t number, bool is_unknown,
-               LayerMaps *maps, SurfaceEstimate *after) {
+bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after) {
     Knowledge *known = after->known;
     Registration *registration = &known->registration;
-    const bool is_registered = evidence->options->register_scans && !is_unknown;
+    const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
-    if (!fit_in_register(evidence, &maps->room, &in_register) ||
-        (is_registered && !fit_displaced(evidence, maps->slopes, &in_register, &maps->room, registration, &displaced)))
+    if (!fit_in_register(evidence, &in_register) ||
+        (is_registered && !fit_displaced(evidence, &in_register, registration, &displaced)))
         return false;
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;
-    const Surprises found = update_maps(evidence, before, fit, is_unknown, may_be, maps, after);
-    if (is_unknown)
+    const Surprises found = update_maps(evidence, fit, may_be, after);
+    if (evidence->is_unknown)
         return true;
     learn_surprises(&found, known);
     learn_droplets(is_displaced || (may_be && is_misfit(&in_register)) ? &displaced : &in_register, known);
-    learn_datum(evidence->datum, fit, known);
+    learn_datum(&evidence->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
     memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
     if (!is_misfit(fit) && !known->trust.is_volume_believed)
-        doubt_volume(evidence->options, known, number, &known->trust);
+        doubt_volume(evidence->options, evidence->number, known);
     return true;
 }

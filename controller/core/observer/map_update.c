@@ -1,4 +1,9 @@
-#include "map_update.h"
+/* Update of the maps by a scan, cell by cell: heights, their variances, surprises, and evidence of dead cells.
+ *
+ * A reading is weighted by its variance against that of the prediction. A residual beyond droplets and sensor is a
+ * surprise: the first time it counts as an error of the sensor and gets hardly any weight; if it repeats, it counts as
+ * a change of the cell. The residuals of a displaced scan are interpolated at the place of each cell on the scan. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
@@ -9,7 +14,7 @@ static const double CERTAIN = 0.9; /* weight of a reading below which it surpris
 static const double SAME = 0.4;    /* share of a surprise that a second one must reach to count as the same */
 /* share of vanishing surprises above which a surprise must come three times, not two */
 static const double SPIKY = 0.008;
-static const double LEAST_VARIANCE = 1e-21, LEAST_ERROR = 1e-24; /* [m^2] */
+static const double LEAST_VARIANCE = 1e-21; /* [m^2] */
 static const double LEAST_WEIGHT = 1e-9;
 static const double DEAD_WEAK = 0.3; /* least volume of a droplet from a living nozzle, as a share (assumed) */
 /* limit of one layer's evidence: a single failed droplet is no dead nozzle */
@@ -18,29 +23,26 @@ static const double WHOLE_HEAD = 0.5; /* share of the part without growth above 
 /* weight of readings times variance of the cell, below which the cell counts as not seen */
 static const double NOT_SEEN = 1e-6;
 
-static size_t cells_of(const MapUpdate *update) {
-    return update->evidence->options->nx * update->evidence->options->ny;
-}
-
 static double process_variance(const MapUpdate *update, size_t cell) {
     const ScanEvidence *evidence = update->evidence;
-    const double squares = evidence->increments->squares[cell];
+    const double squares = evidence->increments.squares[cell];
     const double droplets = evidence->droplet_variance * squares;
-    const double extra = evidence->layer->pattern[cell] > 0 ? update->extra[OWN]
+    const double extra = evidence->living.pattern[cell] > 0 ? update->extra[OWN]
                          : squares > 0.0                    ? update->extra[SPILL]
                                                             : 0.0;
     const double variance = evidence->variance[cell] + droplets + extra * native_variance(evidence, cell);
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
 
-/* Weight of a reading that surprises, and the change of its cell. */
+/* Variances of a reading's error, the larger the more it surprises, and of the jump of its cell [m^2]. */
 typedef struct {
-    double weight, jump; /* weight of the reading [1]; variance of the jump of its cell [m^2] */
+    double error, jump;
 } Belief;
 
-static Belief believe(const MapUpdate *update, size_t cell, double rest, double variance, Surprises *count) {
-    const SurfaceEstimate *before = update->before, *after = update->after;
-    const double square = rest * rest / variance, told = before->surprise[cell];
+/* error: variance of a reading that does not surprise; known: that of the prediction [m^2]. */
+static Belief believe(const MapUpdate *update, size_t cell, double rest, double error, double known, Surprises *count) {
+    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
+    const double square = rest * rest / (known + error), told = before->surprise[cell];
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
         weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
@@ -51,20 +53,13 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
     count->vanished += has_surprised && (update->is_robust ? !is_big : is_back);
-    const bool is_failed = update->evidence->layer->pattern[cell] > 0 && told < 0.0; /* a droplet failed */
+    const bool is_failed = update->evidence->living.pattern[cell] > 0 && told < 0.0; /* a droplet failed */
     count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
-    if (is_big && (is_real || !update->is_robust))
-        return (Belief){1.0, rest * rest};
-    return (Belief){update->is_robust ? weight : 1.0, 0.0};
-}
-
-/* Variance of the error of a reading of weight `weight`, beside a prediction of variance `known`. */
-static double error_of(double error, double weight, double known) {
-    const double counted = weight > LEAST_WEIGHT ? weight : LEAST_WEIGHT;
-    const double wide = error / counted + known * (1.0 / counted - 1.0);
-    return wide > LEAST_ERROR ? wide : LEAST_ERROR;
+    const bool is_believed = is_big && (is_real || !update->is_robust);
+    const double counted = is_believed || !update->is_robust ? 1.0 : fmax(weight, LEAST_WEIGHT);
+    return (Belief){error / counted + known * (1.0 / counted - 1.0), is_believed ? rest * rest : 0.0};
 }
 
 /* Clears the surprises of a cell that was not seen. */
@@ -75,11 +70,11 @@ static void clear_surprise(const MapUpdate *update, size_t cell) {
 
 /* Updates the evidence that a cell is dead; returns whether this layer shows no growth there. */
 static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
-    const double told = update->before->dead_evidence[cell], own = update->full_own[cell];
+    const double told = update->evidence->before->dead_evidence[cell], own = update->evidence->full_own[cell];
     update->after->dead_evidence[cell] = told;
-    if (!is_seen || !(own > 0.0) || !update->is_telling)
+    if (!is_seen || !(own > 0.0) || update->evidence->is_unknown)
         return false;
-    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments->own[cell] : 0.0);
+    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments.own[cell] : 0.0);
     const double weak = DEAD_WEAK * own;
     const double evidence = weak * (0.5 * weak - grown) / fmax(fmin(variance, own * own), LEAST_VARIANCE);
     const double sum = told + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
@@ -90,9 +85,10 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 /* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
  * blame. */
 static void forget_dry(const MapUpdate *update, size_t dry) {
-    const size_t part = count_marked(update->evidence->options->part, cells_of(update));
+    const size_t part = count_marked(update->evidence->options->part, update->evidence->cells);
     if ((double)dry > WHOLE_HEAD * (double)part)
-        memcpy(update->after->dead_evidence, update->before->dead_evidence, cells_of(update) * sizeof(double));
+        memcpy(update->after->dead_evidence, update->evidence->before->dead_evidence,
+               update->evidence->cells * sizeof(double));
 }
 
 /* Residual datum of the fit along a row, and its variance. */
@@ -101,7 +97,7 @@ typedef struct {
 } DatumRow;
 
 static DatumRow datum_row(const MapUpdate *update, size_t i) {
-    const double u = place_on(i, update->evidence->options->nx);
+    const double u = place_on(i, update->evidence->nx);
     DatumRow row;
     datum_of_row(update->fit->datum, u, row.left);
     datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
@@ -110,14 +106,13 @@ static DatumRow datum_row(const MapUpdate *update, size_t i) {
 
 static double variance_of(const DatumRow *row, double w) {
     const double *of = row->variance;
-    const double variance = of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
-    return variance > 0.0 ? variance : 0.0;
+    return of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
 }
 
 Surprises update_in_register(const MapUpdate *update) {
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = update->before, *after = update->after;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const SurfaceEstimate *before = evidence->before, *after = update->after;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     const double *predicted = evidence->predicted;
     Surprises count = {0, 0, 0};
     size_t dry = 0;
@@ -132,19 +127,18 @@ Surprises update_in_register(const MapUpdate *update) {
                 const double w = place_on(j, ny);
                 rest = evidence->scan[cell] - datum_in_row(row.left, w) - expected;
                 double error = evidence->noise_variance + variance_of(&row, w);
-                if (update->geometry && update->walls[cell]) {
+                if (update->geometry && evidence->walls[cell]) {
                     const double up = predicted[i > 0 ? cell - ny : cell],
                                  down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
-                    const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), update->spread_slope[cell]};
+                    const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), evidence->spread_slope[cell]};
                     error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
                 }
                 variance = spread + error;
-                const Belief belief = believe(update, cell, rest, variance, &count);
-                const double weak = error_of(error, belief.weight, spread);
+                const Belief belief = believe(update, cell, rest, error, spread, &count);
                 spread += belief.jump;
-                gain = spread / (spread + weak);
+                gain = spread / (spread + belief.error);
             } else
                 clear_surprise(update, cell);
             dry += take_dead(update, cell, evidence->valid[cell], rest, variance);
@@ -157,10 +151,10 @@ Surprises update_in_register(const MapUpdate *update) {
 }
 
 /* Weighted residuals of the readings, their weights, and the jumps of cells. */
-static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *averaged,
-                                  const double *spread, double *weight, double *off, double *jump) {
+static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *spread,
+                                  double *weight, double *off, double *jump) {
     const ScanEvidence *evidence = update->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
+    const size_t nx = evidence->nx, ny = evidence->ny;
     Surprises count = {0, 0, 0};
     for (size_t i = 0; i < nx; i++) {
         const DatumRow row = datum_row(update, i);
@@ -172,40 +166,38 @@ static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMET
                 clear_surprise(update, cell);
                 continue;
             }
-            const Spot spot = spot_of(g, (double)i, (double)j, u, w);
-            const Reading reading = reading_at(nx, ny, averaged, update->spread_slope, spot, SLOPE_STEP);
+            const Spot spot = spot_of(g, nx, ny, i, j);
+            const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, SLOPE_STEP);
             const double known = value_at(spread, &reading.place);
             const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
-            const double error = evidence->noise_variance + view_variance(&reading.slopes, g[SPREAD]) +
-                                 border_variance(nx, ny, evidence->predicted, &reading, g[SPREAD]) +
-                                 variance_of(&row, w) + geometry_variance(update->geometry, &reading.slopes, u, w);
-            const Belief belief = believe(update, cell, rest, known + error, &count);
-            const double weak = error_of(error, belief.weight, known);
-            weight[cell] = 1.0 / weak;
-            off[cell] = rest / weak;
+            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
+                                 geometry_variance(update->geometry, &reading.slopes, u, w);
+            const Belief belief = believe(update, cell, rest, error, known, &count);
+            weight[cell] = 1.0 / belief.error;
+            off[cell] = rest / belief.error;
             jump[cell] = belief.jump;
         }
     }
     return count;
 }
 
-Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], const double *averaged) {
+Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]) {
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = update->before, *after = update->after;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    double *spread = after->variance, *changed = after->height, *weight = update->scratch[0], *off = update->scratch[1],
-           *jump = update->scratch[2], back[GEOMETRY];
+    const SurfaceEstimate *before = evidence->before, *after = update->after;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    double *spread = after->variance, *changed = after->height, *weight = evidence->slopes, *off = evidence->lists[0],
+           *jump = evidence->lists[1], back[GEOMETRY];
     size_t dry = 0;
     for (size_t cell = 0; cell < nx * ny; cell++) {
         spread[cell] = process_variance(update, cell);
         changed[cell] = share_change(evidence, update->fit->share, cell);
     }
-    const Surprises count = look_at_readings(update, g, averaged, spread, weight, off, jump);
+    const Surprises count = look_at_readings(update, g, spread, weight, off, jump);
     reversed(g, nx, ny, back);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const Spot spot = spot_of(back, (double)i, (double)j, place_on(i, nx), place_on(j, ny));
+            const Spot spot = spot_of(back, nx, ny, i, j);
             const Place place = place_of(nx, ny, spot.x, spot.y);
             const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
             const bool is_read = weight[nearest] > 0.0;
@@ -223,8 +215,8 @@ Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY], co
 }
 
 void live_on_prediction(const MapUpdate *update) {
-    const SurfaceEstimate *before = update->before, *after = update->after;
-    for (size_t cell = 0; cell < cells_of(update); cell++) {
+    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
+    for (size_t cell = 0; cell < update->evidence->cells; cell++) {
         after->height[cell] = update->evidence->predicted[cell];
         after->variance[cell] = process_variance(update, cell);
         after->unseen[cell] = before->unseen[cell] + 1;

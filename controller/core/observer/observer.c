@@ -3,12 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "fit_choice.h"
 #include "layer_surface.h"
 #include "map_memory.h"
-#include "map_update.h"
-#include "scan_doubts.h"
-#include "scan_lines.h"
+#include "scan_fit.h"
 
 static const double NOISE_KEPT = 0.7; /* share of the noise estimate kept from layer to layer (assumed) */
 /* tilt of flat ground, in layers at a corner: a larger one is an error of levelling (assumed) */
@@ -17,14 +14,15 @@ static const double KNOWN_GROUND = 1e-18; /* variance of flat ground [m^2] */
 static const double LEAST_SEEN = 0.02;    /* share of the grid: fewer readings are no scan */
 static const double UNSURE = 1e-6;        /* variance of heights after a person has looked [m^2] */
 
-static void take_datum_off(const EstimatorOptions *options, const ScanDatum *datum, const double *measured,
-                           const uint8_t *valid, double *scan) {
-    for (size_t i = 0; i < options->nx; i++) {
+static void take_datum_off(const ScanEvidence *evidence) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
-        datum_of_row(datum->term, place_on(i, options->nx), row);
-        for (size_t j = 0; j < options->ny; j++) {
-            const size_t cell = i * options->ny + j;
-            scan[cell] = valid[cell] ? measured[cell] - datum_in_row(row, place_on(j, options->ny)) : 0.0;
+        datum_of_row(evidence->datum.term, place_on(i, nx), row);
+        for (size_t j = 0; j < ny; j++) {
+            const size_t cell = i * ny + j;
+            const double datum = datum_in_row(row, place_on(j, ny));
+            evidence->scan[cell] = evidence->valid[cell] ? evidence->measured[cell] - datum : 0.0;
         }
     }
 }
@@ -63,7 +61,7 @@ static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
     size_t seen = 0;
     for (size_t cell = 0; cell < cells; cell++)
         seen += valid[cell] != 0;
-    return (double)seen >= LEAST_SEEN * (double)cells && seen > 0;
+    return (double)seen >= LEAST_SEEN * (double)cells;
 }
 
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
@@ -105,115 +103,108 @@ static double reading_noise(const EstimatorOptions *options, const Knowledge *kn
 }
 
 /* Adds to the ledger all droplets of nominal volume but those of dead nozzles; half of an unknown layer. */
-static void count_droplets(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                           bool is_unknown, double *scratch, SurfaceEstimate *after) {
+static void count_droplets(const ScanEvidence *evidence, SurfaceEstimate *after) {
+    const EstimatorOptions *options = evidence->options;
+    const double *before = evidence->before->ledger;
     const Ink both[2] = {options->ink.nominal[0], options->ink.nominal[options->ink.inks - 1]};
-    layer_surface(layer, before->ledger, both, scratch, after->ledger);
-    for (size_t cell = 0; is_unknown && cell < options->nx * options->ny; cell++)
-        after->ledger[cell] = 0.5 * (before->ledger[cell] + after->ledger[cell]);
+    layer_surface(&evidence->living, before, both, evidence->averaged, after->ledger);
+    for (size_t cell = 0; evidence->is_unknown && cell < evidence->cells; cell++)
+        after->ledger[cell] = 0.5 * (before[cell] + after->ledger[cell]);
 }
 
 /* Sets the heights to the readings. */
-static void take_as_read(const EstimatorOptions *options, const SurfaceEstimate *before, const double *predicted,
-                         const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
-    const size_t cells = options->nx * options->ny;
-    for (size_t cell = 0; cell < cells; cell++) {
-        after->height[cell] = valid[cell] ? measured[cell] : predicted[cell];
-        after->variance[cell] = valid[cell] ? 0.0 : before->variance[cell];
-        after->unseen[cell] = valid[cell] ? 0 : before->unseen[cell] + 1;
+static void take_as_read(const ScanEvidence *evidence, SurfaceEstimate *after) {
+    const SurfaceEstimate *before = evidence->before;
+    for (size_t cell = 0; cell < evidence->cells; cell++) {
+        const bool is_valid = evidence->valid[cell];
+        after->height[cell] = is_valid ? evidence->measured[cell] : evidence->predicted[cell];
+        after->variance[cell] = is_valid ? 0.0 : before->variance[cell];
+        after->unseen[cell] = is_valid ? 0 : before->unseen[cell] + 1;
         after->surprise[cell] = after->dead_evidence[cell] = 0.0;
         after->surprised[cell] = 0;
     }
 }
 
-/* Datum and noise of a scan: fills `datum`, and the map of the scan without its datum. Returns the noise [m^2]. */
-static double take_ground(const EstimatorOptions *options, const SurfaceEstimate *before, const double *measured,
-                          const uint8_t *valid, LayerMaps *maps, Knowledge *known, ScanDatum *datum) {
-    const size_t nx = options->nx, ny = options->ny;
-    mark_ground(nx, ny, options->part, maps->ground, maps->room.marks);
-    *datum =
-        scan_datum(nx, ny, measured, valid, before->height, maps->ground, known->datum_spread, known->noise_variance);
-    if (datum->noise_variance < 0.0) /* no ground: the datum stays that of the last scan */
-        memcpy(datum->term, known->datum, sizeof known->datum);
-    take_datum_off(options, datum, measured, valid, maps->scan);
-    const double noise =
-        fmax(reading_noise(options, known, datum), rounding_variance(nx, ny, measured, valid, layer_of(options)));
+/* Datum and noise of a scan, and the scan without its datum. */
+static void take_ground(ScanEvidence *evidence, Knowledge *known) {
+    const EstimatorOptions *options = evidence->options;
+    const SurfaceEstimate *before = evidence->before;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    mark_ground(evidence);
+    const ScanDatum datum = scan_datum(nx, ny, evidence->measured, evidence->valid, before->height, evidence->ground,
+                                       known->datum_spread, known->noise_variance);
+    evidence->datum = datum;
+    if (datum.noise_variance < 0.0) /* no ground: the datum stays that of the last scan */
+        memcpy(evidence->datum.term, known->datum, sizeof known->datum);
+    take_datum_off(evidence);
+    const double noise = fmax(reading_noise(options, known, &datum),
+                              rounding_variance(nx, ny, evidence->measured, evidence->valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < nx * ny; cell++)
-        if (before->unseen[cell] == 0 && !(maps->variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
-            maps->variance[cell] += noise; /* variance of the first scan */
-    for (size_t axis = 0; axis < 2 && datum->noise_variance >= 0.0; axis++)
-        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], datum->neighbours[axis]);
-    return noise;
+        if (before->unseen[cell] == 0 && !(evidence->variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
+            evidence->variance[cell] += noise; /* variance of the first scan */
+    for (size_t axis = 0; axis < 2 && datum.noise_variance >= 0.0; axis++)
+        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], datum.neighbours[axis]);
+    evidence->noise_variance = noise;
 }
 
 /* Cells with a droplet of each ink, as a share of the part. */
-static void count_printed(const EstimatorOptions *options, const int32_t *pattern, double printed[INKS_MAX]) {
-    const size_t cells = options->nx * options->ny, part = count_marked(options->part, cells);
+static void count_printed(ScanEvidence *evidence) {
+    const size_t cells = evidence->cells, part = count_marked(evidence->options->part, cells);
     for (size_t ink = 0; ink < INKS_MAX; ink++) {
         size_t count = 0;
         for (size_t cell = 0; cell < cells; cell++)
-            count += pattern[cell] == (int32_t)ink + 1;
-        printed[ink] = fmin((double)count / fmax((double)part, 1.0), 1.0);
+            count += evidence->living.pattern[cell] == (int32_t)ink + 1;
+        evidence->printed[ink] = fmin((double)count / fmax((double)part, 1.0), 1.0);
     }
 }
 
-static bool look_at_scan(const EstimatorOptions *options, const SurfaceEstimate *before, int32_t number,
-                         bool is_unknown, const double *measured, const uint8_t *valid, LayerMaps *maps,
-                         SurfaceEstimate *after) {
+static bool look_at_scan(ScanEvidence *evidence, SurfaceEstimate *after) {
+    const EstimatorOptions *options = evidence->options;
     Knowledge *known = after->known;
-    const bool is_first = known->scans == 1 && !options->flat_ground;
-    ScanDatum datum;
-    const double noise = take_ground(options, before, measured, valid, maps, known, &datum);
-    ScanEvidence evidence = {.options = options,
-                             .known = before->known,
-                             .layer = &maps->living,
-                             .scan = maps->scan,
-                             .valid = valid,
-                             .before = before->height,
-                             .predicted = maps->predicted,
-                             .variance = maps->variance,
-                             .increments = &maps->increments,
-                             .noise_variance = noise,
-                             .droplet_variance = DROPLET_STD * DROPLET_STD * known->droplet_variance,
-                             .datum = &datum};
-    count_printed(options, maps->living.pattern, evidence.printed);
-    slope_squares(options->nx, options->ny, maps->predicted, maps->slopes);
-    evidence.noise_variance =
-        take_lines_off(&evidence, known->neighbours, maps->slopes, maps->room.marks, &maps->room, maps->scan);
-    const ScanDoubt doubt = {.evidence = &evidence,
-                             .before = before,
-                             .measured = after->last,
-                             .noise_variance = is_first ? noise : known->noise_variance,
-                             .layer = number,
-                             .maps = maps};
-    if (!is_scan(options, valid) || (!is_unknown && !known->trust.is_looked_at && doubt_scan(&doubt, &known->trust))) {
-        live_on_prediction(
-            &(MapUpdate){.evidence = &evidence, .before = before, .full_own = maps->full_own, .after = after});
+    LoopTrust *trust = &known->trust;
+    take_ground(evidence, known);
+    count_printed(evidence);
+    const double noise = evidence->noise_variance;
+    evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance;
+    evidence->noise_variance = take_lines_off(evidence, known->neighbours);
+    if (!is_scan(options, evidence->valid) ||
+        (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
+        live_on_prediction(&(MapUpdate){.evidence = evidence, .after = after});
         return true;
     }
-    known->trust.is_looked_at = 0;
-    known->noise_variance = is_unknown ? known->noise_variance : noise;
-    return take_scan(&evidence, before, number, is_unknown, maps, after);
+    trust->is_looked_at = 0;
+    known->noise_variance = evidence->is_unknown ? known->noise_variance : noise;
+    return take_scan(evidence, after);
 }
 
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
                    SurfaceEstimate *after) {
-    LayerMaps maps;
-    if (!predict_layer(options, before, layer, is_unknown, &maps))
+    ScanEvidence evidence = {.options = options,
+                             .nx = options->nx,
+                             .ny = options->ny,
+                             .cells = options->nx * options->ny,
+                             .before = before,
+                             .known = before->known,
+                             .shares = options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink),
+                             .number = number,
+                             .is_unknown = is_unknown,
+                             .measured = after->last,
+                             .valid = after->last_valid,
+                             .droplet_variance = DROPLET_STD * DROPLET_STD * before->known->droplet_variance};
+    if (!predict_layer(layer, &evidence))
         return false;
     *after->known = *before->known;
     keep_scan(options, measured, valid, after);
     if (options->take_as_read)
-        take_as_read(options, before, maps.predicted, measured, valid, after);
-    const bool is_done =
-        options->take_as_read || look_at_scan(options, before, number, is_unknown, measured, valid, &maps, after);
+        take_as_read(&evidence, after);
+    const bool is_done = options->take_as_read || look_at_scan(&evidence, after);
     if (is_done) {
         after->known->scans = before->known->scans + 1;
-        count_droplets(options, before, &maps.living, is_unknown, maps.room.averaged, after);
+        count_droplets(&evidence, after);
         look_at_part(options, valid, after);
     }
-    give_maps(maps.memory);
+    give_maps(evidence.memory);
     return is_done;
 }
 

@@ -2,13 +2,13 @@
  * show what was printed.
  *
  * A scan after a layer goes through these steps:
- *  1. the layer map predicts the surface from the last estimate (layer_prediction.h); droplets add to its variance;
- *  2. ground gives the datum of the scan (scan_datum.h), and the noise of its readings;
- *  3. other explanations of the whole scan are compared with it (scan_doubts.h); if one fits far better, the maps live
+ *  1. the layer map predicts the surface from the last estimate (predicted_scan.c); droplets add to its variance;
+ *  2. ground gives the datum of the scan (scan_datum.c), and the noise of its readings;
+ *  3. other explanations of the whole scan are compared with it (scan_doubts.c); if one fits far better, the maps live
  *     on the prediction;
- *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (register_fit.h,
- *     displaced_fit.h, fit_choice.h);
- *  5. each cell takes a share of what its reading is off by (map_update.h); what is off tells how much droplets vary;
+ *  4. ink and geometry are fitted, in register and displaced, and one of them is believed (register_fit.c,
+ *     displaced_fit.c, fit_choice.c);
+ *  5. each cell takes a share of what its reading is off by (map_update.c); what is off tells how much droplets vary;
  *  6. the ledger counts the droplets, without any scan.
  * The bits of an estimate do not depend on the threads. */
 #ifndef INKLOOP_OBSERVER_H

@@ -1,4 +1,8 @@
-#include "register_fit.h"
+/* The robust fit of a scan in register: ink, and correction of the datum.
+ *
+ * Errors of readings have a t distribution with the variance of sensor and droplets as scale. The fit of a displaced
+ * scan (displaced_fit.c) uses the normal equations of this one where there are no walls. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
@@ -22,13 +26,12 @@ typedef struct {
     double weight[BLOCK], rest[BLOCK], share[SHARES_MAX][BLOCK], w[BLOCK];
 } FitCells;
 
-static INLINED void load_cells(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out,
-                               const double larger[CLASSES], size_t first, size_t column, size_t count,
-                               FitCells *restrict cells) {
+static INLINED void load_cells(const ScanEvidence *evidence, const uint8_t *left_out, const double larger[CLASSES],
+                               size_t first, size_t column, size_t count, FitCells *restrict cells) {
     const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
-    const double *variance = evidence->variance + first, *squares = evidence->increments->squares + first;
+    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
     const double noise = evidence->noise_variance, droplets = evidence->droplet_variance;
-    const int32_t *pattern = evidence->layer->pattern + first;
+    const int32_t *pattern = evidence->living.pattern + first;
     const uint8_t *valid = evidence->valid + first;
     for (size_t k = 0; k < count; k++) {
         const double rest = scan[k] - predicted[k], native = noise + variance[k] + droplets * squares[k];
@@ -38,10 +41,10 @@ static INLINED void load_cells(const ScanEvidence *evidence, size_t shares, cons
         cells->rest[k] = rest;
         cells->weight[k] = counts ? weight : 0.0;
     }
-    places_in_row(evidence->options->ny, column, count, cells->w);
+    places_in_row(evidence->ny, column, count, cells->w);
     for (size_t k = 0; left_out && k < count; k++)
         cells->weight[k] = left_out[first + k] ? 0.0 : cells->weight[k];
-    for (size_t s = 0; s < shares; s++) {
+    for (size_t s = 0; s < evidence->shares; s++) {
         const ShareColumn of = share_column(evidence, s);
         for (size_t k = 0; k < count; k++)
             cells->share[s][k] = of.factor * of.map[first + k];
@@ -98,7 +101,6 @@ static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *
 /* Memory of the normal equations, shared by the threads. */
 typedef struct {
     const ScanEvidence *evidence;
-    size_t shares;
     const uint8_t *left_out;
     double larger[CLASSES];
     SmoothSums sums[CHUNKS];
@@ -106,7 +108,7 @@ typedef struct {
 
 static INLINED void smooth_rows(void *context, const RowRange *range) {
     SmoothWork *work = context;
-    const size_t nx = work->evidence->options->nx, ny = work->evidence->options->ny;
+    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
     FitCells cells;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         SmoothSums sums = {{0.0}, {0.0}};
@@ -114,11 +116,10 @@ static INLINED void smooth_rows(void *context, const RowRange *range) {
             RowMoments row = {{0.0}, {0.0}, {{0.0}}, {0.0}, {0.0}};
             for (size_t column = 0; column < ny; column += BLOCK) {
                 const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
-                load_cells(work->evidence, work->shares, work->left_out, work->larger, i * ny + column, column, count,
-                           &cells);
-                add_moments(&cells, work->shares, count, &row);
+                load_cells(work->evidence, work->left_out, work->larger, i * ny + column, column, count, &cells);
+                add_moments(&cells, work->evidence->shares, count, &row);
             }
-            add_row(&row, place_on(i, nx), work->shares, &sums);
+            add_row(&row, place_on(i, nx), work->evidence->shares, &sums);
         }
         work->sums[chunk] = sums;
     }
@@ -126,13 +127,13 @@ static INLINED void smooth_rows(void *context, const RowRange *range) {
 
 CLONED_ROW_WORK(smooth_range, smooth_rows)
 
-SmoothSums smooth_sums(const ScanEvidence *evidence, size_t shares, const uint8_t *left_out, const double *misfit) {
-    const size_t n = DATUM_TERMS + shares;
-    SmoothWork work = {.evidence = evidence, .shares = shares, .left_out = left_out, .larger = {1.0, 1.0}};
+SmoothSums smooth_sums(const ScanEvidence *evidence, const uint8_t *left_out, const double *misfit) {
+    const size_t n = DATUM_TERMS + evidence->shares;
+    SmoothWork work = {.evidence = evidence, .left_out = left_out, .larger = {1.0, 1.0}};
     SmoothSums sums = {{0.0}, {0.0}};
     for (size_t class = 0; misfit && class < CLASSES; class++)
         work.larger[class] = fmax(misfit[class], 1.0);
-    run_rows(evidence->layer->threads, evidence->options->nx, evidence->options->ny, smooth_range, &work);
+    run_rows(evidence->living.threads, evidence->nx, evidence->ny, smooth_range, &work);
     for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
         for (size_t k = 0; k < n * n; k++)
             sums.matrix[k] += work.sums[chunk].matrix[k];
@@ -149,7 +150,8 @@ double share_within(double share) {
     return fmin(LARGEST_SHARE, fmax(LEAST_SHARE, share));
 }
 
-bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, double *precision) {
+bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision) {
+    const size_t shares = evidence->shares;
     const double step = evidence->options->ink.model == INK_FULL ? FULL_STEP : SHARE_STEP;
     double covariance[SHARES_MAX * SHARES_MAX], of_shares[SHARES_MAX * SHARES_MAX];
     memcpy(covariance, evidence->known->share_covariance, sizeof covariance);
@@ -158,12 +160,13 @@ bool smooth_prior(const ScanEvidence *evidence, size_t shares, size_t stride, do
         covariance[k * shares + k] += step * step * evidence->printed[k / of_ink];
     if (!invert_definite(shares, covariance, of_shares))
         return false;
-    copy_block(DATUM_TERMS, evidence->datum->precision, DATUM_TERMS, precision, stride);
+    copy_block(DATUM_TERMS, evidence->datum.precision, DATUM_TERMS, precision, stride);
     copy_block(shares, of_shares, shares, precision + DATUM_TERMS * (stride + 1), stride);
     return true;
 }
 
-void take_smooth(const double *x, const double *covariance, size_t first, size_t shares, size_t all, InkFit *fit) {
+void take_smooth(const ScanEvidence *evidence, const double *x, const double *covariance, size_t all, InkFit *fit) {
+    const size_t shares = evidence->shares, first = all - shares - DATUM_TERMS;
     const double *own = covariance + first * (all + 1);
     memcpy(fit->datum, x + first, sizeof fit->datum);
     copy_block(DATUM_TERMS, own, all, fit->datum_covariance, DATUM_TERMS);
@@ -173,10 +176,10 @@ void take_smooth(const double *x, const double *covariance, size_t first, size_t
 }
 
 /* Solves for datum and shares. */
-static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const SmoothSums *sums, InkFit *fit) {
-    const size_t n = DATUM_TERMS + shares;
+static bool solve_smooth(const ScanEvidence *evidence, const SmoothSums *sums, InkFit *fit) {
+    const size_t shares = evidence->shares, n = DATUM_TERMS + shares;
     double matrix[ENTRIES_MAX] = {0.0}, covariance[ENTRIES_MAX], x[UNKNOWNS_MAX];
-    if (!smooth_prior(evidence, shares, n, matrix))
+    if (!smooth_prior(evidence, n, matrix))
         return false;
     for (size_t k = 0; k < n * n; k++)
         matrix[k] += sums->matrix[k];
@@ -185,20 +188,19 @@ static bool solve_smooth(const ScanEvidence *evidence, size_t shares, const Smoo
         return false;
     for (size_t k = 0; k < shares; k++)
         x[DATUM_TERMS + k] += evidence->known->share[k];
-    take_smooth(x, covariance, 0, shares, n, fit);
+    take_smooth(evidence, x, covariance, n, fit);
     return true;
 }
 
-bool fit_in_register(const ScanEvidence *evidence, FitRoom *room, InkFit *fit) {
-    const size_t shares = learnt_shares(evidence->options);
+bool fit_in_register(const ScanEvidence *evidence, InkFit *fit) {
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
     /* the second round scales variances by the misfit of the first */
     for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) {
-        const SmoothSums sums = smooth_sums(evidence, shares, NULL, round == 0 ? NULL : fit->misfit);
-        if (!solve_smooth(evidence, shares, &sums, fit))
+        const SmoothSums sums = smooth_sums(evidence, NULL, round == 0 ? NULL : fit->misfit);
+        if (!solve_smooth(evidence, &sums, fit))
             return false;
-        take_misfits(evidence, room, fit);
+        take_misfits(evidence, fit);
     }
     return true;
 }

@@ -1,4 +1,10 @@
-#include "scan_datum.h"
+/* The datum of a scan: offset, tilts and bows of the profiler's frame, from ground that no droplet reaches.
+ *
+ * A profiler is levelled anew for every scan, or a substrate bows while it is printed on: both move all readings
+ * smoothly. The datum is fitted to cells four and more from the part, or two and more where those are few. The fit is
+ * robust, and the variance of its prior is learnt over the scans: it shrinks for a profiler that keeps its frame.
+ * Without ground there is no datum. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,16 +17,19 @@ static const double MAD = 1.4826;   /* standard deviation / median absolute valu
 static const double SURELY = 1e-30; /* variance of absent terms [m^2] */
 /* least step of quantised readings in layers; tolerance as a share of a step (assumed) */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01;
-enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_READINGS = 64, LEAST_LEVELS = 6 };
+enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_ROUNDED = 64, LEAST_LEVELS = 6 };
 
-void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uint8_t *marks) {
-    const size_t cells = nx * ny;
-    const uint8_t *from[] = {part, marks, marks + cells};
+/* share of the noise within a line that the offsets of lines must exceed: less is chance (assumed) */
+static const double LINES_TELL = 0.5;
+
+void mark_ground(const ScanEvidence *evidence) {
+    const size_t cells = evidence->cells;
+    uint8_t *marks = evidence->marks, *ground = evidence->ground;
+    const uint8_t *from[] = {evidence->options->part, marks, marks + cells};
     uint8_t *into[] = {marks, marks + cells, ground};
     size_t found = 0;
     for (size_t k = 0; k < 3; k++)
-        for (size_t i = 0; i < nx; i++)
-            mark_near_row(from[k], nx, ny, i, into[k] + i * ny);
+        mark_near(from[k], evidence->nx, evidence->ny, into[k]);
     for (size_t cell = 0; cell < cells; cell++)
         found += ground[cell] = !ground[cell];
     for (size_t cell = 0; found < LEAST_CELLS && cell < cells; cell++)
@@ -30,7 +39,7 @@ void mark_ground(size_t nx, size_t ny, const uint8_t *part, uint8_t *ground, uin
 /* Measured cells of the ground. */
 typedef struct {
     size_t count, cell[CELLS_MAX];
-    double u[CELLS_MAX], w[CELLS_MAX], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
+    double term[CELLS_MAX][DATUM_TERMS], rise[CELLS_MAX], rest[CELLS_MAX], sorted[CELLS_MAX];
 } Ground;
 
 /* A scan and the ground that it is compared with, as in scan_datum. */
@@ -60,8 +69,7 @@ static void collect(const GroundScan *of, Ground *cells) {
         if (!is_ground(of, cell) || found++ % distance != 0)
             continue;
         cells->cell[cells->count] = cell;
-        cells->u[cells->count] = place_on(cell / ny, nx);
-        cells->w[cells->count] = place_on(cell % ny, ny);
+        datum_terms(place_on(cell / ny, nx), place_on(cell % ny, ny), cells->term[cells->count]);
         cells->rise[cells->count++] = rise_of(of, cell);
     }
 }
@@ -72,10 +80,8 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
     memset(matrix, 0, DATUM_TERMS * DATUM_TERMS * sizeof *matrix);
     memset(side, 0, DATUM_TERMS * sizeof *side);
     for (size_t cell = 0; cell < cells->count; cell++) {
-        double term[DATUM_TERMS];
-        const double square = cells->rest[cell] * cells->rest[cell];
+        const double *term = cells->term[cell], square = cells->rest[cell] * cells->rest[cell];
         const double weight = (is_first ? 1.0 : (NU + 1.0) / (NU + square / scale)) / noise;
-        datum_terms(cells->u[cell], cells->w[cell], term);
         for (size_t i = 0; i < DATUM_TERMS; i++) {
             side[i] += weight * term[i] * cells->rise[cell];
             for (size_t j = 0; j < DATUM_TERMS; j++)
@@ -121,10 +127,9 @@ ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *va
             return datum;
         memcpy(datum.term, term, sizeof term);
         for (size_t cell = 0; cell < cells.count; cell++) {
-            double of[DATUM_TERMS], sum = 0.0;
-            datum_terms(cells.u[cell], cells.w[cell], of);
+            double sum = 0.0;
             for (size_t i = 0; i < DATUM_TERMS; i++)
-                sum += of[i] * term[i];
+                sum += cells.term[cell][i] * term[i];
             cells.rest[cell] = cells.rise[cell] - sum;
             cells.sorted[cell] = fabs(cells.rest[cell]);
         }
@@ -152,7 +157,7 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
     for (size_t cell = 0; cell < nx * ny && count < CELLS_MAX; cell += distance)
         if (valid[cell])
             reading[count++] = scan[cell];
-    if (count < LEAST_READINGS)
+    if (count < LEAST_ROUNDED)
         return 0.0;
     qsort(reading, count, sizeof *reading, by_size);
     for (size_t k = 1; k < count; k++)
@@ -184,4 +189,52 @@ void datum_variance_of_row(const double *covariance, double u, double row[ROW_VA
     for (size_t i = 0; i < DATUM_TERMS; i++)
         for (size_t j = 0; j < DATUM_TERMS; j++)
             row[POWER[i] + POWER[j]] += factor[i] * covariance[i * DATUM_TERMS + j] * factor[j];
+}
+
+/* Offsets of whole lines of readings: a line profiler takes one exposure after the other, and vibrates in between.
+ *
+ * Along x or along y neighbours on bare ground then differ more than along the other axis (neighbours_variance). The
+ * offset of each line is found from its cells that no droplet reaches, as a random effect, and taken off the scan. */
+double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]) {
+    const EstimatorOptions *options = evidence->options;
+    const size_t nx = options->nx, ny = options->ny;
+    const double excess = neighbours[0] - neighbours[1], spread = fabs(excess);
+    const double noise = fmax(fmin(neighbours[0], neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    if (!(spread > LINES_TELL * noise))
+        return evidence->noise_variance;
+    const bool is_along_y = excess > 0.0; /* lines have the same i */
+    const size_t lines = is_along_y ? nx : ny;
+    const Registration *registration = &evidence->known->registration;
+    const double *seen = registration->estimate, *expected = evidence->averaged;
+    double shift = fmax(registration->covariance[0], registration->covariance[GEOMETRY + 1]), left = 0.0, all = 0.0;
+    if (!registration->is_displaced)
+        shift += fmax(seen[SHIFT_X] * seen[SHIFT_X], seen[SHIFT_Y] * seen[SHIFT_Y]);
+    if (!options->register_scans)
+        shift = 0.0;
+    read_map(evidence, evidence->predicted, evidence->averaged);
+    const uint8_t *near = evidence->marks; /* cells that droplets may reach, from mark_ground */
+    double *offset = evidence->spread_slope, *weight = evidence->lists[0], *reached = evidence->lists[1];
+    for (size_t line = 0; line < lines; line++)
+        offset[line] = weight[line] = reached[line] = 0.0;
+    for (size_t cell = 0; cell < nx * ny; cell++) {
+        const size_t line = is_along_y ? cell / ny : cell % ny;
+        reached[line] += near[cell];
+        if (!evidence->valid[cell] || near[cell])
+            continue;
+        const double rest = evidence->scan[cell] - expected[cell];
+        const double within = noise + evidence->variance[cell] + shift * evidence->slopes[cell],
+                     whole = within + spread;
+        const double counts = (NU + 1.0) * whole / ((NU * whole + rest * rest) * within);
+        offset[line] += counts * rest;
+        weight[line] += counts;
+    }
+    for (size_t line = 0; line < lines; line++) {
+        offset[line] /= weight[line] + 1.0 / spread;
+        left += reached[line] / (weight[line] + 1.0 / spread);
+        all += reached[line];
+    }
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        if (evidence->valid[cell])
+            evidence->scan[cell] -= offset[is_along_y ? cell / ny : cell % ny];
+    return noise + (all > 0.0 ? left / all : 0.0);
 }

@@ -1,4 +1,13 @@
-#include "scan_doubts.h"
+/* Tests for scans that do not show the print, and for cells that get no more ink.
+ *
+ * Away from steep slopes each scan is compared with the prediction. If it fits badly, it is compared with other
+ * explanations: nothing grew, the last scan again, the scan mirrored or turned. An explanation that fits far better
+ * gains evidence; such a scan changes no map. Two in a row stop the print.
+ *
+ * The ledger needs no scan: with the least credible volume of a droplet it gives a lower bound of each height. A cell
+ * whose bound is a layer above its target gets no more ink. Nor do the neighbours of a cell that is higher than its
+ * droplets explain: their droplets flow to it. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
@@ -29,10 +38,6 @@ static const double SMOOTH = 2e-4;
 static const double NOISY = 1e-16; /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
 enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
 
-static size_t cells_of(const ScanDoubt *doubt) {
-    return doubt->evidence->options->nx * doubt->evidence->options->ny;
-}
-
 /* The cell of the scan that a transform maps to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     const size_t i = cell / ny, j = cell % ny, up = nx - 1 - i, left = ny - 1 - j;
@@ -43,11 +48,10 @@ static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
 }
 
 /* Robust mean square residual of the readings against `expected`, with the datum fitted; below 0: too few cells. */
-static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t *valid, const double *expected,
+static double cost_of(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *expected,
                       double most) {
-    const ScanEvidence *evidence = doubt->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    const uint8_t *even = doubt->maps->room.walls, *ground = doubt->maps->ground;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const uint8_t *even = evidence->walls, *ground = evidence->ground;
     size_t on_ground = 0, count = 0;
     double sum = 0.0;
     const double layer = layer_of(evidence->options);
@@ -55,7 +59,7 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
         on_ground += ground[cell] && valid[cell];
     const ScanDatum datum =
         scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? even : ground,
-                   doubt->before->known->datum_spread, fmax(doubt->noise_variance, SMOOTH * layer * layer));
+                   evidence->known->datum_spread, fmax(evidence->usual_noise, SMOOTH * layer * layer));
     for (size_t i = 0; i < nx; i++) {
         double row[ROW_TERMS];
         datum_of_row(datum.term, place_on(i, nx), row);
@@ -72,131 +76,131 @@ static double cost_of(const ScanDoubt *doubt, const double *scan, const uint8_t 
     return count < LEAST_CELLS ? -1.0 : sum / (double)count;
 }
 
+/* Variance of the shares, mean over them. */
+static double variance_of_shares(const InkPrior *prior, const Knowledge *known) {
+    const size_t n = ink_shares(prior);
+    double variance = 0.0;
+    for (size_t k = 0; k < n; k++)
+        variance += known->share_covariance[k * n + k] / (double)n;
+    return variance;
+}
+
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
  * their mean volume [m^2]. */
-static double native_square(const ScanDoubt *doubt) {
-    const ScanEvidence *evidence = doubt->evidence;
-    const EstimatorOptions *options = evidence->options;
-    const size_t n = ink_shares(&options->ink), part = count_marked(options->part, cells_of(doubt));
-    double own = 0.0, growth = 0.0, shares = 0.0;
+static double native_square(const ScanEvidence *evidence) {
+    const size_t part = count_marked(evidence->options->part, evidence->cells);
+    double own = 0.0, growth = 0.0;
     size_t droplets = 0;
-    for (size_t cell = 0; cell < cells_of(doubt); cell++) {
-        if (evidence->layer->pattern[cell] <= 0)
+    for (size_t cell = 0; cell < evidence->cells; cell++) {
+        if (evidence->living.pattern[cell] <= 0)
             continue;
-        const double grown = evidence->predicted[cell] - evidence->before[cell];
-        own += evidence->increments->own[cell] * evidence->increments->own[cell];
+        const double grown = evidence->predicted[cell] - evidence->before->height[cell];
+        own += evidence->increments.own[cell] * evidence->increments.own[cell];
         growth += grown * grown;
         droplets++;
     }
     if (droplets == 0)
         return INFINITY;
-    for (size_t k = 0; k < n; k++)
-        shares += doubt->before->known->share_covariance[k * n + k] / (double)n;
     const double share = (double)droplets / fmax((double)part, 1.0), of_own = own / (double)droplets;
-    return doubt->noise_variance + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
-           shares * (growth / (double)droplets) * share;
+    return evidence->usual_noise + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
+           variance_of_shares(&evidence->options->ink, evidence->known) * (growth / (double)droplets) * share;
 }
 
 /* Costs of the other explanations; below 0 where one does not apply. expected: readings predicted. */
-static void take_costs(const ScanDoubt *doubt, const double *expected, double most, double cost[DOUBTS]) {
-    const ScanEvidence *evidence = doubt->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
-    const FitRoom *room = &doubt->maps->room;
-    double *past = room->spread_slope, *other = room->lists[0];
-    uint8_t *marks = room->marks;
-    read_map(&evidence->known->registration, nx, ny, evidence->before, other, room->lists[1], past);
-    cost[DOUBT_NO_GROWTH] = cost_of(doubt, doubt->measured, evidence->valid, past, most);
+static void take_costs(const ScanEvidence *evidence, const double *expected, double most, double cost[DOUBTS]) {
+    const size_t nx = evidence->nx, ny = evidence->ny, cells = evidence->cells;
+    double *past = evidence->spread_slope, *other = evidence->lists[0];
+    uint8_t *marks = evidence->marks;
+    read_map(evidence, evidence->before->height, past);
+    cost[DOUBT_NO_GROWTH] = cost_of(evidence, evidence->measured, evidence->valid, past, most);
     for (size_t cell = 0; cell < cells; cell++)
-        marks[cell] = evidence->valid[cell] && doubt->before->last_valid[cell];
-    cost[DOUBT_SAME_SCAN] = cost_of(doubt, doubt->measured, marks, doubt->before->last, most);
+        marks[cell] = evidence->valid[cell] && evidence->before->last_valid[cell];
+    cost[DOUBT_SAME_SCAN] = cost_of(evidence, evidence->measured, marks, evidence->before->last, most);
     for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
         cost[transform] = -1.0;
         if (transform >= DOUBT_TRANSPOSED && nx != ny)
             continue;
         for (size_t cell = 0; cell < cells; cell++) {
             const size_t from = transformed(nx, ny, cell, transform);
-            other[cell] = doubt->measured[from];
+            other[cell] = evidence->measured[from];
             marks[cell] = evidence->valid[from];
         }
-        cost[transform] = cost_of(doubt, other, marks, expected, most);
+        cost[transform] = cost_of(evidence, other, marks, expected, most);
     }
 }
 
-static bool is_last_scan(const ScanDoubt *doubt) {
-    for (size_t cell = 0; cell < cells_of(doubt); cell++)
-        if (doubt->evidence->valid[cell] && doubt->before->last_valid[cell] &&
-            doubt->measured[cell] != doubt->before->last[cell])
+static bool is_last_scan(const ScanEvidence *evidence) {
+    for (size_t cell = 0; cell < evidence->cells; cell++)
+        if (evidence->valid[cell] && evidence->before->last_valid[cell] &&
+            evidence->measured[cell] != evidence->before->last[cell])
             return false;
-    return doubt->noise_variance > NOISY;
+    return evidence->usual_noise > NOISY;
+}
+
+static void stop_print(LoopTrust *trust, int64_t reason, int32_t layer, int transform, double figure) {
+    trust->stop = reason;
+    trust->stop_layer = layer;
+    trust->transform = transform;
+    trust->stop_figure = figure;
 }
 
 /* Stops the print if two scans in a row fit the same explanation. */
-static void conclude(const ScanDoubt *doubt, const double cost[DOUBTS], double read, int best, bool is_stuck,
+static void conclude(const ScanEvidence *evidence, const double cost[DOUBTS], double read, int best, bool is_stuck,
                      LoopTrust *trust) {
     const double stuck = trust->doubts[DOUBT_NO_GROWTH] + trust->doubts[DOUBT_SAME_SCAN];
     if (trust->stop != 0 || (is_stuck ? stuck : trust->doubts[best]) < BELIEVED)
         return;
     const bool has_changed = cost[DOUBT_SAME_SCAN] >= FAR_BETTER * read;
-    trust->stop = !is_stuck             ? STOP_TURNED
-                  : has_changed         ? STOP_LATE
-                  : is_last_scan(doubt) ? STOP_SAME_SCAN
-                                        : STOP_NO_GROWTH;
-    trust->stop_layer = doubt->layer;
-    trust->transform = is_stuck ? 0 : best;
-    trust->stop_figure = sqrt(read / fmax(cost[best], doubt->noise_variance));
+    const int64_t reason = !is_stuck                ? STOP_TURNED
+                           : has_changed            ? STOP_LATE
+                           : is_last_scan(evidence) ? STOP_SAME_SCAN
+                                                    : STOP_NO_GROWTH;
+    const double figure = sqrt(read / fmax(cost[best], evidence->usual_noise));
+    stop_print(trust, reason, evidence->number, is_stuck ? 0 : best, figure);
 }
 
-bool doubt_scan(const ScanDoubt *doubt, LoopTrust *trust) {
-    const ScanEvidence *evidence = doubt->evidence;
+bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
     const EstimatorOptions *options = evidence->options;
     const Registration *registration = &evidence->known->registration;
-    const FitRoom *room = &doubt->maps->room;
-    const double layer = layer_of(options), native = native_square(doubt), most = OUTLIER * native;
+    const double layer = layer_of(options), native = native_square(evidence), most = OUTLIER * native;
     const double steep =
         fmin(STEEP * STEEP * layer * layer, native / fmax(registration->steps[0], registration->steps[1]));
-    double cost[DOUBTS], *expected = room->averaged;
+    double cost[DOUBTS], *expected = evidence->averaged;
     for (int k = 0; k < DOUBTS; k++)
         trust->doubts[k] *= KEPT;
     if (isinf(native))
         return false;
-    for (size_t cell = 0; cell < cells_of(doubt); cell++)
-        room->walls[cell] = doubt->maps->slopes[cell] < steep; /* cells without steep slopes */
-    read_map(registration, options->nx, options->ny, evidence->predicted, room->lists[0], room->lists[1], expected);
-    const double read = cost_of(doubt, doubt->measured, evidence->valid, expected, most);
+    for (size_t cell = 0; cell < evidence->cells; cell++)
+        evidence->walls[cell] = evidence->slopes[cell] < steep; /* cells without steep slopes */
+    read_map(evidence, evidence->predicted, expected);
+    const double read = cost_of(evidence, evidence->measured, evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
         return false;
-    take_costs(doubt, expected, most, cost);
-    int best = -1;
-    for (int k = 0; k < DOUBTS; k++)
-        if (cost[k] >= 0.0 && (best < 0 || cost[k] < cost[best]))
+    take_costs(evidence, expected, most, cost);
+    int best = DOUBT_NO_GROWTH; /* which applies wherever the scan as read does */
+    for (int k = best + 1; k < DOUBTS; k++)
+        if (cost[k] >= 0.0 && cost[k] < cost[best])
             best = k;
-    if (best < 0 || cost[best] >= FAR_BETTER * read)
+    if (cost[best] >= FAR_BETTER * read)
         return false;
     const bool is_stuck = best == DOUBT_NO_GROWTH || best == DOUBT_SAME_SCAN;
-    if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * doubt->noise_variance)
+    if (is_stuck && cost[best] >= STUCK * read + STUCK_NOISE * evidence->usual_noise)
         return false;
     trust->doubts[best] += 1.0;
-    conclude(doubt, cost, read, best, is_stuck, trust);
+    conclude(evidence, cost, read, best, is_stuck, trust);
     return true;
 }
 
-void doubt_volume(const EstimatorOptions *options, const Knowledge *known, int32_t layer, LoopTrust *trust) {
-    const size_t n = ink_shares(&options->ink);
-    const double volume = learnt_volume(options, known);
-    double variance = 0.0;
-    for (size_t k = 0; k < n; k++)
-        variance += known->share_covariance[k * n + k] / (double)n;
+void doubt_volume(const EstimatorOptions *options, int32_t layer, Knowledge *known) {
+    LoopTrust *trust = &known->trust;
+    const double volume = learnt_volume(options, known), variance = variance_of_shares(&options->ink, known);
     const bool is_known = variance < VOLUME_STD * VOLUME_STD && options->ink.model == INK_SCALE;
     trust->volume_doubt *= KEPT;
     if (!is_known || (volume >= options->volume_least && volume <= options->volume_most))
         return;
     trust->volume_doubt += 1.0;
-    if (trust->stop != 0 || trust->volume_doubt < BELIEVED)
-        return;
-    trust->stop = STOP_VOLUME;
-    trust->stop_layer = layer;
-    trust->transform = 0;
-    trust->stop_figure = volume;
+    if (trust->stop == 0 && trust->volume_doubt >= BELIEVED)
+        stop_print(trust, STOP_VOLUME, layer, 0, volume);
 }
 
 /* Caps a cell and its neighbours in the part. */

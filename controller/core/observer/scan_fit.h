@@ -1,26 +1,86 @@
-/* A scan with the prior knowledge, and the result of any fit of it: ink, residual datum, and misfits. */
+/* A scan with the prior knowledge, the steps of its use, and the results of its fits. Each step has a source of its
+ * own. */
 #ifndef INKLOOP_SCAN_FIT_H
 #define INKLOOP_SCAN_FIT_H
 
 #include "row_ranges.h"
 #include "scan_view.h"
 
-/* A scan and the prior knowledge; maps of nx * ny cells in C order. */
-typedef struct {
+/* A layer, its prediction, and its scan. */
+typedef struct ScanEvidence {
     const EstimatorOptions *options;
-    const Knowledge *known;
-    const JettedLayer *layer;
-    const double *scan; /* scan without its datum, 0 where it is not valid [m] */
+    size_t nx, ny, cells;          /* of the grid */
+    const SurfaceEstimate *before; /* estimate before the layer */
+    const Knowledge *known;        /* knowledge before the scan */
+    size_t shares;                 /* shares that are fitted */
+    int32_t number;                /* of the layer */
+    bool is_unknown;               /* the layer was abandoned at an unknown place */
+    JettedLayer living;            /* without droplets from dead nozzles */
+    DropletIncrements increments;  /* increments of its layer map */
+    double *predicted, *variance;  /* heights predicted with the ink known before [m], and their variances [m^2] */
+    double *full_own;              /* height that each cell's droplet would leave on it, dead nozzles included [m] */
+    double *slopes;                /* squared slopes of the prediction [m^2 per cell^2] */
+    const double *measured;        /* readings, 0 where they are not valid [m] */
     const uint8_t *valid;
-    /* heights before and after the layer, predicted with the ink known before [m] */
-    const double *before, *predicted;
-    const double *variance;              /* variance of the predicted heights before the scan [m^2] */
-    const DropletIncrements *increments; /* increments of the layer */
-    double noise_variance;               /* variance of a reading [m^2] */
-    double droplet_variance;             /* variance of a droplet's volume [1] */
-    double printed[INKS_MAX];            /* cells with a droplet of each ink in the layer, as a share of the part */
-    const ScanDatum *datum;              /* datum that was subtracted */
+    double *scan;             /* readings without their datum, 0 where they are not valid [m] */
+    uint8_t *ground;          /* cells that no droplet reaches */
+    double noise_variance;    /* variance of a reading [m^2] */
+    double usual_noise;       /* the same before this scan [m^2] */
+    double droplet_variance;  /* variance of a droplet's volume [1] */
+    double printed[INKS_MAX]; /* cells with a droplet of each ink in the layer, as a share of the part */
+    ScanDatum datum;          /* datum that was subtracted */
+    /* maps of a fit: the prediction averaged over the spot, its derivative with respect to the spot, and scratch */
+    double *averaged, *spread_slope, *lists[2];
+    uint8_t *walls; /* cells that a displacement may move beyond the variance of droplets and sensor */
+    uint8_t *marks; /* two maps of scratch */
+    void *memory;   /* memory of all maps, released by give_maps */
 } ScanEvidence;
+
+/* Variance of a cell's reading by droplets and sensor [m^2]. */
+static inline double native_variance(const ScanEvidence *evidence, size_t cell) {
+    return evidence->noise_variance + evidence->variance[cell] +
+           evidence->droplet_variance * evidence->increments.squares[cell];
+}
+
+/* Predicts the surface after a layer. An unknown layer counts as half printed, with the variance of a uniform
+ * distribution between nothing and all, and without droplets. False if there is no memory. */
+bool predict_layer(const JettedLayer *layer, ScanEvidence *evidence);
+
+/* Column of a share in the normal equations: height per change of the share. */
+typedef struct {
+    const double *map;
+    double factor;
+} ShareColumn;
+ShareColumn share_column(const ScanEvidence *evidence, size_t share);
+
+/* Height added to a cell by a change of the shares from those known before [m]. */
+double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
+
+/* The prediction with these shares, averaged over a spot, and its derivative with respect to the spot. */
+void average_prediction(const ScanEvidence *evidence, const double share[], double spread);
+
+/* Readings of a map by the geometry known before; both `lists` are scratch. */
+void read_map(const ScanEvidence *evidence, const double *map, double *reading);
+
+/* Variance of a displaced reading by the sensor, by the errors of the view model, and at the border [m^2]. spread: of
+ * the spot; averaged: of that in `averaged` [cells^2]. */
+double sensor_variance(const ScanEvidence *evidence, const Reading *reading, double spread, double averaged);
+
+/* Marks the ground. */
+void mark_ground(const ScanEvidence *evidence);
+
+/* Subtracts the offsets of lines from the scan if neighbours differ more along one axis; returns the remaining variance
+ * of a reading [m^2]. neighbours: variances of a reading by those along x and along y [m^2]. */
+double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]);
+
+/* Whether another explanation fits the scan far better; adds the evidence to `trust`. */
+bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust);
+
+/* Tests after a scan whether the learnt volume of the droplets is credible. */
+void doubt_volume(const EstimatorOptions *options, int32_t layer, Knowledge *known);
+
+/* Counts the cells of the part that were not seen, are high, and are capped; into `estimate`. */
+void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
 
 enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
 
@@ -34,41 +94,6 @@ typedef struct {
     double mean_base, mean_droplets;
     size_t droplets; /* number of cells with a droplet */
 } InkFit;
-
-/* Maps of a fit; `spread_slope` and `averaged` belong to the prediction and are used after the fit. */
-typedef struct {
-    double *averaged, *spread_slope, *lists[2];
-    /* walls: cells that a displacement may move beyond the variance of droplets and sensor; marks: a map */
-    uint8_t *walls, *marks;
-} FitRoom;
-
-/* Squares of the slopes of a map [m^2 per cell^2]. */
-void slope_squares(size_t nx, size_t ny, const double *height, double *squares);
-
-/* Variance of a cell's reading by droplets and sensor [m^2]. */
-static inline double native_variance(const ScanEvidence *evidence, size_t cell) {
-    return evidence->noise_variance + evidence->variance[cell] +
-           evidence->droplet_variance * evidence->increments->squares[cell];
-}
-
-/* Column of a share in the normal equations: height per change of the share. */
-typedef struct {
-    const double *map;
-    double factor;
-} ShareColumn;
-ShareColumn share_column(const ScanEvidence *evidence, size_t share);
-
-/* Height added to a cell by a change of the shares from those known before [m]. */
-double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
-
-/* The prediction with these shares, averaged over a spot, and its derivative with respect to the spot: both into the
- * room. */
-void average_prediction(const ScanEvidence *evidence, const double share[], double spread, FitRoom *room);
-
-/* Number of shares that are fitted. */
-static inline size_t learnt_shares(const EstimatorOptions *options) {
-    return options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink);
-}
 
 /* Whether so many variances are more than sensor and model's droplets explain. */
 bool is_foreign(double misfit);
@@ -88,6 +113,107 @@ static INLINED void places_in_row(size_t ny, size_t column, size_t count, double
 }
 
 /* Medians of the squared residuals of a fit in register, and its means over droplets. */
-void take_misfits(const ScanEvidence *evidence, FitRoom *room, InkFit *fit);
+void take_misfits(const ScanEvidence *evidence, InkFit *fit);
+
+/* Copies a block of n * n values between matrices of different row length. */
+static inline void copy_block(size_t n, const double *from, size_t from_stride, double *into, size_t stride) {
+    for (size_t a = 0; a < n; a++)
+        memcpy(into + a * stride, from + a * from_stride, n * sizeof *into);
+}
+
+/* The share, limited to the volumes that are believed. */
+double share_within(double share);
+
+/* The normal equations of terms of the datum, and changes of the shares. */
+enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
+typedef struct {
+    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
+} SmoothSums;
+
+/* Normal equations of the cells not in `left_out`. misfit: factor of the variances in each class; NULL: 1. */
+SmoothSums smooth_sums(const ScanEvidence *evidence, const uint8_t *left_out, const double *misfit);
+
+/* Prior precision of datum and shares, in rows of `stride`. False if it is not definite. */
+bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision);
+
+/* Stores datum and shares in the fit: the last ones of `all` unknowns. */
+void take_smooth(const ScanEvidence *evidence, const double *x, const double *covariance, size_t all, InkFit *fit);
+
+/* Fits the scan in register. False if the equations are singular. */
+bool fit_in_register(const ScanEvidence *evidence, InkFit *fit);
+
+/* A reading at a wall, and its derivatives with respect to the unknowns: geometry, terms of the datum, and shares. */
+enum { DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+typedef struct {
+    size_t cell;
+    double u, w, column[FITTED], rest, variance, slopes;
+    double squares; /* sum of the squares of its droplets' increments [m^2] */
+    size_t class;
+} Wall;
+
+typedef struct {
+    const ScanEvidence *evidence;
+    size_t count;
+    double spread, share[SHARES_MAX]; /* spot [cells^2] and ink of the averaged prediction */
+    double step;                      /* half a step of the difference quotients [cells] */
+    Wall *walls;                      /* memory released by give_maps */
+    double *values;                   /* for medians */
+} WallFit;
+
+/* Marks the cells that a geometry of this covariance may move: those near steep cells; all cells if scans are
+ * displaced. */
+void mark_walls(const ScanEvidence *evidence, const double *covariance);
+
+/* Finds the readings on marked cells. False if there is no memory. */
+bool collect_walls(WallFit *fit);
+
+/* Averages the prediction with the ink of the unknowns over their spot. */
+void average_walls(const double *x, WallFit *fit);
+
+/* Residuals and derivatives of the readings for the unknowns x. */
+void look_at_walls(const double *x, WallFit *fit);
+
+/* Median squared error of steep readings in variances, at least 1: divides the weights while the fit is far from its
+ * end. */
+double heat_of(const WallFit *fit, const double *covariance);
+
+/* Residuals in variances, the largest over groups of walls; stores those of the classes, and those that droplets are
+ * learnt from, in the fit. */
+double misfit_of(const WallFit *fit, InkFit *displaced);
+
+/* Log likelihood ratio of the readings, displaced against in register, with datum and shares of one of the fits. */
+double likelihood_gained(const WallFit *fit, const InkFit *in_register);
+
+/* Marks the walls, and fits the displaced scan: the registration after it, and `displaced`. It is compared with the fit
+ * `in_register`. False if there is no memory. */
+bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+                   InkFit *displaced);
+
+/* Whether a displacement can be the truth, by the residuals that displaced fits of the last scans left. */
+bool may_be_displaced(const Registration *registration);
+
+/* Updates the estimate by the scan. False if the fit is singular, or there is no memory. */
+bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after);
+
+typedef struct {
+    const ScanEvidence *evidence;
+    const InkFit *fit;      /* fit that predicts the heights */
+    const double *geometry; /* covariance of the geometry for readings at walls; NULL: none */
+    double extra[CLASSES];  /* process noise in addition to that of droplets, in native variances */
+    bool is_robust;
+    SurfaceEstimate *after;
+} MapUpdate;
+
+/* Counts of an update. */
+typedef struct {
+    size_t seen, vanished, lasted; /* readings; surprises of the scan before that vanished, and that lasted */
+} Surprises;
+
+/* Update by a scan in register, and by a scan displaced by the geometry `g`. */
+Surprises update_in_register(const MapUpdate *update);
+Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]);
+
+/* Update without a scan: heights are the predicted ones; reads `evidence` and `after`. */
+void live_on_prediction(const MapUpdate *update);
 
 #endif

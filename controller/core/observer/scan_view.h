@@ -1,8 +1,53 @@
-/* Readings of a map by a displaced sensor with a wide spot, and the inverse displacement. */
+/* Readings of a scan: its datum (scan_datum.c), and readings of a map by a displaced sensor with a wide spot
+ * (predicted_scan.c). */
 #ifndef INKLOOP_SCAN_VIEW_H
 #define INKLOOP_SCAN_VIEW_H
 
-#include "scan_datum.h"
+#include <string.h>
+
+#include "surface_estimate.h"
+
+static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double NOISELESS = 1e-20; /* [m^2], the least variance of a reading: a tenth of a nanometre */
+
+typedef struct {
+    double term[DATUM_TERMS];                    /* coefficients of 1, u, w, u^2, u w, w^2 [m] */
+    double precision[DATUM_TERMS * DATUM_TERMS]; /* inverse of their covariance */
+    /* robust variance of the readings about it [m^2]; below 0: too few cells */
+    double noise_variance;
+    /* robust variance of a reading, by the differences of neighbours along x and along y [m^2] */
+    double neighbours[2];
+} ScanDatum;
+
+/* The datum of a scan where the ground has the known height `height`, NULL: 0; `ground` NULL: all cells are ground.
+ * spread: variances of the terms before the scan; noise: of a reading [m^2]. Maps of nx * ny cells in C order. */
+ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
+                     const uint8_t *ground, const double spread[DATUM_TERMS], double noise);
+
+/* Variance of the rounding of readings that are all multiples of one step [m^2]; 0: there is no such step. layer:
+ * height of a layer [m]. */
+double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer);
+
+/* Coefficients of 1, w, ... in a row: of the datum, and of its variance. */
+enum { ROW_TERMS = 3, ROW_VARIANCE_TERMS = 5 };
+void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]);
+void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]);
+
+/* The datum at a place of the row [m]. */
+static inline double datum_in_row(const double row[ROW_TERMS], double w) {
+    return row[0] + w * (row[1] + w * row[2]);
+}
+
+/* The terms 1, u, w, u^2, u w, w^2. */
+static inline void datum_terms(double u, double w, double term[DATUM_TERMS]) {
+    const double all[DATUM_TERMS] = {1.0, u, w, u * u, u * w, w * w};
+    memcpy(term, all, sizeof all);
+}
+
+/* Coordinate of a row or column: -1 to 1 over the grid. */
+static inline double place_on(size_t at, size_t count) {
+    return count > 1 ? 2.0 * (double)at / ((double)count - 1.0) - 1.0 : 0.0;
+}
 
 /* Place of a reading: bilinear interpolation between four cells; beyond the border the map continues level. */
 typedef struct {
@@ -33,9 +78,10 @@ typedef struct {
     double x, y;
 } Spot;
 
-static inline Spot spot_of(const double g[GEOMETRY], double i, double j, double u, double w) {
-    return (Spot){i + g[SHIFT_X] + g[ALONG_X_U] * u + g[ALONG_X_W] * w,
-                  j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
+static inline Spot spot_of(const double g[GEOMETRY], size_t nx, size_t ny, size_t i, size_t j) {
+    const double u = place_on(i, nx), w = place_on(j, ny);
+    return (Spot){(double)i + g[SHIFT_X] + g[ALONG_X_U] * u + g[ALONG_X_W] * w,
+                  (double)j + g[SHIFT_Y] + g[ALONG_Y_U] * u + g[ALONG_Y_W] * w};
 }
 
 /* Derivatives of a reading: with respect to its place [m per cell], and to the variance of its spot [m per cells^2]. */
@@ -53,7 +99,7 @@ typedef struct {
 /* Half a step of the difference quotients [cells]. */
 #define SLOPE_STEP 0.3
 
-/* Reading of a map that is averaged over the spot, and its derivative with respect to the spot (average_under_spot). */
+/* Reading of a map that is averaged over the spot, and its derivative with respect to the spot (average_prediction). */
 static inline Reading reading_at(size_t nx, size_t ny, const double *averaged, const double *slope, Spot spot,
                                  double step) {
     const Place place = place_of(nx, ny, spot.x, spot.y);
@@ -77,27 +123,7 @@ static inline void geometry_column(const Slopes *slopes, double u, double w, dou
 /* Variance of a reading at (u, w) through the geometry [m^2]. */
 double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w);
 
-/* Variance of a displaced reading by the errors of this view model [m^2]: a few thousandths of a cell in its place, a
- * few hundredths in the shape of the spot (assumed). */
-static inline double view_variance(const Slopes *slopes, double spread) {
-    const double x = slopes->along_x, y = slopes->along_y, shape = 0.03 * spread * slopes->with_spread;
-    return 0.004 * 0.004 * (x * x + y * y) + shape * shape;
-}
-
-/* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as
- * average_under_spot assumes, or not count. */
-double border_variance(size_t nx, size_t ny, const double *map, const Reading *reading, double spread);
-
-/* The map averaged over a spot of variance `spread` [cells^2], and its derivative with respect to that variance [m per
- * cells^2]; `lines` holds a map. */
-void average_under_spot(size_t nx, size_t ny, const double *map, double spread, double *lines, double *averaged,
-                        double *slope);
-
 /* The inverse geometry: place on the scan of each cell's reading. All 0 if there is none. */
 void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]);
-
-/* Readings of a map, displaced or not; `lines` and `averaged` hold a map. */
-void read_map(const Registration *registration, size_t nx, size_t ny, const double *map, double *lines,
-              double *averaged, double *reading);
 
 #endif

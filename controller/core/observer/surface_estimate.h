@@ -135,7 +135,7 @@ typedef struct {
     double datum[DATUM_TERMS];        /* datum of the last scan [m] */
     double datum_spread[DATUM_TERMS]; /* variance of each term over the scans, learnt [m^2] */
     double noise_variance;            /* variance of a reading [m^2] */
-    double neighbours[2];             /* variance by neighbours along x and along y alone (scan_lines.h) [m^2] */
+    double neighbours[2];             /* variance by neighbours along x and along y alone (scan_datum.c) [m^2] */
     double droplet_variance;          /* variance of a droplet's volume in DROPLET_STD^2, learnt */
     double droplet_evidence;          /* degrees of freedom of that variance */
     double vanishing, lasting;        /* shares of readings with a surprise that vanished, and that lasted */

@@ -1,4 +1,7 @@
-#include "wall_readings.h"
+/* Readings at walls, which determine the geometry of a displaced scan, and their residuals.
+ *
+ * The unknowns are geometry, terms of the datum, and shares of the ink. */
+#include "scan_fit.h"
 
 #include <math.h>
 #include <string.h>
@@ -14,10 +17,10 @@ static const double IN_REGISTER = -5.0;
 static const double FAR_FROM_1 = 1e100; /* product of ratios whose logarithm is taken */
 enum { WALLS_MAX = 640, WALLS_WATCHED = 160 };
 
-void mark_walls(const ScanEvidence *evidence, const double *slopes, const double *covariance, FitRoom *room) {
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny, cells = nx * ny;
+void mark_walls(const ScanEvidence *evidence, const double *covariance) {
+    const size_t cells = evidence->cells;
     if (evidence->known->registration.is_displaced) {
-        memset(room->walls, 1, cells);
+        memset(evidence->walls, 1, cells);
         return;
     }
     const double at_x = covariance[0] + covariance[ALONG_X_U * (GEOMETRY + 1)] + covariance[ALONG_X_W * (GEOMETRY + 1)];
@@ -27,17 +30,16 @@ void mark_walls(const ScanEvidence *evidence, const double *slopes, const double
     const double least = WALL * (evidence->noise_variance + evidence->droplet_variance * h1 * h1) / spread;
     const size_t reach = spread > 0.25 ? 3 : spread > 0.06 ? 2 : 1;
     for (size_t cell = 0; cell < cells; cell++)
-        room->walls[cell] = slopes[cell] > least;
+        evidence->walls[cell] = evidence->slopes[cell] > least;
     for (size_t k = 0; k < reach; k++) {
-        memcpy(room->marks, room->walls, cells);
-        for (size_t i = 0; i < nx; i++)
-            mark_near_row(room->marks, nx, ny, i, room->walls + i * ny);
+        memcpy(evidence->marks, evidence->walls, cells);
+        mark_near(evidence->marks, evidence->nx, evidence->ny, evidence->walls);
     }
 }
 
 /* Samples the walls at even distances, if there are many. */
 bool collect_walls(WallFit *fit) {
-    const size_t nx = fit->evidence->options->nx, ny = fit->evidence->options->ny, cells = nx * ny;
+    const size_t nx = fit->evidence->nx, ny = fit->evidence->ny, cells = fit->evidence->cells;
     const size_t limit = fit->evidence->known->registration.odds < IN_REGISTER ? WALLS_WATCHED : WALLS_MAX;
     const size_t most = cells < limit ? cells : limit;
     size_t all = 0;
@@ -49,7 +51,7 @@ bool collect_walls(WallFit *fit) {
         const size_t distance = (all + limit - 1) / limit;
         size_t found = 0;
         for (size_t cell = 0; cell < cells; cell++) {
-            if (!fit->evidence->valid[cell] || !fit->room->walls[cell])
+            if (!fit->evidence->valid[cell] || !fit->evidence->walls[cell])
                 continue;
             if (is_counted && found % distance == 0)
                 fit->walls[fit->count++] =
@@ -64,7 +66,7 @@ bool collect_walls(WallFit *fit) {
 void average_walls(const double *x, WallFit *fit) {
     fit->spread = fmax(x[SPREAD], 0.0);
     memcpy(fit->share, x + SHARE, sizeof fit->share);
-    average_prediction(fit->evidence, fit->share, fit->spread, fit->room);
+    average_prediction(fit->evidence, fit->share, fit->spread);
 }
 
 /* The class of the cells under a reading: with droplets of their own, reached by others', or neither. */
@@ -79,24 +81,21 @@ static size_t class_at(const int32_t *all, const Place *place, double squares) {
 
 static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
     const ScanEvidence *evidence = fit->evidence;
-    const size_t nx = evidence->options->nx, ny = evidence->options->ny;
-    const double *variance = evidence->variance, *squares = evidence->increments->squares;
-    const double droplets = evidence->droplet_variance;
-    const Spot spot = spot_of(x, (double)(wall->cell / ny), (double)(wall->cell % ny), wall->u, wall->w);
-    const Reading reading = reading_at(nx, ny, fit->room->averaged, fit->room->spread_slope, spot, fit->step);
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const Spot spot = spot_of(x, nx, ny, wall->cell / ny, wall->cell % ny);
+    const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, fit->step);
     const Slopes *slopes = &reading.slopes;
-    const double view = evidence->noise_variance + view_variance(slopes, x[SPREAD]) +
-                        border_variance(nx, ny, evidence->predicted, &reading, fit->spread);
     geometry_column(slopes, wall->u, wall->w, wall->column);
     datum_terms(wall->u, wall->w, wall->column + DATUM);
     wall->slopes = slopes->along_x * slopes->along_x + slopes->along_y * slopes->along_y;
-    wall->squares = value_at(squares, &reading.place);
-    wall->class = class_at(evidence->layer->pattern, &reading.place, wall->squares);
-    wall->variance = view + value_at(variance, &reading.place) + droplets * wall->squares;
+    wall->squares = value_at(evidence->increments.squares, &reading.place);
+    wall->class = class_at(evidence->living.pattern, &reading.place, wall->squares);
+    wall->variance = sensor_variance(evidence, &reading, x[SPREAD], fit->spread) +
+                     value_at(evidence->variance, &reading.place) + evidence->droplet_variance * wall->squares;
     wall->rest = evidence->scan[wall->cell] - reading.value - (x[SPREAD] - fit->spread) * slopes->with_spread;
     for (size_t k = 0; k < DATUM_TERMS; k++)
         wall->rest -= x[DATUM + k] * wall->column[DATUM + k];
-    for (size_t s = 0; s < fit->shares; s++) {
+    for (size_t s = 0; s < evidence->shares; s++) {
         const ShareColumn of = share_column(evidence, s);
         wall->column[SHARE + s] = of.factor * value_at(of.map, &reading.place);
         wall->rest -= (x[SHARE + s] - fit->share[s]) * wall->column[SHARE + s];
@@ -124,7 +123,8 @@ enum { STEEP_WALLS = CLASSES, GROUPS };
 
 /* Misfit: the median, and until scans count as displaced the larger of it and half the upper quartile, since droplets
  * unlike the model's often leave half of the walls unchanged. */
-double misfit_of(const WallFit *fit, bool is_displaced, InkFit *displaced) {
+double misfit_of(const WallFit *fit, InkFit *displaced) {
+    const bool is_displaced = fit->evidence->known->registration.is_displaced;
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;
     for (size_t group = 0; group < GROUPS; group++) {

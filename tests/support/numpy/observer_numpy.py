@@ -74,7 +74,7 @@ class Observer:
             look.variance + look.of_droplet * look.squares + extra[look.classes] * look.native, c.LEAST_VARIANCE
         )
         left = np.tensordot(fit.datum, o.terms, 1)
-        of_datum = np.maximum(np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms), 0.0)
+        of_datum = np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms)
         change = look.change(fit.share)
         g = seen(s) if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
         ink = fit.share if s.is_displaced else s.share
@@ -91,7 +91,7 @@ class Observer:
         error = look.noise + of_datum + of_geometry.reshape(o.shape)
         weight, jump, vanished, lasted = self.believed(s, before, look, rest, spread + error, is_robust)
         counted = np.maximum(weight, c.LEAST_WEIGHT)
-        weak = np.maximum(error / counted + spread * (1.0 / counted - 1.0), c.LEAST_ERROR)
+        weak = error / counted + spread * (1.0 / counted - 1.0)
         weight, rest = np.where(look.valid, 1.0 / weak, 0.0), np.where(look.valid, rest, 0.0)
         there = self.back(g)
         at = [np.clip(place, 0.0, count - 1.0) for place, count in zip(there, o.shape, strict=True)]
@@ -157,7 +157,7 @@ class Observer:
     def learn(self, s: State, look: Look, fit: Fit, believed: Fit) -> None:
         """Variance of droplets, spread of the datum, shares."""
         own = c.DROPLET_STD**2 * fit.squares
-        if fit.droplets >= c.LEAST_DROPLETS and own > 0.0:
+        if fit.droplets >= c.LEAST_DROPLETS:
             found = max(c.LEAST_VARIATION, s.variation + (fit.misfit[0] - 1.0) * (fit.base + s.variation * own) / own)
             share = s.variation * own / (fit.base + s.variation * own)
             kept, freedom = c.KEPT * s.evidence, c.OF_A_MEDIAN * fit.droplets * share**2

@@ -1,0 +1,270 @@
+/* The surface that a layer is expected to leave, and what a displaced sensor with a wide spot reads of it. */
+#include "scan_fit.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "map_memory.h"
+
+static const double NO_VOLUME = 1e-12;   /* of a droplet of a dead nozzle */
+static const double POINT = 1e-9;        /* variance below which a spot is a point [cells^2] */
+static const double NARROW = 0.36;       /* variance up to which a spot covers adjacent cells only [cells^2] */
+static const double SPREAD_CHANGE = 0.1; /* step of a difference quotient [cells^2] */
+/* reach of a spot in standard deviations: less than a ten-thousandth lies beyond */
+static const double BORDER = 4.0;
+/* errors of the view model: of the place [cells], and of the variance of the spot, as a share of it (assumed) */
+static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
+enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
+
+/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` holds the volumes of
+ * living droplets. */
+static bool take_memory(ScanEvidence *evidence, double **factor) {
+    const EstimatorOptions *options = evidence->options;
+    const size_t cells = options->nx * options->ny;
+    const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
+    DropletIncrements *increments = &evidence->increments;
+    double **const map[] = {&evidence->predicted,    &evidence->variance, &evidence->full_own,
+                            &evidence->scan,         &evidence->slopes,   factor,
+                            &increments->squares,    &increments->own,    &evidence->averaged,
+                            &evidence->spread_slope, &evidence->lists[0], &evidence->lists[1],
+                            &increments->adds};
+    const size_t reals = sizeof map / sizeof *map - 1 + options->ink.inks * maps_of_ink(unit);
+    double *memory = take_raw_maps(cells, reals * sizeof(double) + 4);
+    if (!memory)
+        return false;
+    evidence->memory = memory;
+    increments->unit = unit;
+    for (size_t k = 0; k < sizeof map / sizeof *map; k++)
+        *map[k] = memory + k * cells;
+    evidence->ground = (uint8_t *)(memory + reals * cells);
+    evidence->walls = evidence->ground + cells;
+    evidence->marks = evidence->walls + cells;
+    return true;
+}
+
+/* The layer without droplets from dead nozzles, with their volumes in `factor`. */
+static void keep_living_droplets(const JettedLayer *layer, const Ink ink[], double *factor, ScanEvidence *evidence) {
+    bool has_dead = false;
+    evidence->living = *layer;
+    for (size_t cell = 0; cell < layer->nx * layer->ny; cell++) {
+        const int32_t kind = layer->pattern[cell];
+        const double volume = layer->factor ? layer->factor[cell] : 1.0;
+        const bool is_dead = evidence->before->dead_evidence[cell] >= DEAD_EVIDENCE;
+        evidence->full_own[cell] = kind > 0 ? volume * ink[kind - 1].h1 : 0.0;
+        factor[cell] = is_dead ? NO_VOLUME : volume;
+        has_dead |= is_dead && kind > 0;
+    }
+    if (has_dead)
+        evidence->living.factor = factor;
+}
+
+static void take_half(const EstimatorOptions *options, const double *before, ScanEvidence *evidence) {
+    const DropletIncrements *increments = &evidence->increments;
+    const size_t cells = options->nx * options->ny;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double whole = evidence->predicted[cell] - before[cell];
+        evidence->predicted[cell] = before[cell] + 0.5 * whole;
+        evidence->variance[cell] += whole * whole / 12.0;
+        increments->squares[cell] = increments->own[cell] = 0.0;
+    }
+    memset(increments->adds, 0, options->ink.inks * maps_of_ink(increments->unit) * cells * sizeof(double));
+}
+
+static void take_slopes(size_t nx, size_t ny, const double *height, double *squares) {
+    for (size_t i = 0; i < nx; i++) {
+        const double *here = height + i * ny, *up = i > 0 ? here - ny : here, *down = i + 1 < nx ? here + ny : here;
+        double *restrict into = squares + i * ny;
+        for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
+            const double along_x = 0.5 * (down[j] - up[j]);
+            const double along_y = 0.5 * (here[j + 1 < ny ? j + 1 : j] - here[j > 0 ? j - 1 : j]);
+            into[j] = along_x * along_x + along_y * along_y;
+        }
+        for (size_t j = 1; j + 1 < ny; j++) {
+            const double along_x = 0.5 * (down[j] - up[j]), along_y = 0.5 * (here[j + 1] - here[j - 1]);
+            into[j] = along_x * along_x + along_y * along_y;
+        }
+    }
+}
+
+bool predict_layer(const JettedLayer *layer, ScanEvidence *evidence) {
+    const EstimatorOptions *options = evidence->options;
+    const SurfaceEstimate *before = evidence->before;
+    Ink ink[INKS_MAX];
+    double *factor;
+    if (!take_memory(evidence, &factor))
+        return false;
+    learnt_inks(options, evidence->known, ink);
+    keep_living_droplets(layer, ink, factor, evidence);
+    droplet_increments(&evidence->living, before->height, options->ink.inks, ink, evidence->averaged,
+                       &evidence->increments, evidence->predicted);
+    memcpy(evidence->variance, before->variance, options->nx * options->ny * sizeof(double));
+    if (evidence->is_unknown)
+        take_half(options, before->height, evidence);
+    take_slopes(options->nx, options->ny, evidence->predicted, evidence->slopes);
+    return true;
+}
+
+ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
+    const InkPrior *prior = &evidence->options->ink;
+    const size_t cells = evidence->cells;
+    const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
+    return (ShareColumn){evidence->increments.adds + share * cells, factor};
+}
+
+double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
+    double change = 0.0;
+    for (size_t k = 0; k < ink_shares(&evidence->options->ink); k++) {
+        const ShareColumn column = share_column(evidence, k);
+        change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
+    }
+    return change;
+}
+
+/* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */
+static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
+    double sum = 1.0;
+    if (spread < NARROW) {
+        weights[0] = 1.0 - spread;
+        weights[1] = 0.5 * spread;
+        return 1;
+    }
+    for (size_t k = 0; k <= TAPS_MAX; k++)
+        weights[k] = exp(-0.5 * (double)(k * k) / spread);
+    for (size_t k = 1; k <= TAPS_MAX; k++)
+        sum += 2.0 * weights[k];
+    for (size_t k = 0; k <= TAPS_MAX; k++)
+        weights[k] /= sum;
+    return TAPS_MAX;
+}
+
+static INLINED size_t clamped(size_t at, size_t away, bool is_before, size_t count) {
+    if (is_before)
+        return at > away ? at - away : 0;
+    return at + away < count ? at + away : count - 1;
+}
+
+static void average_rows(size_t nx, size_t ny, const double *map, size_t reach, const double *weights, double *mean) {
+    for (size_t i = 0; i < nx; i++) {
+        const double *row = map + i * ny;
+        double *restrict into = mean + i * ny;
+        for (size_t j = 0; j < ny; j++) {
+            double sum = weights[0] * row[j];
+            for (size_t k = 1; k <= reach; k++)
+                sum += weights[k] * (row[clamped(j, k, true, ny)] + row[clamped(j, k, false, ny)]);
+            into[j] = sum;
+        }
+    }
+}
+
+static void average_columns(size_t nx, size_t ny, const double *map, size_t reach, const double *weights,
+                            double *mean) {
+    for (size_t i = 0; i < nx; i++) {
+        double *restrict into = mean + i * ny;
+        for (size_t j = 0; j < ny; j++)
+            into[j] = weights[0] * map[i * ny + j];
+        for (size_t k = 1; k <= reach; k++) {
+            const double *up = map + clamped(i, k, true, nx) * ny, *down = map + clamped(i, k, false, nx) * ny;
+            for (size_t j = 0; j < ny; j++)
+                into[j] += weights[k] * (up[j] + down[j]);
+        }
+    }
+}
+
+/* The map averaged over a spot; scratch in the first of the lists. */
+static void average_over_spot(const ScanEvidence *evidence, const double *map, double spread, double *averaged) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    double weights[TAPS_MAX + 1];
+    if (spread < POINT) {
+        memcpy(averaged, map, nx * ny * sizeof *map);
+        return;
+    }
+    const size_t reach = spot_weights(spread, weights);
+    average_rows(nx, ny, map, reach, weights, evidence->lists[0]);
+    average_columns(nx, ny, evidence->lists[0], reach, weights, averaged);
+}
+
+void average_prediction(const ScanEvidence *evidence, const double share[], double spread) {
+    const size_t cells = evidence->cells;
+    double *predicted = evidence->lists[1], *slope = evidence->spread_slope;
+    for (size_t cell = 0; cell < cells; cell++)
+        predicted[cell] = evidence->predicted[cell] + share_change(evidence, share, cell);
+    average_over_spot(evidence, predicted, spread, evidence->averaged);
+    average_over_spot(evidence, predicted, fmax(spread, 0.0) + SPREAD_CHANGE, slope);
+    for (size_t cell = 0; cell < cells; cell++)
+        slope[cell] = (slope[cell] - evidence->averaged[cell]) / SPREAD_CHANGE;
+}
+
+void read_map(const ScanEvidence *evidence, const double *map, double *reading) {
+    const Registration *registration = &evidence->known->registration;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    double g[GEOMETRY];
+    if (!registration->is_displaced) {
+        memcpy(reading, map, nx * ny * sizeof *map);
+        return;
+    }
+    geometry_seen(registration, g);
+    average_over_spot(evidence, map, g[SPREAD], evidence->lists[1]);
+    for (size_t i = 0; i < nx; i++)
+        for (size_t j = 0; j < ny; j++) {
+            const Spot spot = spot_of(g, nx, ny, i, j);
+            const Place place = place_of(nx, ny, spot.x, spot.y);
+            reading[i * ny + j] = value_at(evidence->lists[1], &place);
+        }
+}
+
+/* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as
+ * average_over_spot assumes, or not count. */
+static double border_variance(const ScanEvidence *evidence, const Reading *reading, double spread) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const Spot *spot = &reading->spot;
+    const double to[4] = {spot->x, (double)nx - 1.0 - spot->x, spot->y, (double)ny - 1.0 - spot->y};
+    double sum = 0.0;
+    if (spread < POINT)
+        return 0.0;
+    for (size_t side = 0; side < 4; side++) {
+        if (!(to[side] < BORDER * sqrt(spread)))
+            continue;
+        const double x[4] = {0.0, (double)nx, spot->x, spot->x}, y[4] = {spot->y, spot->y, 0.0, (double)ny};
+        const Place border = place_of(nx, ny, x[side], y[side]);
+        /* share of the spot beyond the border */
+        const double share = 0.5 * erfc((fmax(to[side], 0.0) + 0.5) / sqrt(2.0 * spread));
+        const double off = share / (1.0 - share) * (reading->value - value_at(evidence->predicted, &border));
+        sum += off * off;
+    }
+    return sum;
+}
+
+double sensor_variance(const ScanEvidence *evidence, const Reading *reading, double spread, double averaged) {
+    const double x = reading->slopes.along_x, y = reading->slopes.along_y;
+    const double shape = SHAPE_ERROR * spread * reading->slopes.with_spread;
+    const double view = PLACE_ERROR * PLACE_ERROR * (x * x + y * y) + shape * shape;
+    return evidence->noise_variance + view + border_variance(evidence, reading, averaged);
+}
+
+double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w) {
+    double column[GEOMETRY], sum = 0.0;
+    geometry_column(slopes, u, w, column);
+    for (size_t a = 0; a < GEOMETRY; a++) {
+        double line = 0.5 * covariance[a * GEOMETRY + a] * column[a];
+        for (size_t b = 0; b < a; b++)
+            line += covariance[a * GEOMETRY + b] * column[b];
+        sum += 2.0 * line * column[a];
+    }
+    return sum;
+}
+
+void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]) {
+    const double rise = half_of(nx), run = half_of(ny);
+    const double a = 1.0 + g[ALONG_X_U] / rise, b = g[ALONG_X_W] / run, c = g[ALONG_Y_U] / rise,
+                 d = 1.0 + g[ALONG_Y_W] / run, determinant = a * d - b * c;
+    memset(back, 0, GEOMETRY * sizeof *back);
+    if (!(fabs(determinant) > 0.1))
+        return;
+    const double inverse[4] = {d / determinant, -b / determinant, -c / determinant, a / determinant};
+    back[SHIFT_X] = -(inverse[0] * g[SHIFT_X] + inverse[1] * g[SHIFT_Y]);
+    back[SHIFT_Y] = -(inverse[2] * g[SHIFT_X] + inverse[3] * g[SHIFT_Y]);
+    back[ALONG_X_U] = (inverse[0] - 1.0) * rise;
+    back[ALONG_X_W] = inverse[1] * run;
+    back[ALONG_Y_U] = inverse[2] * rise;
+    back[ALONG_Y_W] = (inverse[3] - 1.0) * run;
+}
