@@ -37,7 +37,7 @@ cl = pytest.importorskip("pyopencl", reason="needs OpenCL: pip install 'inkloop[
 device = pytest.importorskip("inkloop_controller.gpu.device")
 if not device.devices():
     pytest.skip("needs an OpenCL device: pip install pocl-binary-distribution", allow_module_level=True)
-from inkloop_controller.gpu.search import DeviceSearch, PlanOnDevice  # noqa: E402
+from inkloop_controller.gpu.search import DeviceSearch  # noqa: E402
 
 PROBLEMS = {
     "one layer": rough((13, 21)),
@@ -72,12 +72,12 @@ def test_surfaces_are_kept_up_to_date_to_the_last_bit(name: str, on_device: Devi
     """After a sweep of moves they are those of the plan, printed again."""
     problem = PROBLEMS[name]
     struct, plan = problem_struct(problem), random_plan(problem, 1)
-    surface = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
+    surface = on_device.plan(struct, plan)
     assert list(surface.sweep(True))
     assert surface.made
     surface.read_plan(plan)
-    again = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
-    np.testing.assert_array_equal(surface.read_heights(), again.read_heights())
+    kept = surface.read_heights()
+    np.testing.assert_array_equal(kept, on_device.plan(struct, plan).read_heights())
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
