@@ -74,8 +74,8 @@ class DeviceMaps:
         self._buffers[name] = cl.Buffer(self.queue.context, cl.mem_flags.READ_WRITE, size)
         return True
 
-    def _places(self, maps: NDArray[Any]) -> dict[str, tuple[int, ...]]:
-        """Where framed maps of a device and those of this machine begin, and how long their rows and maps are [bytes]."""
+    def _places(self, maps: NDArray[Any]) -> dict[str, Any]:
+        """Where maps here, and framed ones on the device, begin, and how long their rows and maps are [bytes]."""
         (layers, nx, ny), bytes_ = maps.shape, maps.itemsize
         stride = (ny + 2) * bytes_
         return {
