@@ -91,8 +91,8 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
         first->left_out |= LEFT_RELAXATION;
         return CORE_DONE;
     }
-    const int32_t rounded = diffuse_droplets(first->problem, first->work->threads, first->droplets, ending_at(first),
-                                             first->trial);
+    const int32_t rounded =
+        diffuse_droplets(first->problem, first->work->threads, first->droplets, ending_at(first), first->trial);
     Objective value;
     if (rounded == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;

@@ -179,7 +179,8 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
     PlanSurface surface;
     bool is_evaluated;
     const double ends_at = stopwatch_seconds() + FULL_SHARE * planning->work->seconds_max;
-    *is_best = planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->work->threads, planning->best);
+    *is_best =
+        planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->work->threads, planning->best);
     if (!*is_best)
         return CORE_DONE;
     if (!surface_open_until(&surface, planning->problem, planning->best, ends_at, planning->work->threads,

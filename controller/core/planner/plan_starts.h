@@ -14,8 +14,7 @@ void full_layers(const HorizonProblem *problem, int32_t threads, int32_t *plan);
 void even_droplets(const HorizonProblem *problem, int32_t threads, double *droplets);
 
 /* The last plan shifted by one layer, its last layer repeated, without droplets that are no longer allowed. */
-void shift_plan(const HorizonProblem *problem, int32_t threads, const int32_t *last, size_t last_layers,
-                int32_t *plan);
+void shift_plan(const HorizonProblem *problem, int32_t threads, const int32_t *last, size_t last_layers, int32_t *plan);
 
 /* The rest of the last plan after empty layers, without droplets that are no longer allowed; it has layers + 1 at
  * most. */

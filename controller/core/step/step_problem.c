@@ -46,9 +46,7 @@ static void weigh_cells(void *context, const RowRange *range) {
     const uint8_t *part = filling->problem->part;
     const size_t nx = filling->problem->nx, ny = filling->problem->ny;
     for (size_t cell = range->top * ny; cell < range->bottom * ny; cell++)
-        filling->maps->weight[cell] = part[cell]                              ? 1.0
-                                      : is_near_marked(part, nx, ny, cell) ? *v->fringe_weight
-                                                                              : 0.0;
+        filling->maps->weight[cell] = part[cell] ? 1.0 : is_near_marked(part, nx, ny, cell) ? *v->fringe_weight : 0.0;
 }
 
 /* Upper limit of the surface, over the part only: spill outside would forbid every droplet at the edge. It holds for
@@ -58,8 +56,7 @@ static void limit_cells(void *context, const RowRange *range) {
     const LayerControllerVariables *v = filling->step->values;
     const size_t ny = filling->problem->ny;
     for (size_t cell = range->top * ny; cell < range->bottom * ny; cell++) {
-        const double deviation =
-            sqrt(filling->surface->variance[cell] + DROPLET_STD * DROPLET_STD * filling->squares);
+        const double deviation = sqrt(filling->surface->variance[cell] + DROPLET_STD * DROPLET_STD * filling->squares);
         const double limit = v->target_height[cell] + *v->overshoot_limit - *v->chance_margin * deviation;
         filling->maps->ceiling[cell] = v->mask[cell] ? limit : NO_CEILING;
     }
