@@ -62,7 +62,7 @@ int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *op
 }
 
 int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
-    return diffuse_droplets(problem, droplets, INFINITY, plan);
+    return diffuse_droplets(problem, 1, droplets, INFINITY, plan);
 }
 
 void inkloop_finish(int32_t finish, Finish *chosen) {

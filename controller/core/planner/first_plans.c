@@ -65,7 +65,7 @@ static void set_droplets(FirstPlans *first) {
     if (first->work->relaxation == RELAX_GIVEN)
         memcpy(first->droplets, first->work->relaxed, first->places * sizeof(double));
     if (first->work->relaxation == RELAX_HERE)
-        even_droplets(first->problem, first->droplets);
+        even_droplets(first->problem, first->work->threads, first->droplets);
 }
 
 static int32_t relax(FirstPlans *first) {
@@ -91,7 +91,8 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
         first->left_out |= LEFT_RELAXATION;
         return CORE_DONE;
     }
-    const int32_t rounded = diffuse_droplets(first->problem, first->droplets, ending_at(first), first->trial);
+    const int32_t rounded =
+        diffuse_droplets(first->problem, first->work->threads, first->droplets, ending_at(first), first->trial);
     Objective value;
     if (rounded == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
@@ -108,7 +109,7 @@ static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double roun
 
 /* Whether droplets of several sizes may fall on a cell. */
 static bool has_sizes(const HorizonProblem *problem) {
-    const size_t places = problem->layers * problem->nx * problem->ny;
+    const size_t places = problem->kinds > 1 ? problem->layers * problem->nx * problem->ny : 0;
     for (size_t place = 0; place < places; place++)
         if (problem->choices[place] & (problem->choices[place] - 1))
             return true;
@@ -124,15 +125,15 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
     const size_t layers = work->longer ? problem->layers + 1 : work->last_layers;
     if (!of || !has_time(first))
         return;
-    shift_plan(problem, of, layers, first->plan[START_LAST_PLAN]);
+    shift_plan(problem, work->threads, of, layers, first->plan[START_LAST_PLAN]);
     if (!take_start(first, surface, START_LAST_PLAN))
         return;
     if (layers == 1 || layers > problem->layers + 1 || (!work->longer && has_sizes(problem)) || !has_time(first))
         return;
     if (work->longer)
-        squeeze_plan(problem, of, first->trial);
+        squeeze_plan(problem, work->threads, of, first->trial);
     else
-        postpone_plan(problem, of, layers, first->trial);
+        postpone_plan(problem, work->threads, of, layers, first->trial);
     Objective value;
     if (!evaluate(first, surface, first->trial, ending_at(first), &value)) {
         first->left_out |= LEFT_STARTS;
@@ -147,7 +148,7 @@ static void take_rest(FirstPlans *first, PlanSurface *surface) {
 static void take_full_layers(FirstPlans *first, PlanSurface *surface) {
     if (!has_time(first))
         return;
-    full_layers(first->problem, first->plan[START_FULL_LAYERS]);
+    full_layers(first->problem, first->work->threads, first->plan[START_FULL_LAYERS]);
     (void)take_start(first, surface, START_FULL_LAYERS);
 }
 
@@ -158,10 +159,10 @@ static int32_t take_sound(FirstPlans *first, PlanSurface *surface, double *round
     const double began = stopwatch_seconds();
     int32_t rounded = CORE_DONE;
     if (is_rounded)
-        rounded =
-            diffuse_droplets(first->problem, first->droplets, first->first_ends_at, first->plan[START_RELAXATION]);
+        rounded = diffuse_droplets(first->problem, first->work->threads, first->droplets, first->first_ends_at,
+                                   first->plan[START_RELAXATION]);
     else
-        full_layers(first->problem, first->plan[START_FULL_LAYERS]);
+        full_layers(first->problem, first->work->threads, first->plan[START_FULL_LAYERS]);
     if (rounded != CORE_DONE)
         return rounded;
     *rounding = stopwatch_seconds() - began;
@@ -187,7 +188,7 @@ static void take_dithered(FirstPlans *first, PlanSurface *surface) {
         !has_time(first))
         return;
     Objective value;
-    dither_droplets(problem, first->droplets, first->trial);
+    dither_droplets(problem, first->work->threads, first->droplets, first->trial);
     if (!evaluate(first, surface, first->trial, ending_at(first), &value)) {
         first->left_out |= LEFT_STARTS;
         return;

@@ -11,7 +11,7 @@
 
 /* One of the largest droplets allowed wherever one is allowed. False if a cell may choose between kinds of which none
  * is the largest in every part, or if droplets may flow so freely that more of them can lower a cell. */
-bool fullest_plan(const HorizonProblem *problem, int32_t *plan);
+bool fullest_plan(const HorizonProblem *problem, int32_t threads, int32_t *plan);
 
 /* Whether no plan is better than this fullest one, by its surfaces. */
 bool is_fullest_best(const PlanSurface *surface);

@@ -8,6 +8,7 @@
 #include "horizon_solver.h"
 #include "map_memory.h"
 #include "plan_starts.h"
+#include "row_ranges.h"
 #include "stopwatch.h"
 
 /* least time of a repair in evaluations: one before, one after, and some between (assumed) */
@@ -66,6 +67,10 @@ static bool planning_open(Planning *planning, const HorizonProblem *problem, con
     return true;
 }
 
+static void copy_plan(const Planning *planning, const int32_t *plan, int32_t *to) {
+    copy_in_threads((size_t)planning->work->threads, to, plan, planning->places * sizeof(int32_t));
+}
+
 static bool is_empty(const int32_t *values, size_t count) {
     for (size_t k = 0; k < count; k++)
         if (values[k] != 0)
@@ -77,12 +82,11 @@ static bool is_empty(const int32_t *values, size_t count) {
  * one more evaluation, which ends at `ends_at` by the stopwatch; if it does not complete, the best plan remains. Empty
  * layers at the end hide the uncertainty of the last droplets, so a plan gains nothing by the move. */
 static void consider(Planning *planning, const int32_t *plan, Objective value, Origin origin, double ends_at) {
-    const size_t bytes = planning->places * sizeof(int32_t);
     double rank = value.value;
     if (is_empty(plan, planning->problem->nx * planning->problem->ny)) {
         bool is_known = stopwatch_seconds() <= ends_at;
         if (is_known) {
-            memcpy(planning->trial, plan, bytes);
+            copy_plan(planning, plan, planning->trial);
             plan = planning->trial;
             if (leave_idle_start(planning->problem, planning->trial, planning->moved))
                 is_known = plan_objective_on(&planning->first.surface, planning->trial, ends_at, &value);
@@ -94,7 +98,7 @@ static void consider(Planning *planning, const int32_t *plan, Objective value, O
         rank = fmax(rank, value.value);
     }
     if (rank < planning->best_rank) {
-        memcpy(planning->best, plan, bytes);
+        copy_plan(planning, plan, planning->best);
         planning->best_value = value;
         planning->best_rank = rank;
         planning->best_origin = origin;
@@ -103,16 +107,17 @@ static void consider(Planning *planning, const int32_t *plan, Objective value, O
 
 static int64_t annealing_sweeps(const Planning *planning) {
     int64_t values = 1;
+    const int64_t most = planning->problem->layers == 1 ? SMALL_LAYER : SMALL_PLAN;
     if (planning->work->device)
         return 0;
     if (planning->work->annealing_sweeps >= 0)
         return planning->work->annealing_sweeps;
-    for (size_t place = 0; place < planning->places; place++)
+    for (size_t place = 0; place < planning->places && values <= most; place++)
         values += planning->problem->choices[place] > 0;
-    if (planning->problem->layers == 1)
-        return values <= SMALL_LAYER ? ONE_LAYER_ANNEALING : 0;
-    if (values > SMALL_PLAN)
+    if (values > most)
         return 0;
+    if (planning->problem->layers == 1)
+        return ONE_LAYER_ANNEALING;
     return SMALL_ANNEALING / values < MANY_SWEEPS ? SMALL_ANNEALING / values : MANY_SWEEPS;
 }
 
@@ -136,7 +141,7 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
                                    .after_sweep = work->after_sweep,
                                    .caller = work->caller};
     SearchReport report;
-    memcpy(planning->repaired, planning->first.plan[start], planning->places * sizeof(int32_t));
+    copy_plan(planning, planning->first.plan[start], planning->repaired);
     const int32_t found = work->device
                               ? improve_on_device(planning, &options, &report)
                               : improve_plan_on(&planning->first.surface, &options, planning->repaired, &report);
@@ -174,7 +179,8 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
     PlanSurface surface;
     bool is_evaluated;
     const double ends_at = stopwatch_seconds() + FULL_SHARE * planning->work->seconds_max;
-    *is_best = planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->best);
+    *is_best =
+        planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->work->threads, planning->best);
     if (!*is_best)
         return CORE_DONE;
     if (!surface_open_until(&surface, planning->problem, planning->best, ends_at, planning->work->threads,
@@ -229,7 +235,7 @@ static int32_t find_best(Planning *planning) {
     const int32_t made = make_first_plans(first);
     if (made != CORE_DONE)
         return made;
-    memcpy(planning->best, first->plan[START_NOTHING], planning->places * sizeof(int32_t));
+    copy_plan(planning, first->plan[START_NOTHING], planning->best);
     planning->best_value = first->value[START_NOTHING];
     planning->best_rank = planning->best_value.value;
     planning->best_origin = (Origin){START_NOTHING, 0, UNREPAIRED};
@@ -262,7 +268,7 @@ int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_
     const int32_t status = find_best(&planning);
     if (status == CORE_DONE) {
         const int32_t start = planning.best_origin.start;
-        memcpy(plan, planning.best, planning.places * sizeof(int32_t));
+        copy_plan(&planning, planning.best, plan);
         *report = (PlanReport){.status = plan_status(&planning),
                                .start = start == START_LAST_PLAN && work->longer ? START_LONGER_PLAN : start,
                                .is_annealed = planning.best_origin.is_annealed,

@@ -75,7 +75,7 @@ static void add_work(PlanReport *report, const PlanReport *earlier) {
 static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, double ends_at, int32_t *shorter,
                        PlanReport *report, int32_t *status) {
     Objective rest;
-    squeeze_plan(fewer, work->longer, shorter);
+    squeeze_plan(fewer, work->threads, work->longer, shorter);
     *status = plan_objective(fewer, shorter, ends_at, work->threads, &rest);
     if (*status != CORE_DONE || rest.value - work->longer_value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
         return false;

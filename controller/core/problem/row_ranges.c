@@ -1,5 +1,7 @@
 #include "row_ranges.h"
 
+#include <string.h>
+
 #include "parallel.h"
 
 enum { LIGHT = 8 }; /* ratio of work per cell, elsewhere in the core to here, for starting threads (assumed) */
@@ -31,4 +33,23 @@ void run_rows(size_t threads, size_t nx, size_t ny, RowWork *work, void *context
         share[k] = (Share){work, context, {chunk, end, chunk_row(nx, chunk), chunk_row(nx, end), k}};
     }
     run_parallel(work_on, share, sizeof *share, count);
+}
+
+typedef struct {
+    char *to;
+    const char *from;
+    size_t bytes;
+} Copy;
+
+static void copy_range(void *context, const RowRange *range) {
+    const Copy *copy = context;
+    const size_t first = copy->bytes * range->chunk / CHUNKS, end = copy->bytes * range->end / CHUNKS;
+    if (copy->from)
+        memcpy(copy->to + first, copy->from + first, end - first);
+    else
+        memset(copy->to + first, UINT8_MAX, end - first);
+}
+
+void copy_in_threads(size_t threads, void *to, const void *from, size_t bytes) {
+    run_rows(threads, CHUNKS, bytes / (CHUNKS * sizeof(double)), copy_range, &(Copy){to, from, bytes});
 }

@@ -33,6 +33,9 @@ size_t row_threads(size_t threads, size_t nx, size_t ny);
 /* Calls `work` on ranges of rows that are all rows together; returns when all are done. */
 void run_rows(size_t threads, size_t nx, size_t ny, RowWork *work, void *context);
 
+/* Copies bytes, or sets them all to 255 where `from` is NULL, in threads, which share the first use of new memory. */
+void copy_in_threads(size_t threads, void *to, const void *from, size_t bytes);
+
 enum { LANES = 8 };
 
 /* Sum of the lanes. */

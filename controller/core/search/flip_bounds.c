@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "instruction_sets.h"
 #include "map_memory.h"
+#include "row_ranges.h"
 
 /* share of the interaction of side neighbours: far above the rounding of bounds below MOST */
 static const double SURE = 1e-3;
@@ -75,7 +75,7 @@ void flip_bounds_close(FlipBounds *bounds) {
 
 void flip_bounds_clear(FlipBounds *bounds, const PlanSurface *surface) {
     if (bounds->least)
-        memset(bounds->least, UINT8_MAX, surface->framed * sizeof(float)); /* NaN */
+        copy_in_threads(surface->threads, bounds->least, NULL, surface->framed * sizeof(float)); /* NaN */
 }
 
 enum { CHUNK = 8 };      /* cells of a row that are read together, or none of them */

@@ -2,9 +2,8 @@
 
 #include <string.h>
 
-#include "instruction_sets.h"
 #include "map_memory.h"
-#include "parallel.h"
+#include "row_ranges.h"
 #include "stopwatch.h"
 
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
@@ -49,12 +48,43 @@ static void set_frame(const PlanSurface *surface, double *height) {
         height[j] = height[surface->framed - 1 - j] = ABYSS;
 }
 
-/* Copies the problem's data into the maps. Returns the number of cells of the part. */
-static double copy_maps(PlanSurface *surface) {
+/* The work of all threads on a surface: a step that is printed, a plan that is copied, sums of the chunks. */
+typedef struct {
+    PlanSurface *surface;
+    size_t step;
+    double ends_at;
+    const int32_t *given;
+    int32_t *taken;
+    double sum[CHUNKS];
+    Sums sums[CHUNKS];
+    bool has_failed[CHUNKS]; /* of a thread: its time has ended, or its plan differs */
+} Work;
+
+/* Calls `rows` for all rows; false if it has failed in one of the threads. */
+static bool run(Work *work, RowWork *rows) {
+    bool has_failed = false;
+    run_rows(work->surface->threads, work->surface->nx, work->surface->ny, rows, work);
+    for (size_t k = 0; k < CHUNKS; k++)
+        has_failed = has_failed || work->has_failed[k];
+    return !has_failed;
+}
+
+static double sum_of_chunks(const Work *work) {
+    double sum = 0.0;
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
+        sum += work->sum[chunk];
+    return sum;
+}
+
+/* The cells of a chunk in a map, the frame at both ends of its rows included. */
+static size_t chunk_cell(const PlanSurface *surface, size_t chunk) {
+    return (1 + chunk_row(surface->nx, chunk)) * surface->stride;
+}
+
+static void copy_rows(void *context, const RowRange *range) {
+    const PlanSurface *surface = ((Work *)context)->surface;
     const HorizonProblem *problem = surface->problem;
-    double count = 0.0;
-    set_frame(surface, surface->height);
-    for (size_t i = 0; i < surface->nx; i++) {
+    for (size_t i = range->top; i < range->bottom; i++) {
         const size_t given = i * surface->ny, cell = surface_cell(surface, i, 0);
         memcpy(surface->target + cell, problem->target + given, surface->ny * sizeof(double));
         if (problem->weight)
@@ -64,10 +94,25 @@ static double copy_maps(PlanSurface *surface) {
         for (size_t j = 0; j < surface->ny; j++) {
             surface->height[cell + j] = height_on_lattice(problem->height[given + j]);
             surface->inside[cell + j] = problem->part[given + j] ? 1.0 : 0.0;
-            count += surface->inside[cell + j];
         }
     }
-    return count;
+}
+
+static void count_rows(void *context, const RowRange *range) {
+    Work *work = context;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t first = chunk_cell(work->surface, chunk);
+        work->sum[chunk] = lane_sum(work->surface->inside + first, chunk_cell(work->surface, chunk + 1) - first);
+    }
+}
+
+/* Copies the problem's data into the maps. Returns the number of cells of the part. */
+static double copy_maps(PlanSurface *surface) {
+    Work work = {.surface = surface};
+    run(&work, copy_rows); /* first: the threads share the first use of the memory */
+    run(&work, count_rows);
+    set_frame(surface, surface->height);
+    return sum_of_chunks(&work);
 }
 
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan) {
@@ -110,32 +155,57 @@ void surface_close(PlanSurface *surface) {
     surface->memory = NULL;
 }
 
-bool surface_holds(const PlanSurface *surface, const int32_t *plan) {
-    bool found = surface->is_evaluated;
+static uint8_t *plan_row(const PlanSurface *surface, size_t layer, size_t i) {
+    return surface_layer(surface, layer) + surface_cell(surface, i, 0);
+}
+
+static void compare_rows(void *context, const RowRange *range) {
+    Work *work = context;
+    const PlanSurface *surface = work->surface;
     for (size_t layer = 0; layer < surface->problem->layers; layer++)
-        for (size_t i = 0; found && i < surface->nx; i++) {
-            const uint8_t *row = surface_layer(surface, layer) + surface_cell(surface, i, 0);
+        for (size_t i = range->top; i < range->bottom && !work->has_failed[range->thread]; i++) {
+            const uint8_t *row = plan_row(surface, layer, i);
+            const int32_t *given = work->given + (layer * surface->nx + i) * surface->ny;
             unsigned others = 0;
             for (size_t j = 0; j < surface->ny; j++)
-                others += row[j] != *plan++;
-            found = others == 0;
+                others += row[j] != given[j];
+            work->has_failed[range->thread] = others > 0;
         }
-    return found;
+}
+
+bool surface_holds(PlanSurface *surface, const int32_t *plan) {
+    return surface->is_evaluated && run(&(Work){.surface = surface, .given = plan}, compare_rows);
+}
+
+static void set_rows(void *context, const RowRange *range) {
+    const Work *work = context;
+    for (size_t layer = 0; layer < work->surface->problem->layers; layer++)
+        for (size_t i = range->top; i < range->bottom; i++) {
+            uint8_t *row = plan_row(work->surface, layer, i);
+            const int32_t *given = work->given + (layer * work->surface->nx + i) * work->surface->ny;
+            for (size_t j = 0; j < work->surface->ny; j++)
+                row[j] = (uint8_t)given[j];
+        }
 }
 
 void surface_set_plan(PlanSurface *surface, const int32_t *plan) {
     surface->is_evaluated = false;
-    for (size_t layer = 0; layer < surface->problem->layers; layer++)
-        for (size_t i = 0; i < surface->nx; i++)
-            for (size_t j = 0; j < surface->ny; j++)
-                surface_layer(surface, layer)[surface_cell(surface, i, j)] = (uint8_t)*plan++;
+    run(&(Work){.surface = surface, .given = plan}, set_rows);
 }
 
-void surface_plan(const PlanSurface *surface, int32_t *plan) {
-    for (size_t layer = 0; layer < surface->problem->layers; layer++)
-        for (size_t i = 0; i < surface->nx; i++)
-            for (size_t j = 0; j < surface->ny; j++)
-                *plan++ = surface_layer(surface, layer)[surface_cell(surface, i, j)];
+static void take_rows(void *context, const RowRange *range) {
+    const Work *work = context;
+    for (size_t layer = 0; layer < work->surface->problem->layers; layer++)
+        for (size_t i = range->top; i < range->bottom; i++) {
+            const uint8_t *row = plan_row(work->surface, layer, i);
+            int32_t *taken = work->taken + (layer * work->surface->nx + i) * work->surface->ny;
+            for (size_t j = 0; j < work->surface->ny; j++)
+                taken[j] = row[j];
+        }
+}
+
+void surface_plan(PlanSurface *surface, int32_t *plan) {
+    run(&(Work){.surface = surface, .taken = plan}, take_rows);
 }
 
 double surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
@@ -210,52 +280,25 @@ static INLINED void exchange(const DropletRow *here, const DropletRow *there, in
     }
 }
 
-/* Rows `top` to `bottom` excluded of a step, for one thread; all rows are 1 to nx. */
-typedef struct {
-    PlanSurface *surface;
-    size_t step, top, bottom;
-    double ends_at;
-    bool is_done;
-} RowShare;
-
-/* Calls `work` for all rows; false if one of the threads has run out of time. */
-static bool run_rows(void *(*work)(void *share), PlanSurface *surface, size_t step, double ends_at) {
-    size_t threads = useful_threads(surface->threads, surface->framed);
-    RowShare shares[MAX_PARALLEL];
-    bool is_done = true;
-    threads = threads < surface->nx ? threads : surface->nx;
-    for (size_t k = 0; k < threads; k++)
-        shares[k] = (RowShare){.surface = surface,
-                               .step = step,
-                               .top = 1 + surface->nx * k / threads,
-                               .bottom = 1 + surface->nx * (k + 1) / threads,
-                               .ends_at = ends_at};
-    run_parallel(work, shares, sizeof *shares, threads);
-    for (size_t k = 0; k < threads; k++)
-        is_done = is_done && shares[k].is_done;
-    return is_done;
-}
-
 /* Prints a step on some columns; `kept`: height that each droplet leaves on its own cell. False if the time has
  * ended. */
-static INLINED bool print_band(const RowShare *share, size_t left, size_t count) {
-    const PlanSurface *surface = share->surface;
-    const size_t step = share->step;
-    const size_t stride = surface->stride;
+static INLINED bool print_band(const Work *work, const RowRange *range, size_t left, size_t count) {
+    const PlanSurface *surface = work->surface;
+    const size_t step = work->step, top = 1 + range->top, stride = surface->stride;
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1), kept[BAND];
     const bool is_uncertain = step + 1 == surface->steps && surface->chance > 0.0; /* else the map stays 0 */
     DropletRow rows[3];
     for (size_t k = 0; k < 3; k++)
         rows[k].is_jetted = true; /* no row has been loaded yet */
-    load_row(surface, step, share->top - 1, left, count, &rows[(share->top - 1) % 3]);
-    load_row(surface, step, share->top, left, count, &rows[share->top % 3]);
-    for (size_t row = share->top; row < share->bottom; row++) {
+    load_row(surface, step, top - 1, left, count, &rows[(top - 1) % 3]);
+    load_row(surface, step, top, left, count, &rows[top % 3]);
+    for (size_t row = top; row <= range->bottom; row++) {
         const DropletRow *above = &rows[(row - 1) % 3], *here = &rows[row % 3];
         DropletRow *below = &rows[(row + 1) % 3];
         const size_t cell = row * stride + left;
         const double *own = before + cell, *over = own - stride, *under = own + stride;
-        if (row % BAND_ROWS == 1 && is_past(share->ends_at))
+        if (row % BAND_ROWS == 1 && is_past(work->ends_at))
             return false;
         load_row(surface, step, row + 1, left, count, below);
         if (!above->is_jetted && !here->is_jetted && !below->is_jetted) {
@@ -282,61 +325,69 @@ static INLINED bool print_band(const RowShare *share, size_t left, size_t count)
     return true;
 }
 
-static INLINED void print_rows(RowShare *share) {
-    const size_t ny = share->surface->ny;
-    share->is_done = true;
-    for (size_t first = 0; first < ny && share->is_done; first += BAND)
-        share->is_done = print_band(share, first + 1, ny - first < BAND ? ny - first : BAND);
+static INLINED void print_range(Work *work, const RowRange *range) {
+    const size_t ny = work->surface->ny;
+    bool is_done = true;
+    for (size_t first = 0; first < ny && is_done; first += BAND)
+        is_done = print_band(work, range, first + 1, ny - first < BAND ? ny - first : BAND);
+    work->has_failed[range->thread] = !is_done;
 }
 
-static void print_plain(RowShare *share) {
-    print_rows(share);
-}
-
-static WITH_AVX2 void print_avx2(RowShare *share) {
-    print_rows(share);
-}
-
-static void *print_share(void *handed) {
-    (HAS_AVX2 ? print_avx2 : print_plain)(handed);
-    return NULL;
-}
+CLONED_ROW_WORK(print_rows, print_range)
 
 /* Computes the costs of the heights after the last step, cell by cell; 0 on the frame. */
-static void *take_costs(void *handed) {
-    RowShare *share = handed;
-    const PlanSurface *surface = share->surface;
+static void take_costs(void *context, const RowRange *range) {
+    const PlanSurface *surface = ((Work *)context)->surface;
     const double *last = surface_height(surface, surface->steps);
-    for (size_t cell = share->top * surface->stride; cell < share->bottom * surface->stride; cell++)
+    for (size_t cell = chunk_cell(surface, range->chunk); cell < chunk_cell(surface, range->end); cell++)
         surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
-    share->is_done = true;
-    return NULL;
+}
+
+static void add_up_heights(void *context, const RowRange *range) {
+    Work *work = context;
+    const double *inside = work->surface->inside, *last = surface_height(work->surface, work->surface->steps);
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        const size_t first = chunk_cell(work->surface, chunk);
+        work->sum[chunk] = lane_dot(inside + first, last + first, chunk_cell(work->surface, chunk + 1) - first);
+    }
+}
+
+static void add_up_rows(void *context, const RowRange *range) {
+    Work *work = context;
+    const PlanSurface *surface = work->surface;
+    const double *last = surface_height(surface, surface->steps);
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        Sums sums = {0.0, 0.0, 0.0};
+        for (size_t cell = chunk_cell(surface, chunk); cell < chunk_cell(surface, chunk + 1); cell++) {
+            const double inside = surface->inside[cell], height = inside * (last[cell] - surface->reference);
+            const double chance = surface->left_to_chance[cell];
+            const Sums own = {surface->cost[cell], height, height * height + inside * chance * chance / 3.0};
+            sums = sums_after(&sums, &own);
+        }
+        work->sums[chunk] = sums;
+    }
 }
 
 /* The reference of the heights is their mean after the last step. */
 void surface_add_up(PlanSurface *surface) {
-    const double *last = surface_height(surface, surface->steps);
-    double mean = 0.0;
-    for (size_t cell = 0; cell < surface->framed; cell++)
-        mean += surface->inside[cell] * last[cell];
-    surface->reference = height_on_lattice(mean / surface->weighting.count);
+    Work work = {.surface = surface};
+    run(&work, add_up_heights);
+    surface->reference = height_on_lattice(sum_of_chunks(&work) / surface->weighting.count);
+    run(&work, add_up_rows);
     surface->sums = (Sums){0.0, 0.0, 0.0};
-    for (size_t cell = 0; cell < surface->framed; cell++) {
-        const double inside = surface->inside[cell], height = inside * (last[cell] - surface->reference);
-        const double chance = surface->left_to_chance[cell];
-        const Sums own = {surface->cost[cell], height, height * height + inside * chance * chance / 3.0};
-        surface->sums = sums_after(&surface->sums, &own);
-    }
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
+        surface->sums = sums_after(&surface->sums, &work.sums[chunk]);
 }
 
 bool surface_evaluate_until(PlanSurface *surface, double ends_at) {
+    Work work = {.surface = surface, .ends_at = ends_at};
     surface->is_evaluated = false;
-    for (size_t step = 0; step < surface->steps; step++) {
-        if (!run_rows(print_share, surface, step, ends_at))
+    for (; work.step < surface->steps; work.step++) {
+        if (!run(&work, print_rows))
             return false;
-        set_frame(surface, surface_height(surface, step + 1));
+        set_frame(surface, surface_height(surface, work.step + 1));
     }
-    run_rows(take_costs, surface, surface->steps, ends_at);
+    run(&work, take_costs);
     surface_add_up(surface);
     surface->is_evaluated = true;
     return true;
@@ -346,13 +397,20 @@ void surface_evaluate(PlanSurface *surface) {
     surface_evaluate_until(surface, INFINITY);
 }
 
-Objective surface_objective(const PlanSurface *surface) {
+static void add_up_excess(void *context, const RowRange *range) {
+    Work *work = context;
+    const PlanSurface *surface = work->surface;
     const double *last = surface_height(surface, surface->steps);
-    double over_ceiling = 0.0;
-    for (size_t cell = 0; surface->ceiling && cell < surface->framed; cell++)
-        over_ceiling += surface->weight[cell] * fmax(last[cell] - surface->ceiling[cell], 0.0);
-    over_ceiling *= surface->problem->ceiling_cost;
-    const double count = surface->weighting.count;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++)
+        for (size_t cell = chunk_cell(surface, chunk); cell < chunk_cell(surface, chunk + 1); cell++)
+            work->sum[chunk] += surface->weight[cell] * fmax(last[cell] - surface->ceiling[cell], 0.0);
+}
+
+Objective surface_objective(PlanSurface *surface) {
+    Work work = {.surface = surface};
+    if (surface->ceiling)
+        run(&work, add_up_excess);
+    const double count = surface->weighting.count, over_ceiling = surface->problem->ceiling_cost * sum_of_chunks(&work);
     return (Objective){objective(&surface->sums, &surface->weighting), (surface->sums.cost - over_ceiling) / count,
                        over_ceiling / count, deviation(&surface->sums, &surface->weighting)};
 }

@@ -72,14 +72,14 @@ bool surface_evaluate_until(PlanSurface *surface, double ends_at);
 void surface_add_up(PlanSurface *surface);
 
 /* Objective of the present plan, in its parts, from scratch. */
-Objective surface_objective(const PlanSurface *surface);
+Objective surface_objective(PlanSurface *surface);
 
 /* Whether the surfaces are evaluated, and belong to this plan. */
-bool surface_holds(const PlanSurface *surface, const int32_t *plan);
+bool surface_holds(PlanSurface *surface, const int32_t *plan);
 
 /* Sets every value of the plan, or writes them out: layers * nx * ny. The surfaces must be evaluated afterwards. */
 void surface_set_plan(PlanSurface *surface, const int32_t *plan);
-void surface_plan(const PlanSurface *surface, int32_t *plan);
+void surface_plan(PlanSurface *surface, int32_t *plan);
 
 /* Index of cell (i, j) of the grid in a map with its frame. */
 static inline size_t surface_cell(const PlanSurface *surface, size_t i, size_t j) {

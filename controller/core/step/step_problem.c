@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "near_cells.h"
+#include "row_ranges.h"
 
 /* cost of a metre above the ceiling, relative to one below the target (assumed) */
 static const double CEILING_COST = 100.0;
@@ -10,46 +11,64 @@ static const double CAUTION = 1.2;    /* increase of overshoot above 1 per dropl
 static const double NO_CEILING = 0.4; /* above any print from droplets [m] */
 static const double NO_LIMIT = 1.0;   /* largest overshoot_limit [m]: no limit */
 
-/* The droplets allowed on the cells in the layer `ahead` layers after the next one. */
-static void allow_droplets(const LayerStep *step, const SurfaceToPlan *surface, size_t ahead, bool dead_are_tried,
-                           uint16_t *choices) {
-    const LayerControllerVariables *v = step->values;
-    const InkRegions regions = ink_regions(step);
-    const size_t cells = cells_of(step);
+/* The maps of a problem, which the threads fill row by row. */
+typedef struct {
+    const LayerStep *step;
+    const SurfaceToPlan *surface;
+    const HorizonProblem *problem;
+    const ProblemMaps *maps;
+    bool dead_are_tried; /* in the next layer */
+    double squares;      /* variance of a layer whose droplets have one of 1 [m2] */
+} Filling;
+
+/* The droplets allowed on the cells in each layer. */
+static void allow_droplets(void *context, const RowRange *range) {
+    const Filling *filling = context;
+    const LayerControllerVariables *v = filling->step->values;
+    const SurfaceToPlan *surface = filling->surface;
+    const InkRegions regions = ink_regions(filling->step);
+    const size_t cells = cells_of(filling->step), ny = filling->problem->ny;
     unsigned levels = 0;
     for (int32_t level = 0; level < *v->drop_levels; level++)
         levels |= 1u << (level * *v->inks);
-    for (size_t cell = 0; cell < cells; cell++) {
-        const bool is_reached = v->mask[cell] && v->jettable[cell] && !surface->capped[cell];
-        const bool is_jetted = is_reached && (!surface->dead[cell] || dead_are_tried);
-        const unsigned inks = is_jetted ? inks_for(&regions, cell, surface->height[cell], ahead) : 0;
-        choices[cell] = (uint16_t)(inks * levels);
-    }
+    for (size_t ahead = 0; ahead < filling->problem->layers; ahead++)
+        for (size_t cell = range->top * ny; cell < range->bottom * ny; cell++) {
+            const bool is_reached = v->mask[cell] && v->jettable[cell] && !surface->capped[cell];
+            const bool is_jetted = is_reached && (!surface->dead[cell] || (ahead == 0 && filling->dead_are_tried));
+            const unsigned inks = is_jetted ? inks_for(&regions, cell, surface->height[cell], ahead) : 0;
+            filling->maps->choices[ahead * cells + cell] = (uint16_t)(inks * levels);
+        }
 }
 
-static void weigh_cells(const LayerStep *step, double *weight) {
-    const LayerControllerVariables *v = step->values;
-    const uint8_t *part = (const uint8_t *)v->mask;
-    for (size_t cell = 0; cell < cells_of(step); cell++) {
-        const bool is_fringe = is_near_marked(part, (size_t)*v->nx, (size_t)*v->ny, cell);
-        weight[cell] = part[cell] ? 1.0 : is_fringe ? *v->fringe_weight : 0.0;
-    }
+static void weigh_cells(void *context, const RowRange *range) {
+    const Filling *filling = context;
+    const LayerControllerVariables *v = filling->step->values;
+    const uint8_t *part = filling->problem->part;
+    const size_t nx = filling->problem->nx, ny = filling->problem->ny;
+    for (size_t cell = range->top * ny; cell < range->bottom * ny; cell++)
+        filling->maps->weight[cell] = part[cell] ? 1.0 : is_near_marked(part, nx, ny, cell) ? *v->fringe_weight : 0.0;
 }
 
 /* Upper limit of the surface, over the part only: spill outside would forbid every droplet at the edge. It holds for
  * one more layer, full and on a flat surface, until the next scan. */
-static void limit_cells(const LayerStep *step, const SurfaceToPlan *surface, double *ceiling) {
-    const LayerControllerVariables *v = step->values;
+static void limit_cells(void *context, const RowRange *range) {
+    const Filling *filling = context;
+    const LayerControllerVariables *v = filling->step->values;
+    const size_t ny = filling->problem->ny;
+    for (size_t cell = range->top * ny; cell < range->bottom * ny; cell++) {
+        const double deviation = sqrt(filling->surface->variance[cell] + DROPLET_STD * DROPLET_STD * filling->squares);
+        const double limit = v->target_height[cell] + *v->overshoot_limit - *v->chance_margin * deviation;
+        filling->maps->ceiling[cell] = v->mask[cell] ? limit : NO_CEILING;
+    }
+}
+
+static double largest_squares(const LayerStep *step, const SurfaceToPlan *surface) {
     double squares = 0.0;
-    for (int32_t k = 0; k < *v->inks; k++) {
+    for (int32_t k = 0; k < *step->values->inks; k++) {
         const Ink ink = surface->ink[k];
         squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
     }
-    for (size_t cell = 0; cell < cells_of(step); cell++) {
-        const double deviation = sqrt(surface->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
-        const double limit = v->target_height[cell] + *v->overshoot_limit - *v->chance_margin * deviation;
-        ceiling[cell] = v->mask[cell] ? limit : NO_CEILING;
-    }
+    return squares;
 }
 
 static void add_kinds(const LayerStep *step, const Ink ink[INKS_MAX], HorizonProblem *problem) {
@@ -82,13 +101,13 @@ HorizonProblem layer_problem(const LayerStep *step, const SurfaceToPlan *surface
                               .droplet_std = droplet_std,
                               .passes = *v->passes};
     add_kinds(step, surface->ink, &problem);
-    for (size_t ahead = 0; ahead < problem.layers; ahead++)
-        allow_droplets(step, surface, ahead, ahead == 0 && is_probe((int64_t)layer + 1),
-                       maps->choices + ahead * cells_of(step));
+    Filling filling = {step, surface, &problem, maps, is_probe((int64_t)layer + 1), largest_squares(step, surface)};
+    const size_t threads = (size_t)step->threads;
+    run_rows(threads, problem.nx, problem.ny, allow_droplets, &filling);
     if (is_limited)
-        limit_cells(step, surface, maps->ceiling);
+        run_rows(threads, problem.nx, problem.ny, limit_cells, &filling);
     if (has_fringe)
-        weigh_cells(step, maps->weight);
+        run_rows(threads, problem.nx, problem.ny, weigh_cells, &filling);
     for (size_t ahead = 0; problem.passes > 1 && ahead < problem.layers; ahead++)
         layer_colours(step, layer + 1 + (int32_t)ahead, problem.colours[ahead]);
     return problem;

@@ -133,8 +133,8 @@ double deviation_change(constant Rules *rules, global const long *sums, double h
 }
 #endif
 
-bool allows(global const ushort *choices, constant Rules *rules, int layer, long i, long j, int value) {
-    return (2u * choices[((long)layer * rules->nx + i) * rules->ny + j] + 1u) >> value & 1u;
+bool allows(global const ushort *choices, constant Rules *rules, int layer, long cell, int value) {
+    return (2u * choices[layer * rules->framed + cell] + 1u) >> value & 1u;
 }
 
 /* Whether anything near a cell has changed since its moves were tried, by the tiles that changed in the last sweep. */
@@ -264,8 +264,8 @@ bool move_of(const Maps *maps, int layer, long i, long j, int number, Move *move
     const long here = (i + 1) * rules->stride + j + 1, there = (k + 1) * rules->stride + l + 1;
     const int was = maps->plan[layer * rules->framed + here], its = maps->plan[its_layer * rules->framed + there];
     *move = (Move){layer, its_layer, shift < 0 ? number : its, was, here, there, shift >= 0};
-    return move->is != was && allows(maps->choices, rules, layer, i, j, move->is) &&
-           (shift < 0 || allows(maps->choices, rules, its_layer, k, l, was));
+    return move->is != was && allows(maps->choices, rules, layer, here, move->is) &&
+           (shift < 0 || allows(maps->choices, rules, its_layer, there, was));
 }
 
 /* Makes a move that has been carried. */

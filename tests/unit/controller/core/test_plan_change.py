@@ -21,7 +21,7 @@ PROGRAMS = {
     "one_step_invariants": (*SEARCH, "flip_bounds", "flip_costs", "one_step_sweep", "tile_moves", "tiled_sweep"),
 }
 SHARED = (
-    *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective", "parallel_none")),
+    *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective", "parallel_none", "row_ranges")),
     FMUS / "layer_deposition" / "layer_map.c",
 )
 FOLDERS = (*(CORE / group for group in ("problem", "model", "search")), FMUS / "layer_deposition", FMUS / "deposition")

@@ -18,6 +18,7 @@ from rich.table import Table
 from inkloop.component import Ink
 from inkloop.errors import InkloopError
 from inkloop.testing import job
+from inkloop.units import UM_PER_M
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core.bindings import objective
 from inkloop_controller.core.layer_step import LayerStep
@@ -37,7 +38,7 @@ cl = pytest.importorskip("pyopencl", reason="needs OpenCL: pip install 'inkloop[
 device = pytest.importorskip("inkloop_controller.gpu.device")
 if not device.devices():
     pytest.skip("needs an OpenCL device: pip install pocl-binary-distribution", allow_module_level=True)
-from inkloop_controller.gpu.search import DeviceSearch, PlanOnDevice  # noqa: E402
+from inkloop_controller.gpu.search import DeviceSearch  # noqa: E402
 
 PROBLEMS = {
     "one layer": rough((13, 21)),
@@ -72,12 +73,12 @@ def test_surfaces_are_kept_up_to_date_to_the_last_bit(name: str, on_device: Devi
     """After a sweep of moves they are those of the plan, printed again."""
     problem = PROBLEMS[name]
     struct, plan = problem_struct(problem), random_plan(problem, 1)
-    surface = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
+    surface = on_device.plan(struct, plan)
     assert list(surface.sweep(True))
     assert surface.made
     surface.read_plan(plan)
-    again = PlanOnDevice(on_device._queue, on_device._program(struct), struct, plan)
-    np.testing.assert_array_equal(surface.read_heights(), again.read_heights())
+    kept = surface.read_heights()
+    np.testing.assert_array_equal(kept, on_device.plan(struct, plan).read_heights())
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -128,6 +129,48 @@ def test_thirty_plans_are_as_good_as_those_of_the_core(on_device: DeviceSearch) 
     ]
     excess = [found_by(on_device, one).objective.value / found_by(None, one).objective.value - 1.0 for one in problems]
     assert np.mean(excess) < 0.01, excess
+
+
+@pytest.mark.parametrize("name", ["target", "weight", "part", "choices", "ceiling", "height"])
+def test_map_that_changes_between_layers_is_sent_again(name: str, on_device: DeviceSearch) -> None:
+    """Maps stay on the device; a plan on them is that of a device that knows none."""
+    before = with_everything((13, 11), 2, 1, 5)
+    changed = getattr(before, name)[..., ::-1, :]
+    found_by(on_device, before)
+    kept = found_by(on_device, replace(before, **{name: changed}))
+    on_device.maps.release()
+    np.testing.assert_array_equal(kept.plan, found_by(on_device, replace(before, **{name: changed})).plan)
+
+
+def test_sixty_layers_take_the_memory_of_one_and_send_heights_and_plans_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    part, rng, cells = block(9, 7, 3e-5), np.random.default_rng(2), 9 * 7
+    planner, last = LayerMpc(part, device="gpu", horizon=3), np.zeros((0, 9, 7), np.int32)
+    improve, buffer = DeviceSearch.improve, cl.Buffer
+    taken: list[int] = []
+    sent: dict[int, list[int]] = {1: [], 2: [], 3: []}
+
+    def watched(search: DeviceSearch, problem: Any, *given: Any) -> tuple[int, int]:
+        before = search.maps.sent
+        found = improve(search, problem, *given)
+        sent[problem.layers].append(search.maps.sent - before)
+        return found
+
+    def take(*given: Any) -> Any:
+        taken.append(given[-1])
+        return buffer(*given)
+
+    monkeypatch.setattr(DeviceSearch, "improve", watched)
+    monkeypatch.setattr(cl, "Buffer", take)
+    for layer in range(60):
+        height = part.target_height - rng.uniform(0.8, 2.5, (9, 7)) * Ink().layer_height
+        last = planner.plan(Estimate.exact(height, part.inks), layer, last).plan
+        if layer == 0:
+            taken.append(0)
+    assert len(sent[3]) == 60
+    assert taken[-1] == 0  # none after those of the first layer
+    first, *rest = sent[3]
+    assert first - min(rest) == cells * (8 + 8 + 1 + 3 * 2)  # target, weight, part, choices
+    assert np.median(rest) == min(rest)
 
 
 def test_time_limit_and_ctrl_c_end_the_search(on_device: DeviceSearch) -> None:
@@ -181,6 +224,37 @@ def test_processor_takes_over_where_a_device_is_lost(
     assert "from layer 1 on" in caplog.text
     with pytest.raises(InkloopError, match="plan on the processor with device = 'cpu'"):
         planners[2].plan(*task)
+
+
+@pytest.mark.parametrize(
+    ("reason", "failing"),
+    [
+        ("out of resources", {"_program": None}),
+        ("a plan of 2 layers", {"_device": SimpleNamespace(global_mem_size=1, max_mem_alloc_size=1)}),
+    ],
+    ids=["lost", "too little memory"],
+)
+def test_print_goes_on_where_a_device_fails_in_it(
+    reason: str, failing: dict[str, Any], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    part = block(9, 8, 4e-5)
+    controller = LayerMpcController(part, device="auto", horizon=2)
+    improve, plans = DeviceSearch.improve, []
+
+    def lost(_: object) -> None:
+        raise cl.RuntimeError("out of resources")
+
+    def failing_later(search: DeviceSearch, *given: Any) -> tuple[int, int]:
+        plans.append(given)
+        for name, value in failing.items() if len(plans) == 3 else ():
+            monkeypatch.setattr(search, name, value or lost)
+        return improve(search, *given)
+
+    monkeypatch.setattr(DeviceSearch, "improve", failing_later)
+    ours = print_part(controller, part, variation=0.2).errors_um(part)
+    assert len(plans) == 3
+    assert reason in caplog.text
+    assert max(map(abs, ours)) < 0.2 * Ink().layer_height * UM_PER_M
 
 
 @pytest.fixture
