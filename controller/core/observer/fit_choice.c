@@ -90,9 +90,9 @@ static Surprises update_maps(const ScanEvidence *evidence, const SurfaceEstimate
     const Knowledge *known = after->known;
     const bool is_displaced = known->registration.is_displaced;
     FitRoom *room = &maps->room;
-    double doubtful[GEOMETRY * GEOMETRY], g[GEOMETRY];
+    const double *g = known->registration.estimate;
+    double doubtful[GEOMETRY * GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
-    geometry_seen(&known->registration, g);
     MapUpdate update = {.evidence = evidence,
                         .before = before,
                         .fit = fit,

@@ -130,12 +130,11 @@ void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMET
 
 void read_map(const Registration *registration, size_t nx, size_t ny, const double *map, double *lines,
               double *averaged, double *reading) {
-    double g[GEOMETRY];
+    const double *g = registration->estimate;
     if (!registration->is_displaced) {
         memcpy(reading, map, nx * ny * sizeof *map);
         return;
     }
-    geometry_seen(registration, g);
     means_over_spot(nx, ny, map, g[SPREAD], lines, averaged);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {
