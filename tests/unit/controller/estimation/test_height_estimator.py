@@ -181,7 +181,8 @@ def test_droplets_that_stray_are_believed_of_an_exact_sensor() -> None:
     for layer in range(1, 13):
         strays = (pattern > 0) & (rng.random(height.shape) < 0.01)
         landed = np.where(strays, 0, pattern) + np.roll(strays, 2, axis=0)
-        height = plant.layer(height, (landed > 0).astype(np.int32), layer, landed * (1.0 - 0.2 * rng.random(height.shape)))
+        volume = landed * (1.0 - 0.2 * rng.random(height.shape))
+        height = plant.layer(height, (landed > 0).astype(np.int32), layer, volume)
         estimate = estimator.next(estimate, pattern, layer, height, seen)
         if layer > 3:
             np.testing.assert_allclose(estimate.height, height, rtol=0.0, atol=0.1e-6)
