@@ -118,13 +118,14 @@ static bool is_averaged(const WallFit *fit, const double *x) {
     double off = 0.0;
     for (size_t k = 0; k < fit->evidence->shares; k++)
         off = fmax(off, fabs(x[SHARE + k] - fit->share[k]));
-    return fabs(x[SPREAD] - fit->spread) <= SAME_SPREAD && off * fmin(x[SPREAD], 1.0) <= SAME_SHARE;
+    const double spread = fmax(x[SPREAD], 0.0);
+    return fabs(spread - fit->spread) <= SAME_SPREAD && off * fmin(spread, 1.0) <= SAME_SHARE;
 }
 
 static void keep_within(size_t shares, const double *before, double *x) {
     for (size_t k = 0; k < GEOMETRY; k++)
         x[k] = fmin(before[k] + LONGEST_MOVE, fmax(before[k] - LONGEST_MOVE, x[k]));
-    x[SPREAD] = fmin(LARGEST_SPREAD, fmax(0.0, x[SPREAD]));
+    x[SPREAD] = fmin(LARGEST_SPREAD, x[SPREAD]); /* below 0 too: limited to 0 its mean, and the ink's, would be high */
     for (size_t k = 0; k < shares; k++)
         x[SHARE + k] = share_within(x[SHARE + k]);
 }
@@ -204,6 +205,13 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
     return invert_definite(all, matrix, covariance);
 }
 
+/* A spot that does not show clearly is none: the other unknowns given that. */
+static void leave_out_spot(const double *covariance, size_t all, double *x) {
+    const double *of = covariance + SPREAD * all, spread = x[SPREAD];
+    for (size_t k = 0; k < all && !(spread > 2.0 * sqrt(of[SPREAD])); k++)
+        x[k] -= of[k] / of[SPREAD] * spread;
+}
+
 /* all: number of unknowns. */
 static void learn_geometry(const double *x, const double *covariance, size_t all, double misfit, double gained,
                            Registration *registration) {
@@ -238,6 +246,7 @@ bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Regi
     if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
         const double left = misfit_of(&fit, displaced);
+        leave_out_spot(covariance, all, x);
         take_smooth(evidence, x, covariance, all, displaced);
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);

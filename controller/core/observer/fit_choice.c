@@ -198,9 +198,9 @@ static void doubtful_geometry(const Registration *registration, double *covarian
 static Surprises update_maps(const ScanEvidence *evidence, const InkFit *fit, bool may_be, SurfaceEstimate *after) {
     const Knowledge *known = after->known;
     const bool is_displaced = known->registration.is_displaced;
-    double doubtful[GEOMETRY * GEOMETRY], g[GEOMETRY];
+    const double *g = known->registration.estimate;
+    double doubtful[GEOMETRY * GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
-    geometry_seen(&known->registration, g);
     MapUpdate update = {.evidence = evidence,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,

@@ -52,7 +52,8 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     count->seen++;
-    count->vanished += has_surprised && (update->is_robust ? !is_big : is_back);
+    /* within one standard deviation: a smaller rest may be what neighbours' droplets left of a change that lasts */
+    count->vanished += has_surprised && (update->is_robust ? square < 1.0 : is_back);
     const bool is_failed = update->evidence->living.pattern[cell] > 0 && told < 0.0; /* a droplet failed */
     count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;

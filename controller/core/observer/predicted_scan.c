@@ -197,12 +197,11 @@ void average_prediction(const ScanEvidence *evidence, const double share[], doub
 void read_map(const ScanEvidence *evidence, const double *map, double *reading) {
     const Registration *registration = &evidence->known->registration;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    double g[GEOMETRY];
+    const double *g = registration->estimate;
     if (!registration->is_displaced) {
         memcpy(reading, map, nx * ny * sizeof *map);
         return;
     }
-    geometry_seen(registration, g);
     average_over_spot(evidence, map, g[SPREAD], evidence->lists[1]);
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++) {

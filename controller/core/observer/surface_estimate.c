@@ -128,12 +128,6 @@ static double spot_error(const Registration *registration) {
     return sqrt(registration->covariance[SPREAD * GEOMETRY + SPREAD]);
 }
 
-void geometry_seen(const Registration *registration, double g[GEOMETRY]) {
-    memcpy(g, registration->estimate, GEOMETRY * sizeof *g);
-    if (!(g[SPREAD] > 2.0 * spot_error(registration)))
-        g[SPREAD] = 0.0;
-}
-
 bool is_spill_foreign(const LoopTrust *trust) {
     return trust->spill > SPILL_MAX;
 }
@@ -159,9 +153,7 @@ bool is_probe(int64_t layer) {
 
 /* Reports the estimated geometry of the scans. */
 static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
-    const double *covariance = registration->covariance, error = spot_error(registration);
-    double g[GEOMETRY];
-    geometry_seen(registration, g);
+    const double *covariance = registration->covariance, *g = registration->estimate, error = spot_error(registration);
     const double rise = half_of(nx), run = half_of(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
     figures->shift_x = g[SHIFT_X];
     figures->shift_y = g[SHIFT_Y];

@@ -174,10 +174,6 @@ double layer_of(const EstimatorOptions *options);
 /* Knowledge before any scan. */
 Knowledge first_knowledge(const EstimatorOptions *options);
 
-/* The geometry used to read scans: the estimated one, but with a point for a spot that is not significant, since a
- * wrong spot raises walls. */
-void geometry_seen(const Registration *registration, double g[GEOMETRY]);
-
 /* Whether droplets spill onto their neighbours unlike the model's. */
 bool is_spill_foreign(const LoopTrust *trust);
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, sampling, seen
+from support.numpy.observer_setup import Setup, State, sampling
 from support.numpy.scan_doubts_numpy import is_doubted
 from support.numpy.scan_fit_numpy import (
     Fit,
@@ -76,7 +76,7 @@ class Observer:
         left = np.tensordot(fit.datum, o.terms, 1)
         of_datum = np.einsum("aij,ab,bij->ij", o.terms, fit.datum_covariance, o.terms)
         change = look.change(fit.share)
-        g = seen(s) if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
+        g = s.g if s.is_displaced else np.zeros(7)  # in register: displaced by nothing
         ink = fit.share if s.is_displaced else s.share
         view = View(o, look, np.ones(o.shape, np.bool_), g[c.SPREAD], ink)
         view.look(np.concatenate([g, np.zeros(6), [] if o.model == "off" else ink]))
@@ -137,7 +137,7 @@ class Observer:
         s.surprise = np.where(look.valid & is_big & ~is_real, rest, 0.0)
         s.surprised = np.where(look.valid & ~is_real, times, 0)
         is_told = look.valid & (told != 0.0)
-        ends = (~is_big, is_same) if is_robust else (is_back, ~is_big)
+        ends = (square < 1.0, is_same) if is_robust else (is_back, ~is_big)
         is_believed = look.valid & is_big & (is_real | (not is_robust))
         is_failed = (look.pattern > 0) & (told < 0.0)  # a droplet that did not come
         vanished, lasted = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
@@ -290,7 +290,7 @@ class Observer:
             "is_foreign": s.mean_misfit[1] > c.SPILL_MAX, "is_displaced": s.is_displaced and bool(s.misfits),
         }  # fmt: skip
         if s.misfits:
-            spread, error = seen(s)[c.SPREAD], np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
+            spread, error = s.g[c.SPREAD], np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
             linear = s.g[2:6].reshape(2, 2) / o.half
             shown |= {
                 "shift_x": s.g[0], "shift_y": s.g[1], "shift_std": np.sqrt(np.diag(s.covariance)[:2].max()),

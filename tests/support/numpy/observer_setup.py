@@ -75,13 +75,6 @@ def near(marked: Any, times: int = 1) -> Any:
     return marked
 
 
-def seen(s: State) -> Any:
-    """Geometry by which scans are read: a spot that cannot be distinguished from a point is one."""
-    g = s.g.copy()
-    g[c.SPREAD] *= g[c.SPREAD] > 2.0 * np.sqrt(s.covariance[c.SPREAD, c.SPREAD])
-    return g
-
-
 def central(height: Any) -> Any:
     """(2, nx, ny): half differences of the neighbours along x and y; beyond the border the map continues."""
     around = np.pad(height, 1, mode="edge")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, blurred, central, sampling, seen
+from support.numpy.observer_setup import Setup, State, blurred, central, sampling
 from support.numpy.scan_fit_numpy import Look, fit_datum
 
 
@@ -23,7 +23,7 @@ def reading_of(o: Setup, s: State, height: Any) -> Any:
     """Readings of a surface by the sensor with the believed geometry."""
     if not s.is_displaced:
         return height
-    g = seen(s)
+    g = s.g
     return (sampling(o.shape, *o.places(g)) @ blurred(height, g[c.SPREAD]).ravel()).reshape(o.shape)
 
 

@@ -19,7 +19,6 @@ from support.numpy.observer_setup import (
     misfit,
     near,
     sampling,
-    seen,
     solved,
     upper_misfit,
 )
@@ -91,8 +90,9 @@ class View:
 
     def is_averaged(self, x: Any) -> bool:
         """Whether readings are linear from the averaged prediction on: what ink changes is not averaged."""
-        off = np.abs(x[13:] - self.share[: len(x) - 13]).max(initial=0.0) * min(x[c.SPREAD], 1.0)
-        return bool(abs(x[c.SPREAD] - self.spread) <= c.SAME_SPREAD and off <= c.SAME_SHARE)
+        spread = max(x[c.SPREAD], 0.0)
+        off = np.abs(x[13:] - self.share[: len(x) - 13]).max(initial=0.0) * min(spread, 1.0)
+        return bool(abs(spread - self.spread) <= c.SAME_SPREAD and off <= c.SAME_SHARE)
 
     def look(self, x: Any) -> None:
         """Rests, their variances and classes, and the matrix J of what the unknowns change."""
@@ -170,7 +170,7 @@ def levelled(
     spread, lines = abs(excess), 1 if excess > 0.0 else 0
     if spread <= c.LINES_TELL * within:
         return scan, noise
-    g, shift = seen(s), np.diag(s.covariance)[:2].max()
+    g, shift = s.g, np.diag(s.covariance)[:2].max()
     expected = predicted
     if s.is_displaced:
         expected = (sampling(o.shape, *o.places(g)) @ blurred(predicted, g[c.SPREAD]).ravel()).reshape(o.shape)
@@ -291,11 +291,14 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         heat = float(np.median((view.rest**2 / view.variance)[hot])) / c.MEDIAN_SQUARE if is_hot else 1.0
         last, x = x, x + solved(*equations(x, max(heat, 1.0)))
         x[:7] = np.clip(x[:7], last[:7] - c.LONGEST_MOVE, last[:7] + c.LONGEST_MOVE)
-        x[c.SPREAD], x[13:] = np.clip(x[c.SPREAD], 0.0, c.LARGEST_SPREAD), np.clip(x[13:], *c.SHARE_RANGE)
+        x[c.SPREAD], x[13:] = min(x[c.SPREAD], c.LARGEST_SPREAD), np.clip(x[13:], *c.SHARE_RANGE)
         if heat <= 1.0 and np.abs(x - last)[:7].max() < c.CONVERGED:
             break
     view.look(x)
     covariance = inverse(equations(x, 1.0)[0])
+    of_spot = covariance[c.SPREAD] / covariance[c.SPREAD, c.SPREAD]
+    if x[c.SPREAD] <= 2.0 * np.sqrt(covariance[c.SPREAD, c.SPREAD]):  # no spot
+        x = x - of_spot * x[c.SPREAD]
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
     fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
     is_steep = view.slopes > (c.STEEP * o.layer) ** 2

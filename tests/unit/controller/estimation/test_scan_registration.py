@@ -15,6 +15,8 @@ from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of
 from support.long_proofs import rest_is_long
+from support.lying_scans.cases import CASES
+from support.lying_scans.rig import print_case
 
 LAYERS_MAX = 60
 OVERSURE = pytest.mark.xfail(strict=True, reason="the shift of exact scans is off by ten and more of its deviations")
@@ -209,6 +211,12 @@ def test_sensor_in_register_is_not_corrected(sensor: Sensor) -> None:
     for seed in (0, 1, 2):
         estimates, _ = estimated(cylinder(), sensor, 10, seed)
         assert not any(estimate.figures.is_displaced for estimate in estimates)
+
+
+def test_wall_of_one_cell_ends_as_high_as_asked() -> None:
+    """A spot cannot be less than none: were each scan's estimate limited to that, it would raise wall and droplets."""
+    case = CASES["wall of 1 cell along y, noise 0.5, shift 0.25"]
+    assert np.mean([print_case(case, seed).mae for seed in (1, 2, 3)]) < case.must.mae
 
 
 def test_scans_of_a_flat_surface_show_no_displacement() -> None:
