@@ -38,7 +38,7 @@ XML = {
     "a": f"""<Binary name="a" valueReference="1" causality="input" clocks="9 2" mimeType='{CAN}'/>""",
     "b": '<Clock name="b" valueReference="2" causality="input" intervalVariability="triggered"/>',
     "c": f"""<Binary name="c" valueReference="3" causality="output" clocks="4" mimeType='{CAN}'/>""",
-    "d": '<Clock name="d" valueReference="4" causality="output" intervalVariability="countdown"/>',
+    "d": '<Clock name="d" valueReference="4" causality="input" intervalVariability="countdown"/>',
 }
 NETWORK = "org.fmi-ls-bus.network-terminal"
 
