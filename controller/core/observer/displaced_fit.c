@@ -118,14 +118,13 @@ static bool is_averaged(const WallFit *fit, const double *x) {
     double off = 0.0;
     for (size_t k = 0; k < fit->evidence->shares; k++)
         off = fmax(off, fabs(x[SHARE + k] - fit->share[k]));
-    const double spread = fmax(x[SPREAD], 0.0);
-    return fabs(spread - fit->spread) <= SAME_SPREAD && off * fmin(spread, 1.0) <= SAME_SHARE;
+    return fabs(x[SPREAD] - fit->spread) <= SAME_SPREAD && off * fmin(x[SPREAD], 1.0) <= SAME_SHARE;
 }
 
 static void keep_within(size_t shares, const double *before, double *x) {
     for (size_t k = 0; k < GEOMETRY; k++)
         x[k] = fmin(before[k] + LONGEST_MOVE, fmax(before[k] - LONGEST_MOVE, x[k]));
-    x[SPREAD] = fmin(LARGEST_SPREAD, x[SPREAD]); /* below 0 too: limited to 0 its mean, and the ink's, would be high */
+    x[SPREAD] = fmin(LARGEST_SPREAD, x[SPREAD]);
     for (size_t k = 0; k < shares; k++)
         x[SHARE + k] = share_within(x[SHARE + k]);
 }
@@ -173,6 +172,14 @@ static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
         try_shifts(prior, 1, 0.5, fit, x);
 }
 
+/* A spot of a variance below `least` is none: the other unknowns given that. Limiting it alone would leave ink and
+ * walls where a sharper spot has them. */
+static void leave_out_spot(double least, const double *covariance, size_t all, double *x) {
+    const double *of = covariance + SPREAD * all, spread = x[SPREAD];
+    for (size_t k = 0; k < all && spread < least; k++)
+        x[k] -= of[k] / of[SPREAD] * spread;
+}
+
 /* Gauss-Newton steps from the prior mean; errors weigh less at first, so that a scan that has moved far does not count
  * as outliers. */
 static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
@@ -188,12 +195,14 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
         look_at_walls(x, fit);
         const double heat = round + COLD_ROUNDS < ROUNDS ? heat_of(fit, prior->covariance) : 1.0;
         equations_of_walls(fit, prior, x, heat, matrix, side);
-        if (!solve_definite(all, matrix, side))
+        if (!invert_definite(all, matrix, covariance))
             return false;
         memcpy(before, x, all * sizeof *x);
         double largest = 0.0;
         for (size_t k = 0; k < all; k++)
-            x[k] += side[k];
+            for (size_t l = 0; l < all; l++)
+                x[k] += covariance[k * all + l] * side[l];
+        leave_out_spot(0.0, covariance, all, x);
         keep_within(fit->evidence->shares, before, x);
         for (size_t k = 0; k < GEOMETRY; k++)
             largest = fmax(largest, fabs(x[k] - before[k]));
@@ -202,14 +211,11 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
     }
     look_at_walls(x, fit);
     equations_of_walls(fit, prior, x, 1.0, matrix, side);
-    return invert_definite(all, matrix, covariance);
-}
-
-/* A spot that does not show clearly is none: the other unknowns given that. */
-static void leave_out_spot(const double *covariance, size_t all, double *x) {
-    const double *of = covariance + SPREAD * all, spread = x[SPREAD];
-    for (size_t k = 0; k < all && !(spread > 2.0 * sqrt(of[SPREAD])); k++)
-        x[k] -= of[k] / of[SPREAD] * spread;
+    if (!invert_definite(all, matrix, covariance))
+        return false;
+    leave_out_spot(2.0 * sqrt(covariance[SPREAD * (all + 1)]), covariance, all, x);
+    look_at_walls(x, fit);
+    return true;
 }
 
 /* all: number of unknowns. */
@@ -246,7 +252,6 @@ bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Regi
     if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
         const double left = misfit_of(&fit, displaced);
-        leave_out_spot(covariance, all, x);
         take_smooth(evidence, x, covariance, all, displaced);
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);

@@ -90,9 +90,8 @@ class View:
 
     def is_averaged(self, x: Any) -> bool:
         """Whether readings are linear from the averaged prediction on: what ink changes is not averaged."""
-        spread = max(x[c.SPREAD], 0.0)
-        off = np.abs(x[13:] - self.share[: len(x) - 13]).max(initial=0.0) * min(spread, 1.0)
-        return bool(abs(spread - self.spread) <= c.SAME_SPREAD and off <= c.SAME_SHARE)
+        off = np.abs(x[13:] - self.share[: len(x) - 13]).max(initial=0.0) * min(x[c.SPREAD], 1.0)
+        return bool(abs(x[c.SPREAD] - self.spread) <= c.SAME_SPREAD and off <= c.SAME_SHARE)
 
     def look(self, x: Any) -> None:
         """Rests, their variances and classes, and the matrix J of what the unknowns change."""
@@ -241,6 +240,12 @@ def marked_walls(o: Setup, s: State, look: Look, prior: Any) -> Any:
     return near(steep, 3 if spread > 0.25 else 2 if spread > 0.06 else 1)
 
 
+def without_spot(least: float, covariance: Any, x: Any) -> Any:
+    """Unknowns given that there is no spot, if its variance is below `least`."""
+    of_spot = covariance[c.SPREAD] / covariance[c.SPREAD, c.SPREAD]
+    return x - of_spot * x[c.SPREAD] if x[c.SPREAD] < least else x
+
+
 def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit, Any, Any]:
     """(fit of the scan as displaced, walls, slope with the spot); `s` learns the geometry."""
     step = np.concatenate([np.sqrt(s.steps), c.LINEAR_STEP * np.tile(o.half, 2), [c.SPREAD_STEP]])
@@ -289,16 +294,16 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         hot = view.slopes * shift_variance > 4.0 * view.variance
         is_hot = number + c.COLD < c.ROUNDS and hot.sum() > c.LEAST_CELLS // 2
         heat = float(np.median((view.rest**2 / view.variance)[hot])) / c.MEDIAN_SQUARE if is_hot else 1.0
-        last, x = x, x + solved(*equations(x, max(heat, 1.0)))
+        matrix, side = equations(x, max(heat, 1.0))
+        last, x = x, without_spot(0.0, inverse(matrix), x + solved(matrix, side))
         x[:7] = np.clip(x[:7], last[:7] - c.LONGEST_MOVE, last[:7] + c.LONGEST_MOVE)
         x[c.SPREAD], x[13:] = min(x[c.SPREAD], c.LARGEST_SPREAD), np.clip(x[13:], *c.SHARE_RANGE)
         if heat <= 1.0 and np.abs(x - last)[:7].max() < c.CONVERGED:
             break
     view.look(x)
     covariance = inverse(equations(x, 1.0)[0])
-    of_spot = covariance[c.SPREAD] / covariance[c.SPREAD, c.SPREAD]
-    if x[c.SPREAD] <= 2.0 * np.sqrt(covariance[c.SPREAD, c.SPREAD]):  # no spot
-        x = x - of_spot * x[c.SPREAD]
+    x = without_spot(2.0 * np.sqrt(covariance[c.SPREAD, c.SPREAD]), covariance, x)
+    view.look(x)
     fit, squares = fitted(o, look, x[7:], covariance[7:, 7:]), view.rest**2 / view.variance
     fit.misfit = np.array([misfit(squares[view.classes == k]) for k in (0, 1)])
     is_steep = view.slopes > (c.STEEP * o.layer) ** 2

@@ -262,7 +262,6 @@ def test_xml_is_parsed_where_document_types_are_refused_before() -> None:
     """In what is written here too: descriptions of our own FMUs, and of those that `describe` has read."""
     checked = {
         "limits",
-        "fmu.bus_terminals",
         "fmu.reading",
         "geometry.three_mf",
         "fmu_writer.export",
