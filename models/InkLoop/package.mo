@@ -3,10 +3,14 @@ package InkLoop "Closed-loop ink-jet 3D printing, layer by layer"
   extends Icons.Package;
 
   annotation (
-    version="0.1.0",
+    version="0.2.0",
     versionBuild=1,
-    versionDate="2026-11-23",
-    dateModified="2026-11-23 08:00:00Z",
+    versionDate="2026-11-28",
+    dateModified="2026-11-28 01:00:00Z",
+    conversion(from(version="0.1.0", to="0.2.0", change={
+      convertElement("InkLoop.Control.ThresholdFeedback", "layer_height", "layerHeight"),
+      convertElement({"InkLoop.Functions.capHeight", "InkLoop.Functions.capOverRectangle"}, "base_radius", "baseRadius"),
+      convertElement("InkLoop.Functions.capOverRectangle", "cap_height", "apex")})),
     preferredView="info",
     Documentation(info="<html>
 <p>
