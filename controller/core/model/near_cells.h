@@ -37,10 +37,4 @@ static INLINED void mark_near_row(const uint8_t *marks, size_t nx, size_t ny, si
     }
 }
 
-/* The same for all cells; `near` is another map. */
-static inline void mark_near(const uint8_t *marks, size_t nx, size_t ny, uint8_t *near) {
-    for (size_t i = 0; i < nx; i++)
-        mark_near_row(marks, nx, ny, i, near + i * ny);
-}
-
 #endif

@@ -177,10 +177,10 @@ static bool do_surprises_last(const Knowledge *known) {
 }
 
 /* Learns the shares of surprises that vanished (errors of the sensor) and lasted (changes of the cells). */
-static void learn_surprises(const Surprises *found, Knowledge *known) {
-    const double seen = fmax((double)found->seen, 1.0);
-    known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found->vanished / seen;
-    known->lasting = 0.9 * known->lasting + 0.1 * (double)found->lasted / seen;
+static void learn_surprises(const size_t found[], Knowledge *known) {
+    const double seen = fmax((double)found[SEEN], 1.0);
+    known->vanishing = 0.9 * known->vanishing + 0.1 * (double)found[VANISHED] / seen;
+    known->lasting = 0.9 * known->lasting + 0.1 * (double)found[LASTED] / seen;
 }
 
 /* Covariance of the geometry in readings at walls: while scans count as in register, weighted by the probability that
@@ -195,8 +195,8 @@ static void doubtful_geometry(const Registration *registration, double *covarian
 }
 
 /* Updates the maps; may_be: scans may be displaced. */
-static Surprises update_maps(const ScanEvidence *evidence, const InkFit *fit, bool may_be, SurfaceEstimate *after) {
-    const Knowledge *known = after->known;
+static CellSums update_maps(const ScanEvidence *evidence, const InkFit *fit, bool may_be) {
+    const Knowledge *known = evidence->after->known;
     const bool is_displaced = known->registration.is_displaced;
     const double *g = known->registration.estimate;
     double doubtful[GEOMETRY * GEOMETRY];
@@ -204,18 +204,19 @@ static Surprises update_maps(const ScanEvidence *evidence, const InkFit *fit, bo
     MapUpdate update = {.evidence = evidence,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,
-                        .is_robust = (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known),
-                        .after = after};
+                        .is_robust =
+                            (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known)};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
     if (!is_displaced)
         return update_in_register(&update);
     average_prediction(evidence, fit->share, g[SPREAD]);
-    return update_displaced(&update, g);
+    memcpy(update.displaced, g, sizeof update.displaced);
+    return update_displaced(&update);
 }
 
-bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after) {
-    Knowledge *known = after->known;
+bool take_scan(const ScanEvidence *evidence) {
+    Knowledge *known = evidence->after->known;
     Registration *registration = &known->registration;
     const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
@@ -225,10 +226,10 @@ bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after) {
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;
-    const Surprises found = update_maps(evidence, fit, may_be, after);
+    const CellSums found = update_maps(evidence, fit, may_be);
     if (evidence->is_unknown)
         return true;
-    learn_surprises(&found, known);
+    learn_surprises(found.count, known);
     learn_droplets(is_displaced || (may_be && is_misfit(&in_register)) ? &displaced : &in_register, known);
     learn_datum(&evidence->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);

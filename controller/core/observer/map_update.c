@@ -40,8 +40,8 @@ typedef struct {
 } Belief;
 
 /* error: variance of a reading that does not surprise; known: that of the prediction [m^2]. */
-static Belief believe(const MapUpdate *update, size_t cell, double rest, double error, double known, Surprises *count) {
-    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
+static Belief believe(const MapUpdate *update, size_t cell, double rest, double error, double known, CellSums *sums) {
+    const SurfaceEstimate *before = update->evidence->before, *after = update->evidence->after;
     const double square = rest * rest / (known + error), told = before->surprise[cell];
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
@@ -51,11 +51,11 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
     const bool is_back = is_big && told * rest < 0.0 && fabs(rest) > SAME * fabs(told);
     const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
-    count->seen++;
+    sums->count[SEEN]++;
     /* within one standard deviation: a smaller rest may be what neighbours' droplets left of a change that lasts */
-    count->vanished += has_surprised && (update->is_robust ? square < 1.0 : is_back);
+    sums->count[VANISHED] += has_surprised && (update->is_robust ? square < 1.0 : is_back);
     const bool is_failed = update->evidence->living.pattern[cell] > 0 && told < 0.0; /* a droplet failed */
-    count->lasted += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
+    sums->count[LASTED] += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
     const bool is_believed = is_big && (is_real || !update->is_robust);
@@ -65,31 +65,30 @@ static Belief believe(const MapUpdate *update, size_t cell, double rest, double 
 
 /* Clears the surprises of a cell that was not seen. */
 static void clear_surprise(const MapUpdate *update, size_t cell) {
-    update->after->surprise[cell] = 0.0;
-    update->after->surprised[cell] = 0;
+    update->evidence->after->surprise[cell] = 0.0;
+    update->evidence->after->surprised[cell] = 0;
 }
 
 /* Updates the evidence that a cell is dead; returns whether this layer shows no growth there. */
 static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
     const double told = update->evidence->before->dead_evidence[cell], own = update->evidence->full_own[cell];
-    update->after->dead_evidence[cell] = told;
+    update->evidence->after->dead_evidence[cell] = told;
     if (!is_seen || !(own > 0.0) || update->evidence->is_unknown)
         return false;
     const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments.own[cell] : 0.0);
     const double weak = DEAD_WEAK * own;
     const double evidence = weak * (0.5 * weak - grown) / fmax(fmin(variance, own * own), LEAST_VARIANCE);
     const double sum = told + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
-    update->after->dead_evidence[cell] = fmin(DEAD_EVIDENCE, fmax(0.0, sum));
+    update->evidence->after->dead_evidence[cell] = fmin(DEAD_EVIDENCE, fmax(0.0, sum));
     return evidence > 0.0;
 }
 
 /* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
  * blame. */
-static void forget_dry(const MapUpdate *update, size_t dry) {
-    const size_t part = count_marked(update->evidence->options->part, update->evidence->cells);
+static void forget_dry(const ScanEvidence *evidence, size_t dry) {
+    const size_t part = count_marked(evidence->options->part, evidence->cells);
     if ((double)dry > WHOLE_HEAD * (double)part)
-        memcpy(update->after->dead_evidence, update->evidence->before->dead_evidence,
-               update->evidence->cells * sizeof(double));
+        memcpy(evidence->after->dead_evidence, evidence->before->dead_evidence, evidence->cells * sizeof(double));
 }
 
 /* Residual datum of the fit along a row, and its variance. */
@@ -110,14 +109,14 @@ static double variance_of(const DatumRow *row, double w) {
     return of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
 }
 
-Surprises update_in_register(const MapUpdate *update) {
+static void update_rows(void *context, const RowRange *range) {
+    const MapUpdate *update = context;
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = evidence->before, *after = update->after;
+    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
     const size_t nx = evidence->nx, ny = evidence->ny;
     const double *predicted = evidence->predicted;
-    Surprises count = {0, 0, 0};
-    size_t dry = 0;
-    for (size_t i = 0; i < nx; i++) {
+    CellSums sums = {.count = {0}};
+    for (size_t i = range->top; i < range->bottom; i++) {
         const DatumRow row = datum_row(update, i);
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
@@ -137,91 +136,125 @@ Surprises update_in_register(const MapUpdate *update) {
                     error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
                 }
                 variance = spread + error;
-                const Belief belief = believe(update, cell, rest, error, spread, &count);
+                const Belief belief = believe(update, cell, rest, error, spread, &sums);
                 spread += belief.jump;
                 gain = spread / (spread + belief.error);
             } else
                 clear_surprise(update, cell);
-            dry += take_dead(update, cell, evidence->valid[cell], rest, variance);
+            sums.count[DRY] += take_dead(update, cell, evidence->valid[cell], rest, variance);
             after->height[cell] = expected + gain * rest;
             after->variance[cell] = (1.0 - gain) * spread;
         }
     }
-    forget_dry(update, dry);
-    return count;
+    evidence->sums[range->chunk] = sums;
 }
 
-/* Weighted residuals of the readings, their weights, and the jumps of cells. */
-static Surprises look_at_readings(const MapUpdate *update, const double g[GEOMETRY], const double *spread,
-                                  double *weight, double *off, double *jump) {
+CellSums update_in_register(const MapUpdate *update) {
+    const CellSums sums = over_rows(update->evidence, update_rows, update);
+    forget_dry(update->evidence, sums.count[DRY]);
+    return sums;
+}
+
+/* Maps of the readings of a displaced scan: their weights, their weighted residuals, and the jumps of cells. */
+typedef struct {
+    double *weight, *off, *jump;
+} ReadingMaps;
+
+static ReadingMaps reading_maps(const ScanEvidence *evidence) {
+    return (ReadingMaps){evidence->slopes, evidence->lists[0], evidence->lists[1]};
+}
+
+/* Variances and changes of the prediction, in the maps of variances and heights. */
+static void predict_rows(void *context, const RowRange *range) {
+    const MapUpdate *update = context;
+    const ScanEvidence *evidence = update->evidence;
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
+        evidence->after->variance[cell] = process_variance(update, cell);
+        evidence->after->height[cell] = share_change(evidence, update->fit->share, cell);
+    }
+}
+
+static void look_at_readings(void *context, const RowRange *range) {
+    const MapUpdate *update = context;
     const ScanEvidence *evidence = update->evidence;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    Surprises count = {0, 0, 0};
-    for (size_t i = 0; i < nx; i++) {
+    const double *g = update->displaced;
+    const ReadingMaps maps = reading_maps(evidence);
+    CellSums sums = {.count = {0}};
+    for (size_t i = range->top; i < range->bottom; i++) {
         const DatumRow row = datum_row(update, i);
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double u = place_on(i, nx), w = place_on(j, ny);
-            weight[cell] = off[cell] = jump[cell] = 0.0;
+            maps.weight[cell] = maps.off[cell] = maps.jump[cell] = 0.0;
             if (!evidence->valid[cell]) {
                 clear_surprise(update, cell);
                 continue;
             }
             const Spot spot = spot_of(g, nx, ny, i, j);
             const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, SLOPE_STEP);
-            const double known = value_at(spread, &reading.place);
+            const double known = value_at(evidence->after->variance, &reading.place);
             const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
             const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
                                  geometry_variance(update->geometry, &reading.slopes, u, w);
-            const Belief belief = believe(update, cell, rest, error, known, &count);
-            weight[cell] = 1.0 / belief.error;
-            off[cell] = rest / belief.error;
-            jump[cell] = belief.jump;
+            const Belief belief = believe(update, cell, rest, error, known, &sums);
+            maps.weight[cell] = 1.0 / belief.error;
+            maps.off[cell] = rest / belief.error;
+            maps.jump[cell] = belief.jump;
         }
     }
-    return count;
+    evidence->sums[range->chunk] = sums;
 }
 
-Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]) {
+static void update_displaced_rows(void *context, const RowRange *range) {
+    const MapUpdate *update = context;
     const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = evidence->before, *after = update->after;
+    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    double *spread = after->variance, *changed = after->height, *weight = evidence->slopes, *off = evidence->lists[0],
-           *jump = evidence->lists[1], back[GEOMETRY];
+    const ReadingMaps maps = reading_maps(evidence);
     size_t dry = 0;
-    for (size_t cell = 0; cell < nx * ny; cell++) {
-        spread[cell] = process_variance(update, cell);
-        changed[cell] = share_change(evidence, update->fit->share, cell);
-    }
-    const Surprises count = look_at_readings(update, g, spread, weight, off, jump);
-    reversed(g, nx, ny, back);
-    for (size_t i = 0; i < nx; i++)
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const Spot spot = spot_of(back, nx, ny, i, j);
+            const Spot spot = spot_of(update->back, nx, ny, i, j);
             const Place place = place_of(nx, ny, spot.x, spot.y);
             const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
-            const bool is_read = weight[nearest] > 0.0;
-            const double seen = value_at(weight, &place), known = spread[cell] + jump[nearest];
-            const double rest = seen * known > NOT_SEEN ? value_at(off, &place) / seen : 0.0;
+            const bool is_read = maps.weight[nearest] > 0.0;
+            const double seen = value_at(maps.weight, &place);
+            const double spread = after->variance[cell], known = spread + maps.jump[nearest];
+            const double rest = seen * known > NOT_SEEN ? value_at(maps.off, &place) / seen : 0.0;
             const double gain = known * seen / (1.0 + known * seen);
-            dry += take_dead(update, cell, is_read, is_read ? off[nearest] / weight[nearest] : 0.0,
-                             spread[cell] + evidence->noise_variance);
+            const double off = is_read ? maps.off[nearest] / maps.weight[nearest] : 0.0;
+            dry += take_dead(update, cell, is_read, off, spread + evidence->noise_variance);
             after->unseen[cell] = is_read ? 0 : before->unseen[cell] + 1;
-            after->height[cell] = evidence->predicted[cell] + changed[cell] + gain * rest;
+            after->height[cell] = evidence->predicted[cell] + after->height[cell] + gain * rest;
             after->variance[cell] = (1.0 - gain) * known;
         }
-    forget_dry(update, dry);
-    return count;
+    evidence->sums[range->chunk].count[DRY] = dry;
 }
 
-void live_on_prediction(const MapUpdate *update) {
-    const SurfaceEstimate *before = update->evidence->before, *after = update->after;
-    for (size_t cell = 0; cell < update->evidence->cells; cell++) {
-        after->height[cell] = update->evidence->predicted[cell];
+CellSums update_displaced(MapUpdate *update) {
+    const ScanEvidence *evidence = update->evidence;
+    over_rows(evidence, predict_rows, update);
+    const CellSums sums = over_rows(evidence, look_at_readings, update);
+    reversed(update->displaced, evidence->nx, evidence->ny, update->back);
+    forget_dry(evidence, over_rows(evidence, update_displaced_rows, update).count[DRY]);
+    return sums;
+}
+
+static void live_rows(void *context, const RowRange *range) {
+    const MapUpdate *update = context;
+    const ScanEvidence *evidence = update->evidence;
+    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
+        after->height[cell] = evidence->predicted[cell];
         after->variance[cell] = process_variance(update, cell);
         after->unseen[cell] = before->unseen[cell] + 1;
         after->dead_evidence[cell] = before->dead_evidence[cell];
         clear_surprise(update, cell);
     }
+}
+
+void live_on_prediction(const MapUpdate *update) {
+    over_rows(update->evidence, live_rows, update);
 }

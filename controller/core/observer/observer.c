@@ -14,9 +14,10 @@ static const double KNOWN_GROUND = 1e-18; /* variance of flat ground [m^2] */
 static const double LEAST_SEEN = 0.02;    /* share of the grid: fewer readings are no scan */
 static const double UNSURE = 1e-6;        /* variance of heights after a person has looked [m^2] */
 
-static void take_datum_off(const ScanEvidence *evidence) {
+static void take_datum_off(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    for (size_t i = 0; i < nx; i++) {
+    for (size_t i = range->top; i < range->bottom; i++) {
         double row[ROW_TERMS];
         datum_of_row(evidence->datum.term, place_on(i, nx), row);
         for (size_t j = 0; j < ny; j++) {
@@ -27,20 +28,32 @@ static void take_datum_off(const ScanEvidence *evidence) {
     }
 }
 
-static void keep_scan(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
-                      SurfaceEstimate *estimate) {
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
-        estimate->last[cell] = valid[cell] ? measured[cell] : 0.0;
-        estimate->last_valid[cell] = valid[cell];
+static void keep_rows(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    size_t readings = 0;
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
+        const uint8_t valid = evidence->valid[cell];
+        evidence->after->last[cell] = valid ? evidence->measured[cell] : 0.0;
+        evidence->after->last_valid[cell] = valid;
+        readings += valid != 0;
     }
+    evidence->sums[range->chunk].count[0] = readings;
+}
+
+/* Stores the scan in the estimate, and counts its readings. */
+static void keep_scan(ScanEvidence *evidence) {
+    evidence->readings = over_rows(evidence, keep_rows, evidence).count[0];
+    evidence->measured = evidence->after->last;
+    evidence->valid = evidence->after->last_valid;
 }
 
 /* The datum and the noise of the sensor from the first scan on ground that is flat. */
-static void take_flat_ground(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
-                             SurfaceEstimate *estimate) {
-    const size_t nx = options->nx, ny = options->ny;
+static void take_flat_ground(const ScanEvidence *evidence) {
+    const EstimatorOptions *options = evidence->options;
+    SurfaceEstimate *estimate = evidence->after;
     Knowledge *known = estimate->known;
-    const ScanDatum datum = scan_datum(nx, ny, measured, valid, NULL, NULL, known->datum_spread, known->noise_variance);
+    const ScanDatum datum =
+        scan_datum(evidence, evidence->measured, evidence->valid, NULL, NULL, known->noise_variance);
     const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
     if (options->noise_variance < 0.0)
         known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
@@ -50,24 +63,32 @@ static void take_flat_ground(const EstimatorOptions *options, const double *meas
     known->trust.ground[1] = 2.0 * datum.term[1];
     known->trust.ground[2] = 2.0 * datum.term[2];
     known->trust.ground_wrong = corner > GROUND_TOLERANCE * layer_of(options);
-    for (size_t cell = 0; cell < nx * ny; cell++) {
+    for (size_t cell = 0; cell < evidence->cells; cell++) {
         estimate->height[cell] = 0.0;
         estimate->variance[cell] = KNOWN_GROUND;
     }
 }
 
-static bool is_scan(const EstimatorOptions *options, const uint8_t *valid) {
-    const size_t cells = options->nx * options->ny;
-    size_t seen = 0;
-    for (size_t cell = 0; cell < cells; cell++)
-        seen += valid[cell] != 0;
-    return (double)seen >= LEAST_SEEN * (double)cells;
+static bool is_scan(const ScanEvidence *evidence) {
+    return (double)evidence->readings >= LEAST_SEEN * (double)evidence->cells;
 }
 
 bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate) {
     const size_t cells = options->nx * options->ny;
-    if (!is_scan(options, valid))
+    CellSums sums[CHUNKS];
+    ScanEvidence evidence = {.options = options,
+                             .nx = options->nx,
+                             .ny = options->ny,
+                             .cells = cells,
+                             .after = estimate,
+                             .known = estimate->known,
+                             .living.threads = 1,
+                             .measured = measured,
+                             .valid = valid,
+                             .sums = sums};
+    keep_scan(&evidence);
+    if (!is_scan(&evidence))
         return false;
     *estimate->known = first_knowledge(options);
     const double noise = estimate->known->noise_variance;
@@ -79,10 +100,9 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
         estimate->surprised[cell] = 0;
     }
     if (options->flat_ground && layer == 0 && !options->take_as_read)
-        take_flat_ground(options, measured, valid, estimate);
+        take_flat_ground(&evidence);
     memcpy(estimate->ledger, estimate->height, cells * sizeof(double));
-    keep_scan(options, measured, valid, estimate);
-    look_at_part(options, valid, estimate);
+    look_at_part(&evidence);
     return true;
 }
 
@@ -103,18 +123,19 @@ static double reading_noise(const EstimatorOptions *options, const Knowledge *kn
 }
 
 /* Adds to the ledger all droplets of nominal volume but those of dead nozzles; half of an unknown layer. */
-static void count_droplets(const ScanEvidence *evidence, SurfaceEstimate *after) {
+static void count_droplets(const ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
     const double *before = evidence->before->ledger;
+    double *after = evidence->after->ledger;
     const Ink both[2] = {options->ink.nominal[0], options->ink.nominal[options->ink.inks - 1]};
-    layer_surface(&evidence->living, before, both, evidence->averaged, after->ledger);
+    layer_surface(&evidence->living, before, both, evidence->averaged, after);
     for (size_t cell = 0; evidence->is_unknown && cell < evidence->cells; cell++)
-        after->ledger[cell] = 0.5 * (before[cell] + after->ledger[cell]);
+        after[cell] = 0.5 * (before[cell] + after[cell]);
 }
 
 /* Sets the heights to the readings. */
-static void take_as_read(const ScanEvidence *evidence, SurfaceEstimate *after) {
-    const SurfaceEstimate *before = evidence->before;
+static void take_as_read(const ScanEvidence *evidence) {
+    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
     for (size_t cell = 0; cell < evidence->cells; cell++) {
         const bool is_valid = evidence->valid[cell];
         after->height[cell] = is_valid ? evidence->measured[cell] : evidence->predicted[cell];
@@ -131,12 +152,12 @@ static void take_ground(ScanEvidence *evidence, Knowledge *known) {
     const SurfaceEstimate *before = evidence->before;
     const size_t nx = evidence->nx, ny = evidence->ny;
     mark_ground(evidence);
-    const ScanDatum datum = scan_datum(nx, ny, evidence->measured, evidence->valid, before->height, evidence->ground,
-                                       known->datum_spread, known->noise_variance);
+    const ScanDatum datum = scan_datum(evidence, evidence->measured, evidence->valid, before->height, evidence->ground,
+                                       known->noise_variance);
     evidence->datum = datum;
     if (datum.noise_variance < 0.0) /* no ground: the datum stays that of the last scan */
         memcpy(evidence->datum.term, known->datum, sizeof known->datum);
-    take_datum_off(evidence);
+    over_rows(evidence, take_datum_off, evidence);
     const double noise = fmax(reading_noise(options, known, &datum),
                               rounding_variance(nx, ny, evidence->measured, evidence->valid, layer_of(options)));
     for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < nx * ny; cell++)
@@ -147,62 +168,53 @@ static void take_ground(ScanEvidence *evidence, Knowledge *known) {
     evidence->noise_variance = noise;
 }
 
-/* Cells with a droplet of each ink, as a share of the part. */
-static void count_printed(ScanEvidence *evidence) {
-    const size_t cells = evidence->cells, part = count_marked(evidence->options->part, cells);
-    for (size_t ink = 0; ink < INKS_MAX; ink++) {
-        size_t count = 0;
-        for (size_t cell = 0; cell < cells; cell++)
-            count += evidence->living.pattern[cell] == (int32_t)ink + 1;
-        evidence->printed[ink] = fmin((double)count / fmax((double)part, 1.0), 1.0);
-    }
-}
-
-static bool look_at_scan(ScanEvidence *evidence, SurfaceEstimate *after) {
+static bool look_at_scan(ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
-    Knowledge *known = after->known;
+    Knowledge *known = evidence->after->known;
     LoopTrust *trust = &known->trust;
     take_ground(evidence, known);
-    count_printed(evidence);
     const double noise = evidence->noise_variance;
     evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance;
     evidence->noise_variance = take_lines_off(evidence, known->neighbours);
-    if (!is_scan(options, evidence->valid) ||
-        (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
-        live_on_prediction(&(MapUpdate){.evidence = evidence, .after = after});
+    if (!is_scan(evidence) || (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
+        live_on_prediction(&(MapUpdate){.evidence = evidence});
         return true;
     }
     trust->is_looked_at = 0;
     known->noise_variance = evidence->is_unknown ? known->noise_variance : noise;
-    return take_scan(evidence, after);
+    return take_scan(evidence);
 }
 
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    int32_t number, bool is_unknown, const double *measured, const uint8_t *valid,
                    SurfaceEstimate *after) {
+    CellSums sums[CHUNKS];
     ScanEvidence evidence = {.options = options,
                              .nx = options->nx,
                              .ny = options->ny,
                              .cells = options->nx * options->ny,
                              .before = before,
+                             .after = after,
                              .known = before->known,
                              .shares = options->ink.model == INK_OFF ? 0 : ink_shares(&options->ink),
                              .number = number,
                              .is_unknown = is_unknown,
-                             .measured = after->last,
-                             .valid = after->last_valid,
+                             .living = *layer,
+                             .measured = measured,
+                             .valid = valid,
+                             .sums = sums,
                              .droplet_variance = DROPLET_STD * DROPLET_STD * before->known->droplet_variance};
-    if (!predict_layer(layer, &evidence))
+    if (!predict_layer(&evidence))
         return false;
     *after->known = *before->known;
-    keep_scan(options, measured, valid, after);
+    keep_scan(&evidence);
     if (options->take_as_read)
-        take_as_read(&evidence, after);
-    const bool is_done = options->take_as_read || look_at_scan(&evidence, after);
+        take_as_read(&evidence);
+    const bool is_done = options->take_as_read || look_at_scan(&evidence);
     if (is_done) {
         after->known->scans = before->known->scans + 1;
-        count_droplets(&evidence, after);
-        look_at_part(options, valid, after);
+        count_droplets(&evidence);
+        look_at_part(&evidence);
     }
     give_maps(evidence.memory);
     return is_done;

@@ -16,17 +16,15 @@ static const double BORDER = 4.0;
 static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
 enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
 
-/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two; `factor` holds the volumes of
- * living droplets. */
-static bool take_memory(ScanEvidence *evidence, double **factor) {
+/* Allocates all maps, `averaged` and `spread_slope` next to each other as scratch of two. */
+static bool take_memory(ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
     const size_t cells = options->nx * options->ny;
     const Ink *unit = options->ink.model == INK_FULL ? NULL : options->ink.nominal;
     DropletIncrements *increments = &evidence->increments;
-    double **const map[] = {&evidence->predicted,    &evidence->variance, &evidence->full_own,
-                            &evidence->scan,         &evidence->slopes,   factor,
-                            &increments->squares,    &increments->own,    &evidence->averaged,
-                            &evidence->spread_slope, &evidence->lists[0], &evidence->lists[1],
+    double **const map[] = {&evidence->predicted, &evidence->variance,     &evidence->full_own,  &evidence->scan,
+                            &evidence->slopes,    &evidence->factor,       &increments->squares, &increments->own,
+                            &evidence->averaged,  &evidence->spread_slope, &evidence->lists[0],  &evidence->lists[1],
                             &increments->adds};
     const size_t reals = sizeof map / sizeof *map - 1 + options->ink.inks * maps_of_ink(unit);
     double *memory = take_raw_maps(cells, reals * sizeof(double) + 4);
@@ -42,20 +40,27 @@ static bool take_memory(ScanEvidence *evidence, double **factor) {
     return true;
 }
 
-/* The layer without droplets from dead nozzles, with their volumes in `factor`. */
-static void keep_living_droplets(const JettedLayer *layer, const Ink ink[], double *factor, ScanEvidence *evidence) {
-    bool has_dead = false;
-    evidence->living = *layer;
-    for (size_t cell = 0; cell < layer->nx * layer->ny; cell++) {
+enum { OF_DEAD, OF_INKS }; /* counts of droplets */
+
+/* Volumes of droplets without those from dead nozzles, and the variances before the layer. */
+static void keep_living_droplets(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    const JettedLayer *layer = &evidence->living;
+    CellSums sums = {.count = {0}};
+    Ink ink[INKS_MAX];
+    learnt_inks(evidence->options, evidence->known, ink);
+    for (size_t cell = range->top * layer->ny; cell < range->bottom * layer->ny; cell++) {
         const int32_t kind = layer->pattern[cell];
         const double volume = layer->factor ? layer->factor[cell] : 1.0;
         const bool is_dead = evidence->before->dead_evidence[cell] >= DEAD_EVIDENCE;
         evidence->full_own[cell] = kind > 0 ? volume * ink[kind - 1].h1 : 0.0;
-        factor[cell] = is_dead ? NO_VOLUME : volume;
-        has_dead |= is_dead && kind > 0;
+        evidence->factor[cell] = is_dead ? NO_VOLUME : volume;
+        evidence->variance[cell] = evidence->before->variance[cell];
+        sums.count[OF_DEAD] += is_dead && kind > 0;
+        for (int32_t k = 0; k < INKS_MAX; k++)
+            sums.count[OF_INKS + k] += kind == k + 1;
     }
-    if (has_dead)
-        evidence->living.factor = factor;
+    evidence->sums[range->chunk] = sums;
 }
 
 static void take_half(const EstimatorOptions *options, const double *before, ScanEvidence *evidence) {
@@ -70,10 +75,13 @@ static void take_half(const EstimatorOptions *options, const double *before, Sca
     memset(increments->adds, 0, options->ink.inks * maps_of_ink(increments->unit) * cells * sizeof(double));
 }
 
-static void take_slopes(size_t nx, size_t ny, const double *height, double *squares) {
-    for (size_t i = 0; i < nx; i++) {
-        const double *here = height + i * ny, *up = i > 0 ? here - ny : here, *down = i + 1 < nx ? here + ny : here;
-        double *restrict into = squares + i * ny;
+static void take_slopes(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t i = range->top; i < range->bottom; i++) {
+        const double *here = evidence->predicted + i * ny;
+        const double *up = i > 0 ? here - ny : here, *down = i + 1 < nx ? here + ny : here;
+        double *restrict into = evidence->slopes + i * ny;
         for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
             const double along_x = 0.5 * (down[j] - up[j]);
             const double along_y = 0.5 * (here[j + 1 < ny ? j + 1 : j] - here[j > 0 ? j - 1 : j]);
@@ -86,21 +94,24 @@ static void take_slopes(size_t nx, size_t ny, const double *height, double *squa
     }
 }
 
-bool predict_layer(const JettedLayer *layer, ScanEvidence *evidence) {
+bool predict_layer(ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
     const SurfaceEstimate *before = evidence->before;
     Ink ink[INKS_MAX];
-    double *factor;
-    if (!take_memory(evidence, &factor))
+    if (!take_memory(evidence))
         return false;
     learnt_inks(options, evidence->known, ink);
-    keep_living_droplets(layer, ink, factor, evidence);
+    const CellSums droplets = over_rows(evidence, keep_living_droplets, evidence);
+    const size_t part = count_marked(options->part, evidence->cells);
+    for (size_t k = 0; k < INKS_MAX; k++)
+        evidence->printed[k] = fmin((double)droplets.count[OF_INKS + k] / fmax((double)part, 1.0), 1.0);
+    if (droplets.count[OF_DEAD] > 0)
+        evidence->living.factor = evidence->factor;
     droplet_increments(&evidence->living, before->height, options->ink.inks, ink, evidence->averaged,
                        &evidence->increments, evidence->predicted);
-    memcpy(evidence->variance, before->variance, options->nx * options->ny * sizeof(double));
     if (evidence->is_unknown)
         take_half(options, before->height, evidence);
-    take_slopes(options->nx, options->ny, evidence->predicted, evidence->slopes);
+    over_rows(evidence, take_slopes, evidence);
     return true;
 }
 
@@ -113,7 +124,7 @@ ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
 
 double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
     double change = 0.0;
-    for (size_t k = 0; k < ink_shares(&evidence->options->ink); k++) {
+    for (size_t k = 0; k < evidence->shares; k++) {
         const ShareColumn column = share_column(evidence, k);
         change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
     }
@@ -123,6 +134,9 @@ double share_change(const ScanEvidence *evidence, const double share[], size_t c
 /* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */
 static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     double sum = 1.0;
+    weights[0] = 1.0;
+    if (spread < POINT)
+        return 0;
     if (spread < NARROW) {
         weights[0] = 1.0 - spread;
         weights[1] = 0.5 * spread;
@@ -143,72 +157,106 @@ static INLINED size_t clamped(size_t at, size_t away, bool is_before, size_t cou
     return at + away < count ? at + away : count - 1;
 }
 
-static void average_rows(size_t nx, size_t ny, const double *map, size_t reach, const double *weights, double *mean) {
-    for (size_t i = 0; i < nx; i++) {
-        const double *row = map + i * ny;
-        double *restrict into = mean + i * ny;
+/* A map and its mean over a spot, with the distances and weights of the cells; `rows`: the mean along the rows. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const double *map;
+    double *rows, *mean;
+    size_t reach;
+    double weights[TAPS_MAX + 1];
+} SpotMean;
+
+static void average_rows(void *context, const RowRange *range) {
+    const SpotMean of = *(const SpotMean *)context;
+    const size_t ny = of.evidence->ny;
+    for (size_t i = range->top; i < range->bottom; i++) {
+        const double *row = of.map + i * ny;
+        double *restrict into = of.rows + i * ny;
         for (size_t j = 0; j < ny; j++) {
-            double sum = weights[0] * row[j];
-            for (size_t k = 1; k <= reach; k++)
-                sum += weights[k] * (row[clamped(j, k, true, ny)] + row[clamped(j, k, false, ny)]);
+            double sum = of.weights[0] * row[j];
+            for (size_t k = 1; k <= of.reach; k++)
+                sum += of.weights[k] * (row[clamped(j, k, true, ny)] + row[clamped(j, k, false, ny)]);
             into[j] = sum;
         }
     }
 }
 
-static void average_columns(size_t nx, size_t ny, const double *map, size_t reach, const double *weights,
-                            double *mean) {
-    for (size_t i = 0; i < nx; i++) {
-        double *restrict into = mean + i * ny;
+static void average_columns(void *context, const RowRange *range) {
+    const SpotMean of = *(const SpotMean *)context;
+    const size_t nx = of.evidence->nx, ny = of.evidence->ny;
+    for (size_t i = range->top; i < range->bottom; i++) {
+        double *restrict into = of.mean + i * ny;
         for (size_t j = 0; j < ny; j++)
-            into[j] = weights[0] * map[i * ny + j];
-        for (size_t k = 1; k <= reach; k++) {
-            const double *up = map + clamped(i, k, true, nx) * ny, *down = map + clamped(i, k, false, nx) * ny;
+            into[j] = of.weights[0] * of.rows[i * ny + j];
+        for (size_t k = 1; k <= of.reach; k++) {
+            const double *up = of.rows + clamped(i, k, true, nx) * ny, *down = of.rows + clamped(i, k, false, nx) * ny;
             for (size_t j = 0; j < ny; j++)
-                into[j] += weights[k] * (up[j] + down[j]);
+                into[j] += of.weights[k] * (up[j] + down[j]);
         }
     }
 }
 
 /* The map averaged over a spot; scratch in the first of the lists. */
 static void average_over_spot(const ScanEvidence *evidence, const double *map, double spread, double *averaged) {
-    const size_t nx = evidence->nx, ny = evidence->ny;
-    double weights[TAPS_MAX + 1];
-    if (spread < POINT) {
-        memcpy(averaged, map, nx * ny * sizeof *map);
-        return;
-    }
-    const size_t reach = spot_weights(spread, weights);
-    average_rows(nx, ny, map, reach, weights, evidence->lists[0]);
-    average_columns(nx, ny, evidence->lists[0], reach, weights, averaged);
+    SpotMean of = {.evidence = evidence, .map = map, .rows = evidence->lists[0], .mean = averaged};
+    of.reach = spot_weights(spread, of.weights);
+    over_rows(evidence, average_rows, &of);
+    over_rows(evidence, average_columns, &of);
 }
 
-void average_prediction(const ScanEvidence *evidence, const double share[], double spread) {
-    const size_t cells = evidence->cells;
-    double *predicted = evidence->lists[1], *slope = evidence->spread_slope;
-    for (size_t cell = 0; cell < cells; cell++)
-        predicted[cell] = evidence->predicted[cell] + share_change(evidence, share, cell);
-    average_over_spot(evidence, predicted, spread, evidence->averaged);
-    average_over_spot(evidence, predicted, fmax(spread, 0.0) + SPREAD_CHANGE, slope);
-    for (size_t cell = 0; cell < cells; cell++)
+/* The prediction with other shares. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const double *share;
+    double *predicted;
+} SharePrediction;
+
+static void predict_rows(void *context, const RowRange *range) {
+    const SharePrediction *of = context;
+    for (size_t cell = range->top * of->evidence->ny; cell < range->bottom * of->evidence->ny; cell++)
+        of->predicted[cell] = of->evidence->predicted[cell] + share_change(of->evidence, of->share, cell);
+}
+
+static void take_spread_slope(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    double *slope = evidence->spread_slope;
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++)
         slope[cell] = (slope[cell] - evidence->averaged[cell]) / SPREAD_CHANGE;
 }
 
-void read_map(const ScanEvidence *evidence, const double *map, double *reading) {
-    const Registration *registration = &evidence->known->registration;
-    const size_t nx = evidence->nx, ny = evidence->ny;
-    const double *g = registration->estimate;
-    if (!registration->is_displaced) {
-        memcpy(reading, map, nx * ny * sizeof *map);
-        return;
-    }
-    average_over_spot(evidence, map, g[SPREAD], evidence->lists[1]);
-    for (size_t i = 0; i < nx; i++)
+void average_prediction(const ScanEvidence *evidence, const double share[], double spread) {
+    double *predicted = evidence->lists[1];
+    over_rows(evidence, predict_rows, &(SharePrediction){evidence, share, predicted});
+    average_over_spot(evidence, predicted, spread, evidence->averaged);
+    average_over_spot(evidence, predicted, fmax(spread, 0.0) + SPREAD_CHANGE, evidence->spread_slope);
+    over_rows(evidence, take_spread_slope, evidence);
+}
+
+/* A map and its readings. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const double *map;
+    double *reading;
+} MapReadings;
+
+static void read_rows(void *context, const RowRange *range) {
+    const MapReadings *of = context;
+    const size_t nx = of->evidence->nx, ny = of->evidence->ny;
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
-            const Spot spot = spot_of(g, nx, ny, i, j);
+            const Spot spot = spot_of(of->evidence->known->registration.estimate, nx, ny, i, j);
             const Place place = place_of(nx, ny, spot.x, spot.y);
-            reading[i * ny + j] = value_at(evidence->lists[1], &place);
+            of->reading[i * ny + j] = value_at(of->map, &place);
         }
+}
+
+const double *read_map(const ScanEvidence *evidence, const double *map, double *reading) {
+    const Registration *registration = &evidence->known->registration;
+    if (!registration->is_displaced)
+        return map;
+    average_over_spot(evidence, map, registration->estimate[SPREAD], evidence->lists[1]);
+    over_rows(evidence, read_rows, &(MapReadings){evidence, evidence->lists[1], reading});
+    return reading;
 }
 
 /* Variance of a reading whose spot extends beyond the grid [m^2]: the surface there may continue level, as

@@ -10,7 +10,6 @@
 #include <stdlib.h>
 
 #include "median.h"
-#include "near_cells.h"
 #include "small_algebra.h"
 
 static const double MAD = 1.4826;   /* standard deviation / median absolute value of a normal variable */
@@ -22,16 +21,24 @@ enum { ROUNDS = 6, LEAST_CELLS = 20, CELLS_MAX = 1024, LEAST_ROUNDED = 64, LEAST
 /* share of the noise within a line that the offsets of lines must exceed: less is chance (assumed) */
 static const double LINES_TELL = 0.5;
 
+/* The ground: cells that are not near the part. */
+static void take_rest(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    uint8_t *ground = evidence->ground;
+    size_t found = 0;
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++)
+        found += ground[cell] = !ground[cell];
+    evidence->sums[range->chunk].count[0] = found;
+}
+
 void mark_ground(const ScanEvidence *evidence) {
     const size_t cells = evidence->cells;
     uint8_t *marks = evidence->marks, *ground = evidence->ground;
     const uint8_t *from[] = {evidence->options->part, marks, marks + cells};
     uint8_t *into[] = {marks, marks + cells, ground};
-    size_t found = 0;
     for (size_t k = 0; k < 3; k++)
-        mark_near(from[k], evidence->nx, evidence->ny, into[k]);
-    for (size_t cell = 0; cell < cells; cell++)
-        found += ground[cell] = !ground[cell];
+        mark_near(evidence, from[k], into[k]);
+    const size_t found = over_rows(evidence, take_rest, evidence).count[0];
     for (size_t cell = 0; found < LEAST_CELLS && cell < cells; cell++)
         ground[cell] = !marks[cell];
 }
@@ -58,19 +65,12 @@ static double rise_of(const GroundScan *of, size_t cell) {
 }
 
 /* Samples the cells at even distances, if there are many. */
-static void collect(const GroundScan *of, Ground *cells) {
-    const size_t nx = of->nx, ny = of->ny;
-    size_t all = 0, found = 0;
-    for (size_t cell = 0; cell < nx * ny; cell++)
-        all += is_ground(of, cell);
-    const size_t distance = (all + CELLS_MAX - 1) / CELLS_MAX;
-    cells->count = 0;
-    for (size_t cell = 0; all >= LEAST_CELLS && cell < nx * ny; cell++) {
-        if (!is_ground(of, cell) || found++ % distance != 0)
-            continue;
-        cells->cell[cells->count] = cell;
-        datum_terms(place_on(cell / ny, nx), place_on(cell % ny, ny), cells->term[cells->count]);
-        cells->rise[cells->count++] = rise_of(of, cell);
+static void collect(const ScanEvidence *evidence, const GroundScan *of, Ground *cells) {
+    cells->count = sample_cells(evidence, of->valid, of->ground, LEAST_CELLS, CELLS_MAX, cells->cell);
+    for (size_t k = 0; k < cells->count; k++) {
+        const size_t cell = cells->cell[k];
+        datum_terms(place_on(cell / of->ny, of->nx), place_on(cell % of->ny, of->ny), cells->term[k]);
+        cells->rise[k] = rise_of(of, cell);
     }
 }
 
@@ -111,18 +111,18 @@ static double neighbours_variance(const GroundScan *of, size_t axis, const doubl
     return count < LEAST_CELLS ? all : median(cells->sorted, count) / MEDIAN_SQUARE;
 }
 
-ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
-                     const uint8_t *ground, const double spread[DATUM_TERMS], double noise) {
+ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *height,
+                     const uint8_t *ground, double noise) {
     ScanDatum datum = {.noise_variance = -1.0};
     for (size_t i = 0; i < DATUM_TERMS; i++)
         datum.precision[i * DATUM_TERMS + i] = 1.0 / SURELY;
     Ground cells;
     double matrix[DATUM_TERMS * DATUM_TERMS], scale = 0.0, variance = fmax(noise, NOISELESS);
-    const GroundScan of = {nx, ny, scan, height, valid, ground};
-    collect(&of, &cells);
+    const GroundScan of = {evidence->nx, evidence->ny, scan, height, valid, ground};
+    collect(evidence, &of, &cells);
     for (int round = 0; cells.count >= LEAST_CELLS && round < ROUNDS; round++) {
         double term[DATUM_TERMS];
-        normal_equations(&cells, scale, round == 0, variance, spread, matrix, term);
+        normal_equations(&cells, scale, round == 0, variance, evidence->known->datum_spread, matrix, term);
         if (!solve_definite(DATUM_TERMS, matrix, term))
             return datum;
         memcpy(datum.term, term, sizeof term);
@@ -205,13 +205,13 @@ double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]) 
     const bool is_along_y = excess > 0.0; /* lines have the same i */
     const size_t lines = is_along_y ? nx : ny;
     const Registration *registration = &evidence->known->registration;
-    const double *seen = registration->estimate, *expected = evidence->averaged;
+    const double *seen = registration->estimate;
     double shift = fmax(registration->covariance[0], registration->covariance[GEOMETRY + 1]), left = 0.0, all = 0.0;
     if (!registration->is_displaced)
         shift += fmax(seen[SHIFT_X] * seen[SHIFT_X], seen[SHIFT_Y] * seen[SHIFT_Y]);
     if (!options->register_scans)
         shift = 0.0;
-    read_map(evidence, evidence->predicted, evidence->averaged);
+    const double *expected = read_map(evidence, evidence->predicted, evidence->averaged);
     const uint8_t *near = evidence->marks; /* cells that droplets may reach, from mark_ground */
     double *offset = evidence->spread_slope, *weight = evidence->lists[0], *reached = evidence->lists[1];
     for (size_t line = 0; line < lines; line++)

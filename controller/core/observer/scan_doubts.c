@@ -36,7 +36,7 @@ static const double BLIND = 0.5;  /* share of the part without readings that cou
 /* least variance about a datum in layers^2, so that the datum does not follow a part */
 static const double SMOOTH = 2e-4;
 static const double NOISY = 1e-16; /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
-enum { LEAST_CELLS = 40, LEAST_GROUND = 20 };
+enum { LEAST_CELLS = 40 };
 
 /* The cell of the scan that a transform maps to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
@@ -47,33 +47,48 @@ static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
     return place[0] * ny + place[1];
 }
 
+/* An explanation of a scan, and the largest square of a residual that counts. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const double *scan, *expected;
+    const uint8_t *valid;
+    double most;
+    ScanDatum datum;
+} Explanation;
+
+static void add_residuals(void *context, const RowRange *range) {
+    const Explanation *of = context;
+    const ScanEvidence *evidence = of->evidence;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        CellSums sums = {.count = {0}};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_TERMS];
+            datum_of_row(of->datum.term, place_on(i, nx), row);
+            for (size_t j = 0; j < ny; j++) {
+                const size_t cell = i * ny + j;
+                const double w = place_on(j, ny);
+                if (!of->valid[cell] || !evidence->walls[cell])
+                    continue;
+                const double rest = of->scan[cell] - of->expected[cell] - row[0] - w * (row[1] + w * row[2]);
+                sums.sum[0] += rest * rest < of->most ? rest * rest : of->most;
+                sums.count[0]++;
+            }
+        }
+        evidence->sums[chunk] = sums;
+    }
+}
+
 /* Robust mean square residual of the readings against `expected`, with the datum fitted; below 0: too few cells. */
 static double cost_of(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *expected,
                       double most) {
-    const size_t nx = evidence->nx, ny = evidence->ny;
-    const uint8_t *even = evidence->walls, *ground = evidence->ground;
-    size_t on_ground = 0, count = 0;
-    double sum = 0.0;
-    const double layer = layer_of(evidence->options);
-    for (size_t cell = 0; cell < nx * ny; cell++)
-        on_ground += ground[cell] && valid[cell];
-    const ScanDatum datum =
-        scan_datum(nx, ny, scan, valid, expected, on_ground < LEAST_GROUND ? even : ground,
-                   evidence->known->datum_spread, fmax(evidence->usual_noise, SMOOTH * layer * layer));
-    for (size_t i = 0; i < nx; i++) {
-        double row[ROW_TERMS];
-        datum_of_row(datum.term, place_on(i, nx), row);
-        for (size_t j = 0; j < ny; j++) {
-            const size_t cell = i * ny + j;
-            const double w = place_on(j, ny);
-            if (!valid[cell] || !even[cell])
-                continue;
-            const double rest = scan[cell] - expected[cell] - row[0] - w * (row[1] + w * row[2]);
-            sum += rest * rest < most ? rest * rest : most;
-            count++;
-        }
-    }
-    return count < LEAST_CELLS ? -1.0 : sum / (double)count;
+    const double layer = layer_of(evidence->options), noise = fmax(evidence->usual_noise, SMOOTH * layer * layer);
+    Explanation of = {evidence, scan, expected,
+                      valid,    most, scan_datum(evidence, scan, valid, expected, evidence->ground, noise)};
+    if (of.datum.noise_variance < 0.0) /* hardly any ground: cells without steep slopes */
+        of.datum = scan_datum(evidence, scan, valid, expected, evidence->walls, noise);
+    const CellSums sums = over_rows(evidence, add_residuals, &of);
+    return sums.count[0] < LEAST_CELLS ? -1.0 : sums.sum[0] / (double)sums.count[0];
 }
 
 /* Variance of the shares, mean over them. */
@@ -85,33 +100,42 @@ static double variance_of_shares(const InkPrior *prior, const Knowledge *known) 
     return variance;
 }
 
+static void add_growth(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        CellSums sums = {.count = {0}};
+        for (size_t cell = chunk_row(nx, chunk) * ny; cell < chunk_row(nx, chunk + 1) * ny; cell++) {
+            if (evidence->living.pattern[cell] <= 0)
+                continue;
+            const double grown = evidence->predicted[cell] - evidence->before->height[cell];
+            sums.sum[0] += evidence->increments.own[cell] * evidence->increments.own[cell];
+            sums.sum[1] += grown * grown;
+            sums.count[0]++;
+        }
+        evidence->sums[chunk] = sums;
+    }
+}
+
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
  * their mean volume [m^2]. */
 static double native_square(const ScanEvidence *evidence) {
     const size_t part = count_marked(evidence->options->part, evidence->cells);
-    double own = 0.0, growth = 0.0;
-    size_t droplets = 0;
-    for (size_t cell = 0; cell < evidence->cells; cell++) {
-        if (evidence->living.pattern[cell] <= 0)
-            continue;
-        const double grown = evidence->predicted[cell] - evidence->before->height[cell];
-        own += evidence->increments.own[cell] * evidence->increments.own[cell];
-        growth += grown * grown;
-        droplets++;
-    }
-    if (droplets == 0)
+    const CellSums sums = over_rows(evidence, add_growth, evidence);
+    const double droplets = (double)sums.count[0];
+    if (sums.count[0] == 0)
         return INFINITY;
-    const double share = (double)droplets / fmax((double)part, 1.0), of_own = own / (double)droplets;
+    const double share = droplets / fmax((double)part, 1.0), of_own = sums.sum[0] / droplets;
     return evidence->usual_noise + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
-           variance_of_shares(&evidence->options->ink, evidence->known) * (growth / (double)droplets) * share;
+           variance_of_shares(&evidence->options->ink, evidence->known) * (sums.sum[1] / droplets) * share;
 }
 
 /* Costs of the other explanations; below 0 where one does not apply. expected: readings predicted. */
 static void take_costs(const ScanEvidence *evidence, const double *expected, double most, double cost[DOUBTS]) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = evidence->cells;
-    double *past = evidence->spread_slope, *other = evidence->lists[0];
+    double *other = evidence->lists[0];
     uint8_t *marks = evidence->marks;
-    read_map(evidence, evidence->before->height, past);
+    const double *past = read_map(evidence, evidence->before->height, evidence->spread_slope);
     cost[DOUBT_NO_GROWTH] = cost_of(evidence, evidence->measured, evidence->valid, past, most);
     for (size_t cell = 0; cell < cells; cell++)
         marks[cell] = evidence->valid[cell] && evidence->before->last_valid[cell];
@@ -165,14 +189,13 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
     const double layer = layer_of(options), native = native_square(evidence), most = OUTLIER * native;
     const double steep =
         fmin(STEEP * STEEP * layer * layer, native / fmax(registration->steps[0], registration->steps[1]));
-    double cost[DOUBTS], *expected = evidence->averaged;
+    double cost[DOUBTS];
     for (int k = 0; k < DOUBTS; k++)
         trust->doubts[k] *= KEPT;
     if (isinf(native))
         return false;
-    for (size_t cell = 0; cell < evidence->cells; cell++)
-        evidence->walls[cell] = evidence->slopes[cell] < steep; /* cells without steep slopes */
-    read_map(evidence, evidence->predicted, expected);
+    mark_slopes(evidence, steep, true);
+    const double *expected = read_map(evidence, evidence->predicted, evidence->averaged);
     const double read = cost_of(evidence, evidence->measured, evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
         return false;
@@ -211,42 +234,79 @@ static void cap_near(const EstimatorOptions *options, size_t cell, uint8_t *capp
             capped[row * ny + column] |= options->part[row * ny + column] != 0;
 }
 
-void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate) {
-    const size_t cells = options->nx * options->ny;
-    const double layer = layer_of(options) * options->drop_levels, volume = learnt_volume(options, estimate->known);
-    LoopTrust *trust = &estimate->known->trust;
-    const double high = is_spill_foreign(trust) ? HIGH_FOREIGN : HIGH;
-    size_t part = 0, blind = 0;
-    trust->capped_cells = trust->unseen_cells = trust->high_cells = trust->excess_cell = trust->rise_cell = 0;
-    trust->excess = trust->rise = 0.0;
-    memset(estimate->capped, 0, cells);
-    for (size_t cell = 0; cell < cells; cell++) {
+/* Layer and volume of the droplets [m, 1], and height above which a cell is high [m]. */
+typedef struct {
+    double layer, volume, high;
+} PartLimits;
+
+static PartLimits part_limits(const ScanEvidence *evidence) {
+    const EstimatorOptions *options = evidence->options;
+    const Knowledge *known = evidence->after->known;
+    const double layer = layer_of(options) * options->drop_levels;
+    return (PartLimits){layer, learnt_volume(options, known),
+                        (is_spill_foreign(&known->trust) ? HIGH_FOREIGN : HIGH) * layer};
+}
+
+/* Height of a cell above its target and above its droplets [m]. */
+static double rise_of(const ScanEvidence *evidence, double volume, size_t cell) {
+    const double target = evidence->options->target[cell], by_droplets = volume * evidence->after->ledger[cell];
+    return evidence->after->height[cell] - (target > by_droplets ? target : by_droplets);
+}
+
+static void take_largest(CellSums *sums, size_t which, double value, size_t cell) {
+    if (value > sums->largest[which]) {
+        sums->largest[which] = value;
+        sums->at[which] = cell;
+    }
+}
+
+/* Counts of the part's cells, and largest heights. */
+enum { PART, BLIND_CELLS, UNSEEN_CELLS, CAPPED_CELLS, HIGH_CELLS, RISEN_CELLS, EXCESS = 0, RISE };
+
+static void look_at_rows(void *context, const RowRange *range) {
+    const ScanEvidence *evidence = context;
+    const EstimatorOptions *options = evidence->options;
+    const SurfaceEstimate *after = evidence->after;
+    const PartLimits limits = part_limits(evidence);
+    const double unsure = UNSURE * UNSURE * limits.layer * limits.layer;
+    CellSums sums = {.count = {0}};
+    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
+        after->capped[cell] = 0;
         if (!options->part[cell])
             continue;
-        const double target = options->target[cell], height = estimate->height[cell];
-        const double by_droplets = volume * estimate->ledger[cell];
-        const double excess = by_droplets - height, rise = height - (target > by_droplets ? target : by_droplets);
-        part++;
-        blind += !valid[cell];
-        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers &&
-                               estimate->variance[cell] > UNSURE * UNSURE * layer * layer;
-        if (excess > trust->excess) {
-            trust->excess = excess;
-            trust->excess_cell = (int64_t)cell;
-        }
+        sums.count[PART]++;
+        sums.count[BLIND_CELLS] += !evidence->valid[cell];
+        sums.count[UNSEEN_CELLS] += after->unseen[cell] > options->unseen_layers && after->variance[cell] > unsure;
+        take_largest(&sums, EXCESS, limits.volume * after->ledger[cell] - after->height[cell], cell);
         if (options->take_as_read)
             continue;
-        const bool is_full = options->volume_least * estimate->ledger[cell] > target + RESERVE * layer;
-        estimate->capped[cell] |= is_full;
-        trust->capped_cells += is_full;
-        if (rise > RISEN * layer)
-            cap_near(options, cell, estimate->capped);
-        trust->high_cells += rise > high * layer;
-        if (rise > trust->rise) {
-            trust->rise = rise;
-            trust->rise_cell = (int64_t)cell;
-        }
+        const double full = options->target[cell] + RESERVE * limits.layer,
+                     rise = rise_of(evidence, limits.volume, cell);
+        after->capped[cell] = options->volume_least * after->ledger[cell] > full;
+        sums.count[CAPPED_CELLS] += after->capped[cell];
+        sums.count[HIGH_CELLS] += rise > limits.high;
+        sums.count[RISEN_CELLS] += rise > RISEN * limits.layer;
+        take_largest(&sums, RISE, rise, cell);
     }
-    trust->blind_share = part > 0 ? (double)blind / (double)part : 0.0;
+    evidence->sums[range->chunk] = sums;
+}
+
+void look_at_part(const ScanEvidence *evidence) {
+    const EstimatorOptions *options = evidence->options;
+    const PartLimits limits = part_limits(evidence);
+    LoopTrust *trust = &evidence->after->known->trust;
+    const CellSums sums = over_rows(evidence, look_at_rows, evidence);
+    const size_t *count = sums.count;
+    for (size_t cell = 0; count[RISEN_CELLS] > 0 && cell < evidence->cells; cell++)
+        if (options->part[cell] && rise_of(evidence, limits.volume, cell) > RISEN * limits.layer)
+            cap_near(options, cell, evidence->after->capped);
+    trust->unseen_cells = (int64_t)count[UNSEEN_CELLS];
+    trust->capped_cells = (int64_t)count[CAPPED_CELLS];
+    trust->high_cells = (int64_t)count[HIGH_CELLS];
+    trust->excess = sums.largest[EXCESS];
+    trust->rise = sums.largest[RISE];
+    trust->excess_cell = (int64_t)sums.at[EXCESS];
+    trust->rise_cell = (int64_t)sums.at[RISE];
+    trust->blind_share = count[PART] > 0 ? (double)count[BLIND_CELLS] / (double)count[PART] : 0.0;
     trust->blind_layers = trust->blind_share > BLIND ? trust->blind_layers + 1 : 0;
 }

@@ -6,11 +6,21 @@
 #include "row_ranges.h"
 #include "scan_view.h"
 
+enum { CELL_COUNTS = 6, CELL_SUMS = 2 };
+
+/* Counts and sums over the cells of some rows, and the largest values with the first cells that have them. */
+typedef struct {
+    size_t count[CELL_COUNTS];
+    double sum[CELL_SUMS], largest[CELL_SUMS];
+    size_t at[CELL_SUMS];
+} CellSums;
+
 /* A layer, its prediction, and its scan. */
 typedef struct ScanEvidence {
     const EstimatorOptions *options;
     size_t nx, ny, cells;          /* of the grid */
     const SurfaceEstimate *before; /* estimate before the layer */
+    SurfaceEstimate *after;        /* estimate after it */
     const Knowledge *known;        /* knowledge before the scan */
     size_t shares;                 /* shares that are fitted */
     int32_t number;                /* of the layer */
@@ -18,10 +28,12 @@ typedef struct ScanEvidence {
     JettedLayer living;            /* without droplets from dead nozzles */
     DropletIncrements increments;  /* increments of its layer map */
     double *predicted, *variance;  /* heights predicted with the ink known before [m], and their variances [m^2] */
+    double *factor;                /* volumes of living droplets */
     double *full_own;              /* height that each cell's droplet would leave on it, dead nozzles included [m] */
     double *slopes;                /* squared slopes of the prediction [m^2 per cell^2] */
     const double *measured;        /* readings, 0 where they are not valid [m] */
     const uint8_t *valid;
+    size_t readings;          /* number of valid ones */
     double *scan;             /* readings without their datum, 0 where they are not valid [m] */
     uint8_t *ground;          /* cells that no droplet reaches */
     double noise_variance;    /* variance of a reading [m^2] */
@@ -33,8 +45,24 @@ typedef struct ScanEvidence {
     double *averaged, *spread_slope, *lists[2];
     uint8_t *walls; /* cells that a displacement may move beyond the variance of droplets and sensor */
     uint8_t *marks; /* two maps of scratch */
+    CellSums *sums; /* of each chunk of rows: over_rows */
     void *memory;   /* memory of all maps, released by give_maps */
 } ScanEvidence;
+
+/* Calls `work` on all rows in the threads of the layer; returns the `sums` that it left of each chunk, or of the chunks
+ * of a range in its first one, together. */
+CellSums over_rows(const ScanEvidence *evidence, RowWork *work, const void *context);
+
+/* Marks the cells of `from` and their neighbours in another map. */
+void mark_near(const ScanEvidence *evidence, const uint8_t *from, uint8_t *near);
+
+/* Marks as walls the cells whose squared slope is below a limit, or the others. */
+void mark_slopes(const ScanEvidence *evidence, double limit, bool is_below);
+
+/* Samples the cells that both maps mark, all if `other` is NULL, at even distances if there are more than `most`.
+ * Returns how many were stored; none if there are fewer than `least`. */
+size_t sample_cells(const ScanEvidence *evidence, const uint8_t *one, const uint8_t *other, size_t least, size_t most,
+                    size_t *cells);
 
 /* Variance of a cell's reading by droplets and sensor [m^2]. */
 static inline double native_variance(const ScanEvidence *evidence, size_t cell) {
@@ -42,9 +70,9 @@ static inline double native_variance(const ScanEvidence *evidence, size_t cell) 
            evidence->droplet_variance * evidence->increments.squares[cell];
 }
 
-/* Predicts the surface after a layer. An unknown layer counts as half printed, with the variance of a uniform
- * distribution between nothing and all, and without droplets. False if there is no memory. */
-bool predict_layer(const JettedLayer *layer, ScanEvidence *evidence);
+/* Predicts the surface after the layer `living`. An unknown layer counts as half printed, with the variance of a
+ * uniform distribution between nothing and all, and without droplets. False if there is no memory. */
+bool predict_layer(ScanEvidence *evidence);
 
 /* Column of a share in the normal equations: height per change of the share. */
 typedef struct {
@@ -59,12 +87,18 @@ double share_change(const ScanEvidence *evidence, const double share[], size_t c
 /* The prediction with these shares, averaged over a spot, and its derivative with respect to the spot. */
 void average_prediction(const ScanEvidence *evidence, const double share[], double spread);
 
-/* Readings of a map by the geometry known before; both `lists` are scratch. */
-void read_map(const ScanEvidence *evidence, const double *map, double *reading);
+/* Readings of a map by the geometry known before: in `reading`, or the map itself in register. Both `lists` are
+ * scratch. */
+const double *read_map(const ScanEvidence *evidence, const double *map, double *reading);
 
 /* Variance of a displaced reading by the sensor, by the errors of the view model, and at the border [m^2]. spread: of
  * the spot; averaged: of that in `averaged` [cells^2]. */
 double sensor_variance(const ScanEvidence *evidence, const Reading *reading, double spread, double averaged);
+
+/* The datum of a scan where the ground has the known height `height`, NULL: 0; `ground` NULL: all cells are ground.
+ * noise: variance of a reading [m^2]. */
+ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *height,
+                     const uint8_t *ground, double noise);
 
 /* Marks the ground. */
 void mark_ground(const ScanEvidence *evidence);
@@ -79,8 +113,8 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust);
 /* Tests after a scan whether the learnt volume of the droplets is credible. */
 void doubt_volume(const EstimatorOptions *options, int32_t layer, Knowledge *known);
 
-/* Counts the cells of the part that were not seen, are high, and are capped; into `estimate`. */
-void look_at_part(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
+/* Counts the cells of the part that were not seen, are high, and are capped; into the estimate `after`. */
+void look_at_part(const ScanEvidence *evidence);
 
 enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
 
@@ -193,7 +227,7 @@ bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Regi
 bool may_be_displaced(const Registration *registration);
 
 /* Updates the estimate by the scan. False if the fit is singular, or there is no memory. */
-bool take_scan(const ScanEvidence *evidence, SurfaceEstimate *after);
+bool take_scan(const ScanEvidence *evidence);
 
 typedef struct {
     const ScanEvidence *evidence;
@@ -201,19 +235,17 @@ typedef struct {
     const double *geometry; /* covariance of the geometry for readings at walls; NULL: none */
     double extra[CLASSES];  /* process noise in addition to that of droplets, in native variances */
     bool is_robust;
-    SurfaceEstimate *after;
+    double displaced[GEOMETRY], back[GEOMETRY]; /* geometry of a displaced scan, and its inverse */
 } MapUpdate;
 
-/* Counts of an update. */
-typedef struct {
-    size_t seen, vanished, lasted; /* readings; surprises of the scan before that vanished, and that lasted */
-} Surprises;
+/* Counts of an update: readings; surprises of the scan before that vanished, and that lasted; cells without growth. */
+enum { SEEN, VANISHED, LASTED, DRY };
 
-/* Update by a scan in register, and by a scan displaced by the geometry `g`. */
-Surprises update_in_register(const MapUpdate *update);
-Surprises update_displaced(const MapUpdate *update, const double g[GEOMETRY]);
+/* Updates by a scan in register, and by a displaced one. */
+CellSums update_in_register(const MapUpdate *update);
+CellSums update_displaced(MapUpdate *update);
 
-/* Update without a scan: heights are the predicted ones; reads `evidence` and `after`. */
+/* Update without a scan: heights are the predicted ones; reads `evidence`. */
 void live_on_prediction(const MapUpdate *update);
 
 #endif

@@ -19,11 +19,6 @@ typedef struct {
     double neighbours[2];
 } ScanDatum;
 
-/* The datum of a scan where the ground has the known height `height`, NULL: 0; `ground` NULL: all cells are ground.
- * spread: variances of the terms before the scan; noise: of a reading [m^2]. Maps of nx * ny cells in C order. */
-ScanDatum scan_datum(size_t nx, size_t ny, const double *scan, const uint8_t *valid, const double *height,
-                     const uint8_t *ground, const double spread[DATUM_TERMS], double noise);
-
 /* Variance of the rounding of readings that are all multiples of one step [m^2]; 0: there is no such step. layer:
  * height of a layer [m]. */
 double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer);

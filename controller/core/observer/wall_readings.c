@@ -8,7 +8,6 @@
 
 #include "map_memory.h"
 #include "median.h"
-#include "near_cells.h"
 
 static const double WALL = 0.1;  /* least variance by displacement that makes a wall, in that of droplet and sensor */
 static const double STEEP = 0.8; /* least slope of a steep wall, in layers per cell */
@@ -18,9 +17,8 @@ static const double FAR_FROM_1 = 1e100; /* product of ratios whose logarithm is 
 enum { WALLS_MAX = 640, WALLS_WATCHED = 160 };
 
 void mark_walls(const ScanEvidence *evidence, const double *covariance) {
-    const size_t cells = evidence->cells;
     if (evidence->known->registration.is_displaced) {
-        memset(evidence->walls, 1, cells);
+        memset(evidence->walls, 1, evidence->cells);
         return;
     }
     const double at_x = covariance[0] + covariance[ALONG_X_U * (GEOMETRY + 1)] + covariance[ALONG_X_W * (GEOMETRY + 1)];
@@ -29,11 +27,10 @@ void mark_walls(const ScanEvidence *evidence, const double *covariance) {
     const double spread = fmax(at_x, at_y), h1 = evidence->options->ink.nominal[0].h1;
     const double least = WALL * (evidence->noise_variance + evidence->droplet_variance * h1 * h1) / spread;
     const size_t reach = spread > 0.25 ? 3 : spread > 0.06 ? 2 : 1;
-    for (size_t cell = 0; cell < cells; cell++)
-        evidence->walls[cell] = evidence->slopes[cell] > least;
+    mark_slopes(evidence, least, false);
     for (size_t k = 0; k < reach; k++) {
-        memcpy(evidence->marks, evidence->walls, cells);
-        mark_near(evidence->marks, evidence->nx, evidence->ny, evidence->walls);
+        copy_in_threads(evidence->living.threads, evidence->marks, evidence->walls, evidence->cells);
+        mark_near(evidence, evidence->marks, evidence->walls);
     }
 }
 
@@ -42,23 +39,15 @@ bool collect_walls(WallFit *fit) {
     const size_t nx = fit->evidence->nx, ny = fit->evidence->ny, cells = fit->evidence->cells;
     const size_t limit = fit->evidence->known->registration.odds < IN_REGISTER ? WALLS_WATCHED : WALLS_MAX;
     const size_t most = cells < limit ? cells : limit;
-    size_t all = 0;
+    size_t sample[WALLS_MAX];
     fit->walls = take_raw_maps(most, sizeof(Wall) + sizeof(double));
     if (!fit->walls)
         return false;
     fit->values = (double *)(fit->walls + most);
-    for (int is_counted = 0; is_counted < 2; is_counted++) {
-        const size_t distance = (all + limit - 1) / limit;
-        size_t found = 0;
-        for (size_t cell = 0; cell < cells; cell++) {
-            if (!fit->evidence->valid[cell] || !fit->evidence->walls[cell])
-                continue;
-            if (is_counted && found % distance == 0)
-                fit->walls[fit->count++] =
-                    (Wall){.cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
-            found++;
-        }
-        all = found;
+    fit->count = sample_cells(fit->evidence, fit->evidence->valid, fit->evidence->walls, 1, limit, sample);
+    for (size_t k = 0; k < fit->count; k++) {
+        const size_t cell = sample[k];
+        fit->walls[k] = (Wall){.cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
     }
     return true;
 }
