@@ -42,19 +42,19 @@ typedef struct {
 /* error: variance of a reading that does not surprise; known: that of the prediction [m^2]. */
 static Belief believe(const MapUpdate *update, size_t cell, double rest, double error, double known, CellSums *sums) {
     const SurfaceEstimate *before = update->evidence->before, *after = update->evidence->after;
-    const double square = rest * rest / (known + error), told = before->surprise[cell];
+    const double square = rest * rest / (known + error), earlier = before->surprise[cell];
     double weight = 1.0;
     if (square > 0.5 * SURPRISE * SURPRISE)
         weight = 1.0 / (1.0 + exp(fmin(0.5 * (square - SURPRISE * SURPRISE), 60.0)));
-    const bool is_big = weight < CERTAIN, has_surprised = told != 0.0;
-    const bool is_same = is_big && told * rest > 0.0 && fabs(told) > SAME * fabs(rest);
-    const bool is_back = is_big && told * rest < 0.0 && fabs(rest) > SAME * fabs(told);
+    const bool is_big = weight < CERTAIN, has_surprised = earlier != 0.0;
+    const bool is_same = is_big && earlier * rest > 0.0 && fabs(earlier) > SAME * fabs(rest);
+    const bool is_back = is_big && earlier * rest < 0.0 && fabs(rest) > SAME * fabs(earlier);
     const uint8_t times = is_same ? before->surprised[cell] + 1 : is_big ? 1 : 0;
     const bool is_real = is_same && times >= (before->known->vanishing > SPIKY ? 3 : 2);
     sums->count[SEEN]++;
     /* within one standard deviation: a smaller rest may be what neighbours' droplets left of a change that lasts */
     sums->count[VANISHED] += has_surprised && (update->is_robust ? square < 1.0 : is_back);
-    const bool is_failed = update->evidence->living.pattern[cell] > 0 && told < 0.0; /* a droplet failed */
+    const bool is_failed = update->evidence->living.pattern[cell] > 0 && earlier < 0.0; /* a droplet failed */
     sums->count[LASTED] += has_surprised && !is_failed && (update->is_robust ? is_same : !is_big);
     after->surprise[cell] = is_big && !is_real ? rest : 0.0;
     after->surprised[cell] = is_real ? 0 : times;
@@ -71,14 +71,14 @@ static void clear_surprise(const MapUpdate *update, size_t cell) {
 
 /* Updates the evidence that a cell is dead; returns whether this layer shows no growth there. */
 static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double rest, double variance) {
-    const double told = update->evidence->before->dead_evidence[cell], own = update->evidence->full_own[cell];
-    update->evidence->after->dead_evidence[cell] = told;
+    const double earlier = update->evidence->before->dead_evidence[cell], own = update->evidence->full_own[cell];
+    update->evidence->after->dead_evidence[cell] = earlier;
     if (!is_seen || !(own > 0.0) || update->evidence->is_unknown)
         return false;
-    const double grown = rest + (told < DEAD_EVIDENCE ? update->evidence->increments.own[cell] : 0.0);
+    const double grown = rest + (earlier < DEAD_EVIDENCE ? update->evidence->increments.own[cell] : 0.0);
     const double weak = DEAD_WEAK * own;
     const double evidence = weak * (0.5 * weak - grown) / fmax(fmin(variance, own * own), LEAST_VARIANCE);
-    const double sum = told + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
+    const double sum = earlier + fmin(LAYER_EVIDENCE, fmax(-LAYER_EVIDENCE, evidence));
     update->evidence->after->dead_evidence[cell] = fmin(DEAD_EVIDENCE, fmax(0.0, sum));
     return evidence > 0.0;
 }

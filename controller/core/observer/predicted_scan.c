@@ -1,4 +1,4 @@
-/* What a displaced sensor with a wide spot reads of the surface that a layer is expected to leave. */
+/* Readings of the predicted surface by a displaced sensor with a wide spot. */
 #include "scan_fit.h"
 
 #include <math.h>

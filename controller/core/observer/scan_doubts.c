@@ -55,10 +55,9 @@ static void add_residuals(void *context, const RowRange *range) {
             datum_of_row(of->datum.term, place_on(i, nx), row);
             for (size_t j = 0; j < ny; j++) {
                 const size_t cell = i * ny + j;
-                const double w = place_on(j, ny);
                 if (!of->valid[cell] || !evidence->walls[cell])
                     continue;
-                const double rest = of->scan[cell] - of->expected[cell] - row[0] - w * (row[1] + w * row[2]);
+                const double rest = of->scan[cell] - of->expected[cell] - datum_in_row(row, place_on(j, ny));
                 sums.sum[0] += rest * rest < of->most ? rest * rest : of->most;
                 sums.count[0]++;
             }

@@ -126,21 +126,21 @@ class Observer:
         self, s: State, before: State, look: Look, rest: Any, variance: Any, is_robust: bool
     ) -> tuple[Any, Any, int, int]:
         """(weights of the readings, variances by which cells have jumped, surprises that vanished, that lasted)."""
-        square, told = rest**2 / variance, before.surprise
+        square, earlier = rest**2 / variance, before.surprise
         weight = 1.0 / (1.0 + np.exp(np.minimum((square - c.SURPRISE**2) / 2.0, 60.0)))
         weight = np.where(square > c.SURPRISE**2 / 2.0, weight, 1.0)
         is_big = weight < c.CERTAIN
-        is_same = is_big & (told * rest > 0.0) & (np.abs(told) > c.SAME * np.abs(rest))
-        is_back = is_big & (told * rest < 0.0) & (np.abs(rest) > c.SAME * np.abs(told))
+        is_same = is_big & (earlier * rest > 0.0) & (np.abs(earlier) > c.SAME * np.abs(rest))
+        is_back = is_big & (earlier * rest < 0.0) & (np.abs(rest) > c.SAME * np.abs(earlier))
         times = np.where(is_same, before.surprised + 1, is_big)
         is_real = look.valid & is_same & (times >= (3 if before.vanishing > c.SPIKY else 2))
         s.surprise = np.where(look.valid & is_big & ~is_real, rest, 0.0)
         s.surprised = np.where(look.valid & ~is_real, times, 0)
-        is_told = look.valid & (told != 0.0)
+        has_surprised = look.valid & (earlier != 0.0)
         ends = (square < 1.0, is_same) if is_robust else (is_back, ~is_big)
         is_believed = look.valid & is_big & (is_real | (not is_robust))
-        is_failed = (look.pattern > 0) & (told < 0.0)  # a droplet that did not come
-        vanished, lasted = (int(np.sum(is_told & each)) for each in (ends[0], ends[1] & ~is_failed))
+        is_failed = (look.pattern > 0) & (earlier < 0.0)  # a droplet that did not come
+        vanished, lasted = (int(np.sum(has_surprised & each)) for each in (ends[0], ends[1] & ~is_failed))
         weight, jump = np.where(is_believed | (not is_robust), 1.0, weight), np.where(is_believed, rest**2, 0.0)
         return weight, jump, vanished, lasted
 
