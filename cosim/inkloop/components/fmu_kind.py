@@ -135,7 +135,7 @@ def exchange_errors(description: FmuDescription) -> list[str]:
 
 def _exchange_notes(description: FmuDescription) -> list[str]:
     """A warning of inputs and outputs that the master leaves out, where it takes others."""
-    if not description.unused or description.buses:
+    if not description.unused:
         return []
     first, *others = description.unused
     more = f" and {len(others)} more" if others else ""

@@ -50,18 +50,6 @@ class Operation(NamedTuple):
         data = self.content[_HEAD.size + _FRAME.size :]
         return BusFrame(identifier, data, bool(extended), bool(remote)) if len(data) == length <= 8 else None
 
-    @property
-    def answer(self) -> bytes:
-        """Answers of an ideal bus to the sender: Confirm to a frame, Format Error to what it does not know."""
-        if frame := self.frame:
-            return operation(CONFIRM, struct.pack("<I", frame.identifier))
-        return b"" if self.is_known else format_error(self.content)
-
-    @property
-    def is_known(self) -> bool:
-        """Whether it is an operation of the bus CAN."""
-        return self.frame is not None if self.code == TRANSMIT else self.code in _KNOWN
-
 
 def operation(code: int, arguments: bytes) -> bytes:
     """The bytes of an operation."""
@@ -157,9 +145,16 @@ class BusLinks:
 
 def _through(content: bytes) -> tuple[bytes, bytes]:
     """Operations of an ideal bus: those for the other node, and those for the sender."""
-    found = list(operations(content))
-    carried = b"".join(each.content for each in found if each.is_known and each.code not in _OF_THE_BUS)
-    return carried, b"".join(each.answer for each in found)
+    carried, answers = [], []
+    for found in operations(content):
+        if frame := found.frame:
+            answers.append(operation(CONFIRM, struct.pack("<I", frame.identifier)))
+        elif found.code not in _KNOWN:  # nor is a frame that cannot be read
+            answers.append(format_error(found.content))
+            continue
+        if found.code not in _OF_THE_BUS:
+            carried.append(found.content)
+    return b"".join(carried), b"".join(answers)
 
 
 class BusNode:

@@ -40,6 +40,11 @@ class BusTerminal(NamedTuple):
     tx_clock: int
     tx_interval: str
 
+    @property
+    def references(self) -> tuple[int, ...]:
+        """Value references of its four members."""
+        return self[1:5]
+
 
 def read_buses(archive: zipfile.ZipFile, model: Any) -> dict[str, Any]:
     """Fields of the description: `buses`, `unserved`, `is_bus_simulation`. model: the FMU as FMPy has read it."""

@@ -79,7 +79,10 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         raise FmuError(f"{path}: offers {offered} only; export it for co-simulation")
     platforms = sorted({parts[1] for parts in names if parts[0] == "binaries" and len(parts) > 2})
     described = _translated(path, model, tuple(platforms), differences)
-    return replace(described, **buses)
+    served = {reference for bus in buses.get("buses", ()) for reference in bus.references}
+    on_buses = {v.name for v in model.modelVariables if v.valueReference in served}
+    unused = {name: kind for name, kind in described.unused.items() if name not in on_buses}
+    return replace(described, unused=unused, **buses)
 
 
 def _description_error(archive: zipfile.ZipFile) -> str | None:

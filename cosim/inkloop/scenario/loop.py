@@ -135,11 +135,12 @@ def _bus_links(tables: Sequence[BusTable], checked: Mapping[str, Checked]) -> tu
 
 
 def _bus_errors(place: str, ends: Sequence[str], known: Mapping[str, object], used: Mapping[str, int]) -> Iterator[str]:
-    if len(set(ends)) != 2:
+    if len(ends) != 2 or len(set(ends)) != 2:
         yield (
-            f"{place} has {len(set(ends))} ends; expected two different ones: of more partners each is connected to a "
-            "bus simulation, an FMU of yours"
+            f"{place} is {', '.join(ends) or 'empty'}; expected two different buses: of more partners each is "
+            "connected to a bus simulation, an FMU of yours"
         )
+        return
     for end in ends:
         if end not in known:
             yield f"{place}: {end} is no bus of an FMU; {nearest(end, known) if known else 'no component has one'}"

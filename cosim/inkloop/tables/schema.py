@@ -155,9 +155,7 @@ class ConnectionTable(BaseModel):
 class BusTable(Table):
     """`[[buses]]`: two buses of FMUs (FMI-LS-BUS) that are one."""
 
-    between: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
-        description='two of "component.bus": two nodes, or a node and a bus simulation'
-    )
+    between: list[str] = Field(description='two of "component.bus": two nodes, or a node and a bus simulation')
 
 
 class EventTable(BaseModel):

@@ -83,6 +83,7 @@ def test_terminal_that_cannot_be_served_says_what_is_missing(given, words) -> No
 
 
 def test_bus_of_an_fmu_without_event_mode_cannot_be_served(tmp_path: Path) -> None:
+    assert describe(find_fmu("BenchBus")).unused == {}
     members = unpack(find_fmu("BenchBus"))
     about = members["modelDescription.xml"]
     pack(tmp_path / "it.fmu", members | {"modelDescription.xml": about.replace(b' hasEventMode="true"', b"")})
@@ -201,7 +202,8 @@ def scenario(folder: Path, *buses: Sequence[str], names: Sequence[str] = ("one",
     ("buses", "words"),
     [
         ([], "components.one: its bus bench has no partner"),
-        ([("one.bench", "one.bench")], "buses.[0].between has 1 ends; expected two different ones"),
+        ([("one.bench", "one.bench")], "buses.[0].between is one.bench, one.bench; expected two different buses"),
+        ([("one.bench", "other.bench", "third.bench")], "of more partners each is connected to a bus simulation"),
         ([("one.bench", "other.bus")], "buses.[0].between: other.bus is no bus of an FMU; did you mean other.bench"),
         ([("one.bench", "other.bench"), ("one.bench", "x.y")], "one.bench is in buses.[0] already"),
     ],
