@@ -3,6 +3,7 @@
 #include "bench_bus_variables.h"
 #include "bus_operations.h"
 #include "emulation.h"
+#include "events.h"
 #include "fault_text.h"
 #include "parameter_file.h"
 #include "resources.h"
@@ -24,7 +25,6 @@ typedef struct {
 } Kept;
 
 typedef struct {
-    Instance *instance;
     BenchBusVariables v;
     Kept *kept;
 } Run;
@@ -136,9 +136,9 @@ static EmulationBus bus_of(Run *run) {
     return (EmulationBus){.context = run, .frame = send, .line = NULL};
 }
 
-/* The bench at work; `rest` makes it bytes without pointers again. */
+/* The bench at work; `emulation_unlink` makes it bytes without pointers again. */
 static Emulation *wake(Run *run, Instance *instance) {
-    *run = (Run){.instance = instance, .v = bench_bus_variables(instance)};
+    *run = (Run){.v = bench_bus_variables(instance)};
     run->kept = (Kept *)instance->kept;
     const EmulationBus bus = bus_of(run);
     emulation_link(&run->kept->emulation, bench_of(run->kept), &bus);
@@ -168,7 +168,7 @@ static Outcome initialize(Instance *instance) {
     Outcome outcome = options_of(instance, &options);
     if (outcome != ACCEPTED)
         return outcome;
-    Run run = {.instance = instance, .v = bench_bus_variables(instance), .kept = (Kept *)instance->kept};
+    Run run = {.v = bench_bus_variables(instance), .kept = (Kept *)instance->kept};
     memset(run.kept, 0, sizeof(Kept) + bench_size(&options));
     Emulation *emulation = &run.kept->emulation;
     outcome = read_faults(instance, (const char *)run.v.faults->bytes, &emulation->faults);
@@ -228,11 +228,6 @@ static void take(const Run *run, Emulation *emulation, const BusOperation *opera
     }
 }
 
-/* Equal states are equal memory. */
-static void empty(ByteString *value) {
-    memset(value, 0, sizeof *value + value->size);
-}
-
 static Outcome update(Instance *instance) {
     Run run;
     Emulation *emulation = wake(&run, instance);
@@ -240,10 +235,10 @@ static Outcome update(Instance *instance) {
     BusOperations from = {received->bytes, *run.v.Rx_Clock ? received->size : 0};
     BusOperation operation;
     if (*run.v.Tx_Clock)
-        empty(run.v.Tx_Data);
+        write_bytes(instance, BENCH_BUS_TX_DATA, NULL, 0);
     while (bus_operations_next(&from, &operation))
         take(&run, emulation, &operation);
-    empty(received);
+    write_bytes(instance, BENCH_BUS_RX_DATA, NULL, 0);
     publish(&run);
     emulation_unlink(emulation);
     return ACCEPTED;

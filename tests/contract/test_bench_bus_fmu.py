@@ -167,6 +167,7 @@ def test_operations_that_cannot_be_read_are_answered_with_format_error(given, an
         for content in wrong:
             length, quoted = struct.unpack_from("<H", content, 8)[0], content[10:]
             assert len(quoted) == length
+            assert quoted
             assert quoted in given
         assert bool(fmu.frames(HEAD_ANSWER)) == (ARE_YOU_THERE in given)
 

@@ -17,7 +17,7 @@ from can.util import load_config
 
 from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
 from inkloop_hardware.bus.fmu_bus import FmuBus
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import BusSettings, interface_of
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.protocol.codec import EXTENDED, Frame
@@ -167,17 +167,6 @@ def has_carrier(interface: str, network: Path = NETWORK) -> bool:
     return True
 
 
-def interface_of(settings: BusSettings) -> str | None:
-    """The interface of the settings, else that of python-can's own configuration; None if both name none."""
-    if settings.interface is not None:
-        return settings.interface
-    try:
-        return str(load_config(config=settings.arguments())["interface"])
-    except NotImplementedError as error:  # it knows no such interface; none, or one of its own configuration
-        named = str(error).rpartition(" ")[2].strip('"')
-        return None if named == "None" else named
-
-
 def _open(settings: BusSettings) -> can.BusABC:
     arguments = settings.arguments()
     name = interface_of(settings)
@@ -197,7 +186,7 @@ def _open(settings: BusSettings) -> can.BusABC:
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
         return "Is a program listening there? `inkloop bench emulate` starts the emulator"
-    if settings.interface == FMU:
+    if interface_of(settings) == FMU:
         return "`inkloop export bench` writes the FMU; bench.channel names it from the scenario's folder"
     if settings.interface is None:
         known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"

@@ -12,6 +12,7 @@ from typing import Any
 
 import can
 
+from inkloop.errors import InkloopError
 from inkloop.units import NS_PER_S, S_PER_NS
 
 INTERFACE = "inkloop_fmu"
@@ -37,7 +38,7 @@ class FmuBus(can.BusABC):
         self._incoming: deque[can.Message] = deque()
         try:
             self._node = importlib.import_module("inkloop.fmu.bus").BusNode(channel, parameters or {})
-        except Exception as error:
+        except InkloopError as error:
             self._is_shutdown = True  # keeps its destructor from complaining
             raise can.CanInitializationError(str(error)) from error
         self._now_ns = 0
@@ -86,7 +87,7 @@ class FmuBus(can.BusABC):
         given = [self._outgoing.popleft() for _ in range(len(self._outgoing))]
         try:
             frames = self._node.step(self._now_ns, STEP_NS, given)
-        except Exception as error:
+        except InkloopError as error:
             raise can.CanOperationError(str(error)) from error
         self._now_ns += STEP_NS
         self._incoming.extend(

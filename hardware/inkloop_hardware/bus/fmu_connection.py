@@ -10,11 +10,11 @@ from collections import deque
 from collections.abc import Container, Iterable, Sequence
 
 from inkloop.units import S_PER_NS
-from inkloop_hardware.bus.adapter import Adapter, data_frame, interface_of
-from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.adapter import Adapter, data_frame
+from inkloop_hardware.bus.connection import OTHERS_MAX, BusConnection
 from inkloop_hardware.bus.fmu_bus import INTERFACE, STEP_NS
 from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
-from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.settings import BusSettings, interface_of
 from inkloop_hardware.bus.traffic_log import TrafficLog
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -40,7 +40,7 @@ class FmuConnection:
         kept_ids: Container[int] | None = None,
     ) -> None:
         self.settings = settings
-        self.others: deque[tuple[float, Frame]] = deque()
+        self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
         self.messages: deque[str] = deque()
         self._kept_ids = kept_ids
         self._queues: dict[int, deque[bytes]] = {identifier: deque() for identifier in answer_ids}

@@ -16,6 +16,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from can.util import load_config
+
 from inkloop.files import opened_lock, reason_of, sign_lock, signature, take_lock
 from inkloop.units import KILO
 from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
@@ -85,12 +87,23 @@ class BusSettings:
 UNSIGNED = "a process of this machine"
 
 
+def interface_of(settings: BusSettings) -> str | None:
+    """The interface of the settings, else that of python-can's own configuration; None if both name none."""
+    if settings.interface is not None:
+        return settings.interface
+    try:
+        return str(load_config(config=settings.arguments())["interface"])
+    except NotImplementedError as error:  # it knows no such interface; none, or one of its own configuration
+        named = str(error).rpartition(" ")[2].strip('"')
+        return None if named == "None" else named
+
+
 def lock_channel(settings: BusSettings) -> Callable[[], None]:
     """Lock the channel of these settings; returns what releases it.
 
     AnotherMaster if another process of this machine holds it; BusError if its file cannot be written.
     """
-    if settings.interface == FMU:  # each opening is a bench of its own
+    if interface_of(settings) == FMU:  # each opening is a bench of its own
         return lambda: None
     path = _path(settings)
     file = _opened(path)

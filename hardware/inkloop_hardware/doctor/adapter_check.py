@@ -20,9 +20,9 @@ import can
 from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
-from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier, interface_of
+from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
 from inkloop_hardware.bus.heartbeat import NONE
-from inkloop_hardware.bus.settings import ON_SERIAL_PORTS, BusSettings
+from inkloop_hardware.bus.settings import ON_SERIAL_PORTS, BusSettings, interface_of
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
 

@@ -14,7 +14,7 @@ from typing import Self
 from inkloop_hardware.bus.fmu_bus import INTERFACE as FMU
 from inkloop_hardware.bus.fmu_connection import connected
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.bus.settings import BusSettings, lock_channel
+from inkloop_hardware.bus.settings import BusSettings, interface_of, lock_channel
 from inkloop_hardware.errors import (
     AnotherMaster,
     BusDisconnected,
@@ -111,7 +111,7 @@ class Rig:
         self.folder = folder
         self.valid_share, self.on_part = valid_share, on_part
         self.codec = Codec()
-        is_simulated = settings.interface == FMU  # a bench of its own, whose runs repeat frame by frame
+        is_simulated = interface_of(settings) == FMU  # a bench of its own, whose runs repeat frame by frame
         self._session = 1 if is_simulated else 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 if is_simulated else 1 + secrets.randbelow(JOB_MAX)
         self._users = 0

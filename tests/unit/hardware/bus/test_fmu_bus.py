@@ -51,7 +51,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def test_bus_of_another_program_runs_with_the_clock(clock: Clock) -> None:
-    """What a busy machine delayed is made up for, up to 200 ms; `recv(0)` brings the bench to the present."""
+    """Up to 200 ms of delay by a busy machine are made up for; `recv(0)` brings the bench to the present."""
     with can.Bus(interface="inkloop_fmu", channel=BENCH) as bus:
         bus.set_filters([{"can_id": HEAD_STATUS, "can_mask": 0x7FF}])
         begun = clock.ns
