@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (OSError, MemoryError) as error:
-        place = getattr(error, "filename", None) or "a file"
+        place = getattr(error, "filename", None) or ("inkloop" if isinstance(error, MemoryError) else "a file")
         show_error(InkloopError(f"{place}: {reason_of(error)}"), options, error)
         return 1
     except KeyboardInterrupt:

@@ -16,6 +16,7 @@ import time
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -71,8 +72,9 @@ def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
         reason = "a file is in the way" if isinstance(error, FileExistsError | NotADirectoryError) else reason_of(error)
         raise OSError(error.errno, f"its folder cannot be made: {reason}; name another place", str(path)) from error
     try:
-        with temporary_folder("part", path.parent) as folder:
-            partial = folder / path.name
+        _remove_abandoned_once(path.parent)
+        with _private_folder("part", path.parent) as folder:
+            partial = folder / f"_{path.name}"  # never that of the owner
             yield partial
             if durable:
                 with partial.open("rb+") as file:
@@ -148,7 +150,7 @@ def toml_tables(text: str) -> dict[str, Any]:
 def reason_of(error: OSError | MemoryError) -> str:
     """The reason why a file cannot be read or written, with names for links, a full disk and exhausted memory."""
     if isinstance(error, MemoryError):
-        return "the memory is exhausted"
+        return "the memory is exhausted; take fewer cells or threads, or close other programs"
     if error.errno == errno.ELOOP:
         return "a link lies there, which is not followed"
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
@@ -225,14 +227,27 @@ def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     remove_abandoned(place)
+    with _private_folder(purpose, place) as folder:
+        content = folder / "content"
+        content.mkdir()
+        yield content
+
+
+@contextmanager
+def _private_folder(purpose: str, place: Path) -> Iterator[Path]:
+    """A folder of this user alone, with the file that tells whether its process lives."""
     with tempfile.TemporaryDirectory(prefix=f"{_FOLDER}{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
-            content = Path(name) / "content"
-            content.mkdir()
-            yield content
+            yield Path(name)
         finally:
             os.close(owner)
+
+
+@cache
+def _remove_abandoned_once(place: Path) -> None:
+    """For files that are written often: the folder is looked through once by a process."""
+    remove_abandoned(place)
 
 
 def remove_abandoned(place: Path) -> list[Path]:
