@@ -143,9 +143,10 @@ def read_instrument(path: Path, channel: str | None = None) -> FileContents:
     from SurfaceTopography import open_topography
 
     try:
-        if is_zipfile(path):  # X3P
-            with ZipFile(path) as archive, archive.open("main.xml") as file:
-                check_xml(file)
+        if is_zipfile(path):
+            with ZipFile(path) as archive:
+                if "main.xml" in archive.namelist():  # X3P
+                    check_xml(archive.open("main.xml"))
         reader = open_topography(str(path))
         names = [str(each.name) for each in reader.channels]
         index = chosen(path, names, channel)
@@ -181,7 +182,9 @@ def read_tiff(path: Path, channel: str | None = None) -> FileContents:
     try:
         with tifffile.TiffFile(path, _multifile=False) as file:  # OME may name other files, anywhere
             text = file.pages.first.description
-            described = parsed_xml(text) if text.lstrip().startswith("<") else None
+            described = (
+                parsed_xml(text) if file.is_ome or "<!DOCTYPE" in text else None
+            )  # parsers of the library follow
             values, page, words = _page(path, file, channel)
             tag = page.tags.get(_NODATA)
             invalid = None if tag is None else float(tag.value)

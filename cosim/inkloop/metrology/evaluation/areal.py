@@ -1,4 +1,4 @@
-"""Height, hybrid and material ratio parameters of ISO 25178-2 over the cells that count.
+"""Height, spatial, hybrid and material ratio parameters of ISO 25178-2 over the cells that count.
 
 Heights z are those of the N cells, counted from their mean, each of the same area. Gradients live on the squares
 between four such neighbours (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1): each is divided into two triangles in
@@ -22,6 +22,14 @@ It has the heights h1 at p = 0 and h2 at p = 1; Smr1 and Smr2 are where the curv
     Sk = h1 - h2    Spk = 2 mean of max(z - h1, 0) / Smr1    Svk = 2 mean of max(h2 - z, 0) / (1 - Smr2)
 
 Spk and Svk are the heights of right triangles with the area of the peaks and of the pits.
+
+Spatial parameters come from the autocorrelation f(t), the mean of z(r) z(r + t) over the pairs of cells that both
+count, divided by Sq^2. A lag counts if at least a quarter of the cells have a partner:
+
+    Sal: the shortest lag at which f falls to 0.2     Str = Sal / the longest lag, along a ray, at which it first does
+    Std: the direction of the lay, at a right angle to that in which the angular spectrum has its maximum
+
+The spectrum is the Fourier transform of f under a round Hann window, so that the mask's shape does not matter.
 """
 
 from __future__ import annotations

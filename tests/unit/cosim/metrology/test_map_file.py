@@ -388,3 +388,19 @@ def test_picture_comes_from_the_file_alone(tmp_path: Path) -> None:
     own = np.arange(6, dtype=np.float32).reshape(2, 3)
     tifffile.imwrite(tmp_path / "a.tif", own, description=text.replace(place[0], there), metadata=None)
     np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif").values, own)
+
+
+def test_description_that_is_no_xml_says_nothing_of_the_picture(tmp_path: Path) -> None:
+    own = np.arange(6, dtype=np.float32).reshape(2, 3)
+    tifffile.imwrite(tmp_path / "a.tif", own, description="<no description>", metadata=None)
+    np.testing.assert_array_equal(read_tiff(tmp_path / "a.tif").values, own)
+
+
+def test_zip_that_is_no_x3p_is_left_to_the_library(tmp_path: Path) -> None:
+    """Other instruments zip their files too."""
+    pytest.importorskip("SurfaceTopography")
+    with zipfile.ZipFile(tmp_path / "it.qep", "w") as archive:
+        archive.writestr("other.xml", "<a/>")
+    with pytest.raises(HeightMapError, match="SurfaceTopography cannot read it") as refused:
+        read_instrument(tmp_path / "it.qep")
+    assert "main.xml" not in str(refused.value)
