@@ -103,14 +103,7 @@ def _add_score(commands: Any) -> argparse.ArgumentParser:
         metavar="MODULE:CLASS",
         help="your controller, as `kind` in a scenario; env:MODULE:CLASS: a policy (default: all of inkloop's)",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="overrides",
-        help="option of your controller; may be repeated",
-    )
+    add_overrides(parser, "option of your controller")
     parser.add_argument(
         "--plant",
         action="append",

@@ -35,7 +35,9 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
     add_overrides(parser)
 
 
-def add_overrides(parser: argparse.ArgumentParser) -> None:
+def add_overrides(
+    parser: argparse.ArgumentParser, of: str = "override a key, e.g. components.controller.alpha=0.5"
+) -> None:
     """--set, which may be repeated; `overrides_of` reads it."""
     parser.add_argument(
         "--set",
@@ -43,7 +45,7 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="overrides",
-        help="override a key, e.g. components.controller.alpha=0.5; may be repeated",
+        help=f"{of}; may be repeated",
     )
 
 
