@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 class DeviceMaps:
     """Buffers by name: maps of one grid with a frame of one cell, and small arrays. They grow with the horizon alone.
 
-    sent, received: bytes so far.
+    sent: bytes so far.
     """
 
     def __init__(self, queue: cl.CommandQueue, shape: tuple[int, int]) -> None:
         self.queue, self.shape = queue, shape
-        self.sent = self.received = 0
+        self.sent = 0
         self._buffers: dict[str, cl.Buffer] = {}
         self._known: dict[str, NDArray[Any]] = {}
 
@@ -48,7 +48,6 @@ class DeviceMaps:
         """The first maps of a buffer (layers, nx, ny)."""
         found = np.empty((layers, *self.shape), dtype)
         cl.enqueue_copy(self.queue, found, self._buffers[name], **self._places(found))
-        self.received += found.nbytes
         return found
 
     def small(self, name: str, values: NDArray[Any]) -> cl.Buffer:
