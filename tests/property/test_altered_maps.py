@@ -25,7 +25,8 @@ from inkloop.metrology.map_writing import write
 NX, NY, STEP = 9, 7, 5.0
 Z = np.round(np.random.default_rng(8).normal(100.0, 20.0, (NX, NY)), 2)
 """(9, 7) heights [um], no two alike."""
-EACH = [pytest.param(72, marks=pytest.mark.long), 14]
+MOST = 72
+EACH = [pytest.param(MOST, marks=pytest.mark.long), 14]
 """Alterations of each of 14 files: about 1,000, and a sample of them."""
 
 
@@ -120,8 +121,9 @@ def test_altered_map_is_read_as_it_is_or_refused(name: str, count: int, tmp_path
     path.write_bytes(whole)
     original = read(path, **options)
     assert original.shape == (NX, NY)
-    refused = 0
-    for number in range(count):
+    refused = tried = 0
+    while tried < count or (refused == tried and tried < MOST):  # until one is read
+        number, tried = tried, tried + 1
         data, may_change = altered(whole, random.Random(f"{name} {number}"), path.suffix in (".csv", ".txt", ".asc"))
         path.write_bytes(data)
         try:
@@ -134,4 +136,4 @@ def test_altered_map_is_read_as_it_is_or_refused(name: str, count: int, tmp_path
             refused += 1
         else:
             assert changed_heights(found, original, name not in UNSIZED) <= may_change, f"{name} {number}"
-    assert 0 < refused <= count - count // 72
+    assert 0 < refused < tried

@@ -169,17 +169,21 @@ def test_uneven_substrate_is_not_seen_at_the_top() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "mean", "std", "ratio"),
-    [("no-flow", 0.5, 1.2, 3.0), ("wide-droplets", 0.2, 0.6, 5.0), ("wu-chiu-plant", 1.0, 2.2, 1.6)],
+    ("name", "mean", "std", "ratio", "times"),
+    [
+        ("no-flow", 0.5, 1.2, 3.0, 4.0),
+        ("wide-droplets", 0.2, 0.6, 5.0, 4.0),
+        ("wu-chiu-plant", 1.0, 2.2, 1.6, 3.5),  # seeds 1 to 6: 3.6 to 4.4 times, with the true surface as estimate
+    ],
 )
 def test_controller_prints_on_plants_that_it_does_not_plan_with(
-    name: str, mean: float, std: float, ratio: float
+    name: str, mean: float, std: float, ratio: float, times: float
 ) -> None:
     closed, blind = printed(name, 1).metrics(), printed(name, 1, "open loop").metrics()
     assert abs(closed["mean_error"]) * UM_PER_M <= mean
     assert closed["std"] * UM_PER_M <= std
     assert blind["std"] > ratio * closed["std"]
-    assert blind["mae"] > 3.5 * closed["mae"]
+    assert blind["mae"] > times * closed["mae"]
 
 
 @pytest.mark.long

@@ -80,7 +80,7 @@ def fallen(name: str, must: Must, **plant: Any) -> Case:
 FALLEN = (
     fallen("ink bleeds down walls, 15 %", BLED, bleeding=0.15),
     fallen("ink bleeds down walls, 5 %", own(BLED), bleeding=0.05),
-    # a stray of the last layers stands 0.5 layers high: told the surface, 11 of 12 prints are rightly untrusted
+    # a stray of the last layers stands 0.5 layers high: with the true surface, 11 of 12 prints are rightly untrusted
     fallen("satellites 1 %", Must(0.40, 5.0), satellites=0.01),
     fallen("satellites 3 %", own(Must(0.60, 8.0)), satellites=0.03),
     fallen("volume falls by 30 %", Must(0.37), volume_loss=0.3),
@@ -88,15 +88,15 @@ FALLEN = (
     fallen("volume 15 % more to the right", Must(0.90), volume_right=0.15),
     fallen("volume 15 % less to the right", own(Must(0.90)), volume_right=-0.15),
     fallen("shrinks as a whole, 0.97", Must(4.5, or_stops=True), kept=0.97),
-    # told the surface alone, seeds 1 to 6: 6.0 +- 0.1 um; its volume too: 10.6 um, for what is learnt makes up for it
+    # with the true surface, seeds 1 to 6: 6.0 +- 0.1 um; its volume too: 10.6 um, for what is learnt makes up for it
     fallen("shrinks as a whole, 0.99", own(Must(6.2, or_stops=True)), kept=0.99),
     Case("no flow, caps known", own(Must(1.05, 5.0)), Plant(CAP, flows=False), ink=CAP),
     fallen("no flow", own(Must(2.0, 9.0)), flows=False),
     fallen("droplets reach 2 cells", own(Must(0.75, 3.0)), droplet=WIDE),
-    # told the surface: 7.9 +- 0.6 um
+    # with the true surface: 7.9 +- 0.6 um
     fallen("droplets land 0.2, -0.1 cells off", own(Must(2.0, 9.0)), placement=(0.2, -0.1)),
     fallen("droplets land -0.5, 0 cells off", own(Must(4.2)), placement=(-0.5, 0.0)),
-    # told the surface: 24.0 +- 1.0 um
+    # with the true surface: 24.0 +- 1.0 um
     fallen("lines along x retract by 4 %", own(Must(3.4, 26.0)), contraction=(0.04, 0.0)),
     fallen("dead row from layer 5", own(Must(6.5)), dry_rows=(12, 12), dry_from=5),
     Case("grey head, drops 1 to 4", own(Must(0.16)), drop_levels=4, options={"drop_levels": 4}),

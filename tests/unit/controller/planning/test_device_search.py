@@ -134,7 +134,9 @@ def test_thirty_plans_are_as_good_as_those_of_the_core(on_device: DeviceSearch) 
 @pytest.mark.parametrize("name", ["target", "weight", "part", "choices", "ceiling", "height"])
 def test_map_that_changes_between_layers_is_sent_again(name: str, on_device: DeviceSearch) -> None:
     """Maps stay on the device; a plan on them is that of a device that knows none."""
-    before = with_everything((13, 11), 2, 1, 5)
+    slope, before = np.linspace(0.0, 4e-6, 13)[:, None], with_everything((13, 11), 2, 1, 5)
+    assert before.ceiling is not None
+    before = replace(before, target=before.target + slope, ceiling=before.ceiling + slope)  # turned over they differ
     changed = getattr(before, name)[..., ::-1, :]
     found_by(on_device, before)
     kept = found_by(on_device, replace(before, **{name: changed}))
