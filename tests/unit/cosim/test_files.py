@@ -78,8 +78,8 @@ def test_link_is_replaced_and_never_written_through(tmp_path: Path) -> None:
     for name in ("a.txt", ".a.txt.part"):
         (tmp_path / name).symlink_to(target)
     with replaced(tmp_path / "a.txt") as partial:
-        assert partial.parent.parent.stat().st_mode & 0o777 == 0o700
-        assert partial.parents[2] == tmp_path
+        assert partial.parent.stat().st_mode & 0o777 == 0o700
+        assert partial.parents[1] == tmp_path
         partial.write_text("a")
     assert (tmp_path / "a.txt").read_text() == "a"
     assert not (tmp_path / "a.txt").is_symlink()
@@ -90,17 +90,23 @@ def test_link_is_replaced_and_never_written_through(tmp_path: Path) -> None:
     assert target.read_text() == "precious"
 
 
-def test_folder_of_a_writer_that_was_killed_goes_with_the_next_file(place: Path) -> None:
+def test_folder_of_a_writer_that_was_killed_goes_with_the_first_file_of_another(place: Path) -> None:
     script = "import sys\nfrom pathlib import Path\nfrom inkloop.files import replaced\n"
-    script += "with replaced(Path('a.txt')) as partial:\n    partial.write_text('half')\n    sys.stdin.read(1)\n"
-    writer = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, cwd=place)
-    while not list(place.glob("*/content/a.txt")):
-        assert writer.poll() is None
-    write_text(place / "b.txt", "b")
+    script += "with replaced(Path(sys.argv[1])) as partial:\n    partial.write_text('half')\n"
+    script += "    print('half', flush=True)\n    sys.stdin.read(1)\n"
+
+    def started(name: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-c", script, name]
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=place)
+
+    writer = started("a.txt")
+    assert writer.stdout
+    assert writer.stdout.readline() == b"half\n"
+    started("b.txt").communicate(b"x")
     assert len(list(place.iterdir())) == 2  # a living writer keeps its folder
     writer.kill()
     writer.communicate()
-    write_text(place / "b.txt", "b")
+    started("b.txt").communicate(b"x")
     assert [path.name for path in place.iterdir()] == ["b.txt"]
 
 
