@@ -1,20 +1,25 @@
 /* The search of a plan by moves that do not meet, for OpenCL: the layer map and the cost of a cell are those of
  * controller/core/search/plan_surface.h, to the last bit.
  *
- * Maps have a frame of one cell, as there. A move changes the plan on one cell or two; a group of work items carries it
- * through the later layers in a window around the cell, and writes plan and surfaces if it pays. Cells of one launch lie
- * so far apart that none writes what another one reads. Sums are of whole numbers, so that their order is free. */
+ * Maps have a frame of one cell, as there. A move changes the plan on one cell or two. A group of work items tries all
+ * moves of a cell in single precision, some at a time, on heights above the middle of a window; the best one is carried
+ * through the layers again in double precision, and made if it pays. Cells of one launch lie so far apart that none
+ * writes what another one reads. Sums are of whole numbers, so that their order is free. */
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #if DEVIATION
 #pragma OPENCL EXTENSION cl_khr_int64_base_atomics : enable
 #endif
 #pragma OPENCL FP_CONTRACT OFF
 
-/* LAYERS: horizon; KINDS: of droplets; GROUP: work items of a cell; CEILING, DEVIATION: whether these count. */
+/* LAYERS: horizon; KINDS: of droplets; CEILING, WEIGHT, DEVIATION: whether these count; GROUP: work items of a cell;
+ * TEAM: those that try a move. */
+#define TEAMS (GROUP / TEAM)
 #define REACH (LAYERS + 2) /* cells from the middle of a window to its edge */
 #define SIDE (2 * REACH + 1)
 #define WINDOW (SIDE * SIDE)
-#define TILE 16 /* cells a side that fall asleep together */
+#define MOVES (KINDS + LAYERS + 4) /* at most, of a cell: values, later layers, swaps */
+#define MIDDLE (REACH * SIDE + REACH)
+#define BETWEEN (LAYERS > 1 ? LAYERS - 1 : 1) /* surfaces between two layers */
 #define ABYSS -1.0
 
 /* A droplet of a value of the plan, as in droplet_flow.h. */
@@ -22,10 +27,15 @@ typedef struct {
     double volume, spread[2], slope[2];
 } Droplet;
 
+/* The same for trials; rate: share of the spread that flows on or back for a metre of rise. */
 typedef struct {
-    long nx, ny, stride, framed, tiles; /* tiles: in a row of them */
+    float volume, spread[2], rate[2];
+} TriedDroplet;
+
+typedef struct {
+    long nx, ny, stride, framed;
     double upward, skew, ceiling_cost, chance, least_chance;
-    double alpha, count, reference, least_gain;
+    double alpha, count, reference, least_gain, least_trial;
     double height_step, square_step; /* steps of the sums [m], [m2] */
 } Rules;
 
@@ -50,19 +60,22 @@ double flow(double spread, double slope, double rise) {
     return raised < spread ? raised : spread;
 }
 
-double cost_of(constant Rules *rules, double weight, double target, double ceiling, double height, double chance) {
-    const double error = height - target, size = fabs(error);
-    const double expected = size < chance ? 0.5 * (error * error / chance + chance) : size;
-    double cost = rules->upward * expected + rules->skew * error;
-    if (CEILING && height > ceiling)
-        cost += rules->ceiling_cost * (height - ceiling);
-    return weight * cost;
-}
-
-double chance_of(constant Rules *rules, double kept) {
-    const double own = rules->chance * kept;
-    return own > rules->least_chance ? own : rules->least_chance;
-}
+/* Cost of a cell, and the volume of its last droplet that is left to chance. */
+#define COST(real, cost_of, chance_of)                                                                                 \
+    real cost_of(constant Rules *rules, real weight, real target, real ceiling, real height, real chance) {            \
+        const real error = height - target, size = fabs(error);                                                        \
+        const real expected = size < chance ? (real)0.5 * (error * error / chance + chance) : size;                    \
+        real cost = (real)rules->upward * expected + (real)rules->skew * error;                                        \
+        if (CEILING && height > ceiling)                                                                               \
+            cost += (real)rules->ceiling_cost * (height - ceiling);                                                    \
+        return weight * cost;                                                                                          \
+    }                                                                                                                  \
+    real chance_of(constant Rules *rules, real kept) {                                                                 \
+        const real own = (real)rules->chance * kept;                                                                   \
+        return own > (real)rules->least_chance ? own : (real)rules->least_chance;                                      \
+    }
+COST(double, cost_of, chance_of)
+COST(float, tried_cost, tried_chance)
 
 /* Height of a cell after a layer, rows `stride` apart; kept: height that its own droplet leaves on it. */
 #define PRINT(after, kept, height, value, cell, stride, droplets)                                                      \
@@ -82,6 +95,12 @@ double chance_of(constant Rules *rules, double kept) {
         kept = own->volume - lost;                                                                                     \
         after = height[cell] + kept + got;                                                                             \
     }
+
+/* Puts the first surface onto the lattice, multiples of 2^-54 m. Work items: (ny, nx), as of `print_layer`. */
+kernel void take_height(constant Rules *rules, global double *height) {
+    const long cell = (get_global_id(1) + 1) * rules->stride + get_global_id(0) + 1;
+    height[cell] = rint(height[cell] * 0x1p54) * 0x1p-54;
+}
 
 /* Surface after one layer; in the last one also what it leaves to chance. Work items: (ny, nx). */
 kernel void print_layer(constant Rules *rules, constant Droplet *droplets, global double *height,
@@ -120,13 +139,14 @@ kernel void add_up(constant Rules *rules, global const double *height, global co
     atom_add(&sums[1], squares);
 }
 
-/* Change of the standard deviation by a move (objective.c). Where other cells share the launch, the change on the tangent:
- * the deviation is concave in the sums, so what their moves change together is not above the sum of these. */
+/* Change of the standard deviation by a move (objective.c). Where other cells share the launch, the change on the
+ * tangent: the deviation is concave in the sums, so what their moves change together is not above the sum of these. */
 double deviation_change(constant Rules *rules, global const long *sums, double height, double square) {
     const double count = rules->count, mean = sums[0] * rules->height_step / count;
     const double before = fmax(sums[1] * rules->square_step / count - mean * mean, 0.0);
     const bool is_shared = get_num_groups(0) > 1;
-    const double change = (square - 2.0 * mean * height) / count - (is_shared ? 0.0 : height * height / (count * count));
+    const double change =
+        (square - 2.0 * mean * height) / count - (is_shared ? 0.0 : height * height / (count * count));
     const double after = is_shared && before > 0.0 ? before : fmax(before + change, 0.0);
     const double deviations = sqrt(before) + sqrt(after);
     return deviations > 0.0 ? change / deviations : 0.0;
@@ -137,27 +157,28 @@ bool allows(global const ushort *choices, constant Rules *rules, int layer, long
     return (2u * choices[layer * rules->framed + cell] + 1u) >> value & 1u;
 }
 
-/* Whether anything near a cell has changed since its moves were tried, by the tiles that changed in the last sweep. */
-bool is_awake(constant Rules *rules, global const uchar *awake, long i, long j) {
-    const long top = max(i - REACH, 0l) / TILE, bottom = min(i + REACH, rules->nx - 1) / TILE;
-    const long left = max(j - REACH, 0l) / TILE, right = min(j + REACH, rules->ny - 1) / TILE;
-    for (long row = top; row <= bottom; row++)
-        for (long column = left; column <= right; column++)
-            if (awake[row * rules->tiles + column])
-                return true;
-    return false;
-}
-
 /* Sums of a move. */
 typedef struct {
     double change, height, square;
 } Gain;
 
-/* What a group of work items shares. */
+/* What a group of work items knows to carry a move. */
 typedef struct {
     double surface[LAYERS + 1][WINDOW], chance[WINDOW], sum[3][GROUP];
     uchar value[LAYERS][WINDOW];
 } Window;
+
+/* What it knows to try some at a time; heights are above that of the middle before the layer. */
+typedef struct {
+    TriedDroplet droplet[KINDS + 1];
+    float height[LAYERS][WINDOW];                         /* before each layer */
+    float before[WINDOW], target[WINDOW], weight[WINDOW]; /* before: cost of the plan */
+    float ceiling[CEILING ? WINDOW : 1], last[DEVIATION ? WINDOW : 1], left[DEVIATION ? WINDOW : 1];
+    float between[TEAMS][BETWEEN][WINDOW];     /* of a move: before each later layer */
+    float sum[3][GROUP], change[MOVES], above; /* above: twice the middle above the reference */
+    uchar value[TEAMS][LAYERS][WINDOW];        /* of the plan with a move */
+    uchar is_allowed[MOVES], number[MOVES];
+} Trials;
 
 /* The maps of the problem and of the plan. */
 typedef struct {
@@ -225,8 +246,9 @@ Gain carry(const Maps *maps, const Move *move, long i, long j, local Window *win
             const double limit = CEILING ? maps->ceiling[cell] : 0.0, target = maps->target[cell];
             const double chance = rules->chance > 0.0 ? chance_of(rules, kept) : 0.0;
             window->chance[q] = chance;
-            costs += cost_of(rules, maps->weight[cell], target, limit, after, chance) -
-                     cost_of(rules, maps->weight[cell], target, limit, before, left);
+            const double weight = WEIGHT ? maps->weight[cell] : maps->part[cell];
+            costs += cost_of(rules, weight, target, limit, after, chance) -
+                     cost_of(rules, weight, target, limit, before, left);
             if (maps->part[cell]) {
                 heights += after - before;
                 squares += (after - before) * ((after - rules->reference) + (before - rules->reference)) +
@@ -253,33 +275,25 @@ Gain carry(const Maps *maps, const Move *move, long i, long j, local Window *win
     return gain;
 }
 
-/* Move number `number` of a cell: another value, its droplet in a later layer, or that of a neighbour. False: none. */
-bool move_of(const Maps *maps, int layer, long i, long j, int number, Move *move) {
+/* Makes a move that has been carried, and wakes the cells whose moves it changes. */
+void make(const Maps *maps, const Move *move, long i, long j, local const Window *window, global uchar *awake) {
     constant Rules *rules = maps->rules;
-    const int shift = number - KINDS - 1, swap = shift - (LAYERS - 1 - layer), around = swap < 4 ? swap : swap + 1;
-    const long k = swap < 0 ? i : i + around / 3 - 1, l = swap < 0 ? j : j + around % 3 - 1;
-    if (k < 0 || k >= rules->nx || l < 0 || l >= rules->ny)
-        return false;
-    const int its_layer = shift >= 0 && swap < 0 ? layer + 1 + shift : layer;
-    const long here = (i + 1) * rules->stride + j + 1, there = (k + 1) * rules->stride + l + 1;
-    const int was = maps->plan[layer * rules->framed + here], its = maps->plan[its_layer * rules->framed + there];
-    *move = (Move){layer, its_layer, shift < 0 ? number : its, was, here, there, shift >= 0};
-    return move->is != was && allows(maps->choices, rules, layer, here, move->is) &&
-           (shift < 0 || allows(maps->choices, rules, its_layer, there, was));
-}
-
-/* Makes a move that has been carried. */
-void make(const Maps *maps, const Move *move, long i, long j, local const Window *window, global uchar *changed) {
-    constant Rules *rules = maps->rules;
+    const int changed = reach_of(move, LAYERS - 1);
     for (int q = get_local_id(0); q < WINDOW; q += GROUP) {
         const long cell = cell_of(rules, i, j, q);
-        if (!is_within(rules, i, j, q, reach_of(move, LAYERS - 1)))
+        if (!is_within(rules, i, j, q, changed))
             continue;
         for (int layer = move->layer; layer < LAYERS; layer++)
             if (is_within(rules, i, j, q, reach_of(move, layer)))
                 maps->height[(layer + 1) * rules->framed + cell] = window->surface[layer + 1][q];
         maps->chance[cell] = window->chance[q];
-        changed[(cell / rules->stride - 1) / TILE * rules->tiles + (cell % rules->stride - 1) / TILE] = 1;
+    }
+    for (int layer = 0; layer < LAYERS; layer++) {
+        const int far = changed + LAYERS - layer + 2;
+        const long top = max(i - far, 0l), bottom = min(i + far, rules->nx - 1);
+        const long left = max(j - far, 0l), width = min(j + far, rules->ny - 1) - left + 1;
+        for (long place = get_local_id(0); place < (bottom - top + 1) * width; place += GROUP)
+            awake[layer * rules->framed + (top + place / width + 1) * rules->stride + left + place % width + 1] = 1;
     }
     if (get_local_id(0) > 0)
         return;
@@ -288,45 +302,250 @@ void make(const Maps *maps, const Move *move, long i, long j, local const Window
         maps->plan[move->its_layer * rules->framed + move->there] = move->its_is;
 }
 
-/* Makes the best move of a cell, if it pays; a group for each cell. awake, changed: tiles that changed in the last
- * sweep and in this one; sums: those before the launch; sums_after: they are changed; made: counts the moves. */
+/* Move number `number` of a cell: another value, its droplet in a later layer, or that of a neighbour; each pair of
+ * neighbours is a move of one of them. False: none. */
+bool move_of(const Maps *maps, int layer, long i, long j, int number, Move *move) {
+    constant Rules *rules = maps->rules;
+    const int later = number - KINDS, swap = later - (LAYERS - layer),
+              its_layer = swap < 0 && later > 0 ? layer + later : layer;
+    const long k = i + (swap > 0), l = j + (swap < 0 ? 0 : swap == 0 ? 1 : swap - 2);
+    if (swap > 3 || k >= rules->nx || l < 0 || l >= rules->ny)
+        return false;
+    const long here = (i + 1) * rules->stride + j + 1, there = (k + 1) * rules->stride + l + 1;
+    const int was = maps->plan[layer * rules->framed + here], its = maps->plan[its_layer * rules->framed + there];
+    *move = (Move){layer, its_layer, later > 0 ? its : number, was, here, there, later > 0};
+    return move->is != was && allows(maps->choices, rules, layer, here, move->is) &&
+           (later <= 0 || allows(maps->choices, rules, its_layer, there, was));
+}
+
+/* Loads what all moves of a cell in a layer need. */
+void load_trials(const Maps *maps, constant TriedDroplet *droplets, int layer, long i, long j, local Trials *trials) {
+    constant Rules *rules = maps->rules;
+    const int most = LAYERS - layer + 2, side = 2 * most + 1;
+    const double middle = maps->height[layer * rules->framed + (i + 1) * rules->stride + j + 1];
+    for (int q = get_local_id(0); q <= KINDS; q += GROUP)
+        trials->droplet[q] = droplets[q];
+    if (get_local_id(0) == 0)
+        trials->above = 2.0 * (middle - rules->reference);
+    for (int place = get_local_id(0); place < side * side; place += GROUP) {
+        const int di = place / side - most, dj = place % side - most, q = (di + REACH) * SIDE + dj + REACH;
+        const long row = i + 1 + di, column = j + 1 + dj, cell = row * rules->stride + column;
+        const bool is_there = row >= 0 && row <= rules->nx + 1 && column >= 0 && column <= rules->ny + 1;
+        for (int m = layer; m < LAYERS; m++) {
+            const float height = is_there ? maps->height[m * rules->framed + cell] - middle : ABYSS;
+            const uchar value = is_there ? maps->plan[m * rules->framed + cell] : 0;
+            trials->height[m][q] = height;
+            for (int team = 0; team < TEAMS; team++) {
+                trials->value[team][m][q] = value;
+                if (m > layer)
+                    trials->between[team][m - 1][q] = height;
+            }
+        }
+        if (!is_within(rules, i, j, q, most))
+            continue;
+        const float last = maps->height[LAYERS * rules->framed + cell] - middle, left = maps->chance[cell];
+        const float target = maps->target[cell] - middle, ceiling = CEILING ? maps->ceiling[cell] - middle : 0.0;
+        const float weight = WEIGHT ? maps->weight[cell] : maps->part[cell];
+        trials->target[q] = target;
+        trials->weight[q] = weight;
+        trials->before[q] = tried_cost(rules, weight, target, ceiling, last, left);
+#if CEILING
+        trials->ceiling[q] = ceiling;
+#endif
+#if DEVIATION
+        trials->last[q] = last;
+        trials->left[q] = left;
+#endif
+    }
+}
+
+#if KINDS == 1
+#define VOLUME(is) ((is) ? droplet[1].volume : 0.0f)
+#define SPREAD(is, place) ((is) ? droplet[1].spread[place] : 0.0f)
+#define RATE(is, place) droplet[1].rate[place]
+#else
+#define VOLUME(is) droplet[is].volume
+#define SPREAD(is, place) droplet[is].spread[place]
+#define RATE(is, place) droplet[is].rate[place]
+#endif
+
+/* Height of a cell of a window after a layer, and what its own droplet leaves on it. */
+float tried_height(local const TriedDroplet *droplet, local const float *height, local const uchar *value, int q,
+                   float *kept) {
+    const float own = height[q];
+    const int is = value[q];
+    float lost[2] = {0.0f, 0.0f}, got = 0.0f;
+#pragma unroll
+    for (int di = -1; di <= 1; di++)
+#pragma unroll
+        for (int dj = -1; dj <= 1; dj++) {
+            const int place = di != 0 && dj != 0, its = value[q + di * SIDE + dj];
+            const float rise = own - height[q + di * SIDE + dj];
+            if (di == 0 && dj == 0)
+                continue;
+            lost[place] += clamp(fma(RATE(is, place), rise, 1.0f), 0.0f, 1.0f);
+            got = fma(SPREAD(its, place), clamp(fma(RATE(its, place), -rise, 1.0f), 0.0f, 1.0f), got);
+        }
+    *kept = VOLUME(is) - (SPREAD(is, 0) * lost[0] + SPREAD(is, 1) * lost[1]);
+    return own + *kept + got;
+}
+
+/* Writes a move into the plan of a team, or takes it out again. */
+void set_values(const Move *move, local Trials *trials, int team, int is, int its_is, int there) {
+    trials->value[team][move->layer][MIDDLE] = is;
+    if (move->is_two)
+        trials->value[team][move->its_layer][there] = its_is;
+}
+
+/* The cells that a move changes: those within `far` of the one, and of the other, which lies so far down and along. */
+typedef struct {
+    int top, left, width, cells;
+} Box;
+
+Box box_of(int far, int down, int along) {
+    const int width = 2 * far + 1 + abs(along);
+    return (Box){-far, -far + min(along, 0), width, (2 * far + 1 + down) * width};
+}
+
+/* The place in the window, and the cells from its middle. */
+int in_box(const Box *box, int place, int *di, int *dj) {
+    *di = place / box->width + box->top;
+    *dj = place % box->width + box->left;
+    return (*di + REACH) * SIDE + *dj + REACH;
+}
+
+/* Tries all moves of a cell in a layer that are allowed, a team each; their number, and what each changes. */
+int try_all(const Maps *maps, int layer, long i, long j, local Trials *trials) {
+    constant Rules *rules = maps->rules;
+    const int item = get_local_id(0), team = item / TEAM, mate = item % TEAM;
+    int count = 0, di, dj;
+    Move move;
+    if (item < MOVES)
+        trials->is_allowed[item] = move_of(maps, layer, i, j, item, &move);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int number = 0; number < MOVES; number++) {
+        if (item == 0 && trials->is_allowed[number])
+            trials->number[count] = number;
+        count += trials->is_allowed[number];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int first = 0; first < count; first += TEAMS) {
+        const int own = first + team;
+        const bool is_busy = own < count && move_of(maps, layer, i, j, trials->number[own], &move);
+        const int apart = is_busy ? move.there - move.here : 0;
+        const int down = (apart + 1) / rules->stride, along = apart - down * rules->stride;
+        const int there = MIDDLE + down * SIDE + along;
+        float costs = 0.0f, heights = 0.0f, squares = 0.0f;
+        if (is_busy && mate == 0)
+            set_values(&move, trials, team, move.is, move.its_is, there);
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (int m = layer; m < LAYERS; m++) {
+            const Box box = box_of(m - layer + 1, down, along);
+            local const float *height = m == layer ? trials->height[m] : trials->between[team][m - 1];
+            for (int place = mate; is_busy && place < box.cells; place += TEAM) {
+                const int q = in_box(&box, place, &di, &dj);
+                float kept;
+                if (i + di < 0 || i + di >= rules->nx || j + dj < 0 || j + dj >= rules->ny)
+                    continue;
+                const float after = tried_height(trials->droplet, height, trials->value[team][m], q, &kept);
+                if (m < LAYERS - 1) {
+                    trials->between[team][m][q] = after;
+                    continue;
+                }
+                const float chance = rules->chance > 0.0 ? tried_chance(rules, kept) : 0.0f;
+                costs += tried_cost(rules, trials->weight[q], trials->target[q], CEILING ? trials->ceiling[q] : 0.0f,
+                                    after, chance) -
+                         trials->before[q];
+#if DEVIATION
+                if (maps->part[cell_of(rules, i, j, q)]) {
+                    const float before = trials->last[q], left = trials->left[q];
+                    heights += after - before;
+                    squares +=
+                        (after - before) * (after + before + trials->above) + (chance * chance - left * left) / 3.0f;
+                }
+#endif
+            }
+            barrier(CLK_LOCAL_MEM_FENCE);
+        }
+        if (is_busy && mate == 0)
+            set_values(&move, trials, team, move.its_is, move.is, there);
+        for (int m = layer; m < LAYERS - 1; m++) {
+            const Box box = box_of(m - layer + 1, down, along);
+            for (int place = mate; is_busy && place < box.cells; place += TEAM) {
+                const int q = in_box(&box, place, &di, &dj);
+                trials->between[team][m][q] = trials->height[m + 1][q];
+            }
+        }
+        trials->sum[0][item] = costs;
+        trials->sum[1][item] = heights;
+        trials->sum[2][item] = squares;
+        for (int rest = TEAM / 2; rest > 0; rest /= 2) {
+            barrier(CLK_LOCAL_MEM_FENCE);
+            for (int k = 0; mate < rest && k < (DEVIATION ? 3 : 1); k++)
+                trials->sum[k][item] += trials->sum[k][item + rest];
+        }
+        if (is_busy && mate == 0) {
+            double change = trials->sum[0][item] / rules->count;
+#if DEVIATION
+            change =
+                rules->alpha * change +
+                (1.0 - rules->alpha) * deviation_change(rules, maps->sums, trials->sum[1][item], trials->sum[2][item]);
+#endif
+            trials->change[own] = change;
+        }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    return count;
+}
+
+/* Makes the best move of a cell, if it pays; a group for each cell. awake: cells of each layer near which something has
+ * changed since their moves were tried; sums: those before the launch; sums_after: they are changed; made: counts the
+ * moves. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
-try_moves(constant Rules *rules, constant Droplet *droplets, global const Launch *launches, int number,
-          global double *height, global uchar *plan, global double *chance, global const double *target,
-          global const double *weight, global const double *ceiling, global const uchar *part,
-          global const ushort *choices, global const uchar *awake, global uchar *changed, global const long *sums,
+try_moves(constant Rules *rules, constant Droplet *droplets, constant TriedDroplet *tried,
+          global const Launch *launches, int number, global double *height, global uchar *plan, global double *chance,
+          global const double *target, global const double *weight, global const double *ceiling,
+          global const uchar *part, global const ushort *choices, global uchar *awake, global const long *sums,
           global long *sums_after, global int *made) {
-    local Window window;
+    local union {
+        Trials trials;
+        Window window;
+    } shared;
     const Maps maps = {rules, droplets, height, chance, plan, target, weight, ceiling, part, choices, sums};
     global const Launch *launch = &launches[number];
     const long columns = (rules->ny - launch->cj + launch->period - 1) / launch->period;
     const long i = get_group_id(0) / columns * launch->period + launch->ci;
     const long j = get_group_id(0) % columns * launch->period + launch->cj;
-    const int count = KINDS + 1 + (LAYERS - 1 - launch->layer) + 8;
-    Gain best = {-rules->least_gain, 0.0, 0.0};
+    global uchar *own = &awake[launch->layer * rules->framed + (i + 1) * rules->stride + j + 1];
+    const bool is_awake = *own;
+    float least = -rules->least_trial;
     int chosen = -1;
     Move move;
-    if (i >= rules->nx || !is_awake(rules, awake, i, j))
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (!is_awake)
         return;
-    for (int number = 0; number < count; number++) {
-        if (!move_of(&maps, launch->layer, i, j, number, &move))
-            continue;
-        const Gain gain = carry(&maps, &move, i, j, &window);
-        if (gain.change < best.change) {
-            best = gain;
-            chosen = number;
+    if (get_local_id(0) == 0)
+        *own = 0;
+    load_trials(&maps, tried, launch->layer, i, j, &shared.trials);
+    const int count = try_all(&maps, launch->layer, i, j, &shared.trials);
+    for (int k = 0; k < count; k++)
+        if (shared.trials.change[k] < least) {
+            least = shared.trials.change[k];
+            chosen = shared.trials.number[k];
         }
-    }
+    barrier(CLK_LOCAL_MEM_FENCE);
     if (chosen < 0)
         return;
     move_of(&maps, launch->layer, i, j, chosen, &move);
-    carry(&maps, &move, i, j, &window);
-    make(&maps, &move, i, j, &window, changed);
+    const Gain gain = carry(&maps, &move, i, j, &shared.window);
+    if (gain.change >= -rules->least_gain)
+        return;
+    make(&maps, &move, i, j, &shared.window, awake);
     if (get_local_id(0) > 0)
         return;
 #if DEVIATION
-    atom_add(&sums_after[0], steps_of(best.height, rules->height_step));
-    atom_add(&sums_after[1], steps_of(best.square, rules->square_step));
+    atom_add(&sums_after[0], steps_of(gain.height, rules->height_step));
+    atom_add(&sums_after[1], steps_of(gain.square, rules->square_step));
 #endif
     atomic_inc(made);
 }

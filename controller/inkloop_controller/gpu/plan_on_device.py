@@ -14,18 +14,23 @@ from inkloop_controller.gpu.maps import DeviceMaps
 from inkloop_controller.problem.horizon_problem import IntPlan
 
 GROUP = 32  # work items of a cell: those that a GPU runs in step
-TILE = 16  # of moves.cl
+TEAM = 16  # of them, those that try a move together
+NUMBER = 4  # of the arguments of try_moves, that of the launch
 ADDERS = 4096  # work items that add up a surface
 LAUNCHES_A_LOOK = 64  # between two looks at the clock
 ABYSS = -1.0  # height of the frame [m], of controller/core/search/plan_surface.c
 UNIFORM_BOUND = sqrt(3.0)  # of a distribution with standard deviation 1
 LEAST_SHARE_OF_DROPLET = 1e-9  # of plan_surface.c: gains below are rounding
+LEAST_TRIED = 1e-5  # the same in single precision
 LATTICE = 2.0**54  # heights are multiples of its inverse, of controller/core/model/lattice.h
 SUM_STEP = 2.0**-60  # of the sums, as a share of the most that they can be
 RULES = np.dtype(
-    [(name, "i8") for name in ("nx", "ny", "stride", "framed", "tiles")]
+    [(name, "i8") for name in ("nx", "ny", "stride", "framed")]
     + [(name, "f8") for name in ("upward", "skew", "ceiling_cost", "chance", "least_chance")]
-    + [(name, "f8") for name in ("alpha", "count", "reference", "least_gain", "height_step", "square_step")]
+    + [
+        (name, "f8")
+        for name in ("alpha", "count", "reference", "least_gain", "least_trial", "height_step", "square_step")
+    ]
 )
 LAUNCH = np.dtype([(name, "i4") for name in ("layer", "period", "ci", "cj")])
 
@@ -38,44 +43,41 @@ class PlanOnDevice:
         shape, layers = maps.shape, problem.layers
         self.has_deviation = problem.alpha < 1.0
         part, height = _array(problem.part, shape, np.uint8), _array(problem.height, shape, np.float64)
-        weight = _array(problem.weight, shape, np.float64) if problem.weight else part.astype(np.float64)
         droplets, moves = _droplets(problem), np.array(list(_launches(layers)), LAUNCH)
         rules = _rules(problem, part, droplets)
-        tiles = np.ones((-(-problem.nx // TILE), rules["tiles"]), np.uint8)
         spans = [-(-(side - moves[name]) // moves["period"]) for side, name in zip(shape, ("ci", "cj"), strict=True)]
         self._groups = [int(rows * columns) if rows > 0 < columns else 0 for rows, columns in zip(*spans, strict=True)]
         maps.room("height", layers + 1, np.float64, ABYSS)
-        self._height = maps.put("height", np.rint(height * LATTICE) / LATTICE)
+        self._height = maps.put("height", height)
         self._plan, self._chance = maps.put("plan", plan.astype(np.uint8)), maps.room("chance", 1, np.float64)
         self._part = maps.put("part", part, stays=True)
         self._rules, self._droplets = maps.small("rules", rules), maps.small("droplets", droplets)
-        self._awake, self._changed = (maps.small(name, tiles) for name in ("awake", "changed"))
+        self._awake = maps.room("awake", layers, np.uint8)
         self._sums, self._sums_after = (maps.small(name, np.zeros(2, np.int64)) for name in ("sums", "sums after"))
         self._made = maps.small("made", np.zeros(1, np.int32))
-        weights = maps.put("weight", weight, stays=True)
-        ceiling = maps.put("ceiling", _array(problem.ceiling, shape, np.float64)) if has_ceiling(problem) else weights
+        target = maps.put("target", _array(problem.target, shape, np.float64), stays=True)
+        weight = maps.put("weight", _array(problem.weight, shape, np.float64), stays=True) if problem.weight else target
+        ceiling = maps.put("ceiling", _array(problem.ceiling, shape, np.float64)) if has_ceiling(problem) else target
         self._try_moves = cl.Kernel(program, "try_moves")
         self._try_moves.set_args(
-            *(self._rules, self._droplets, maps.small("launches", moves), np.int32(0)),
+            *(self._rules, self._droplets, maps.small("tried", _tried(droplets))),
+            *(maps.small("launches", moves), np.int32(0)),
             *(self._height, self._plan, self._chance),
-            *(maps.put("target", _array(problem.target, shape, np.float64), stays=True), weights, ceiling, self._part),
+            *(target, weight, ceiling, self._part),
             maps.put("choices", _array(problem.choices, (layers, *shape), np.uint16), stays=True),
-            *(self._awake, self._changed, self._sums, self._sums_after, self._made),
+            *(self._awake, self._sums, self._sums_after, self._made),
         )
         self._print(program)
 
     def sweep(self, is_whole: bool) -> Iterator[None]:
-        """Make the best move of each cell, or of each near a change of the last sweep; stops now and then."""
+        """Make the best move of each cell, or of each near a change since it was tried; stops now and then."""
         if is_whole:
             self._fill(self._awake, np.uint8(1))
-        else:
-            cl.enqueue_copy(self._queue, self._awake, self._changed)
-        self._fill(self._changed, np.uint8(0))
         self._fill(self._made, np.int32(0))
         for number, groups in enumerate(self._groups):
             if not groups:
                 continue
-            self._try_moves.set_arg(3, np.int32(number))
+            self._try_moves.set_arg(NUMBER, np.int32(number))
             cl.enqueue_nd_range_kernel(self._queue, self._try_moves, (groups * GROUP,), (GROUP,))
             if self.has_deviation:
                 self._keep_sums()
@@ -105,6 +107,7 @@ class PlanOnDevice:
         cl.enqueue_copy(self._queue, self._sums, self._sums_after)
 
     def _print(self, program: cl.Program) -> None:
+        cl.Kernel(program, "take_height")(self._queue, self._maps.shape[::-1], None, self._rules, self._height)
         kernel = cl.Kernel(program, "print_layer")
         for layer in range(self._problem.layers):
             maps = (self._height, self._plan, self._chance, np.int32(layer))
@@ -122,18 +125,20 @@ def has_ceiling(problem: Any) -> bool:
 
 def _rules(problem: Any, part: NDArray[np.uint8], droplets: NDArray[np.float64]) -> NDArray[Any]:
     """The Rules of moves.cl. Heights are added up from the mean of the first surface on, which lies near the last."""
-    kinds, count = problem.kind[: problem.kinds], float(part.sum())
+    kinds, count = problem.kind[: problem.kinds], float(np.count_nonzero(part))
     chance, stride = UNIFORM_BOUND * problem.droplet_std, problem.ny + 2
-    height = _array(problem.height, part.shape, np.float64)[part > 0]
-    reference = np.rint(height.mean() * LATTICE) / LATTICE
-    most = abs(height - reference).max() + 2.0 * problem.layers * droplets[:, 0].max()  # of a cell: its own, and shares
+    reference, most = 0.0, 2.0 * problem.layers * droplets[:, 0].max()  # of a cell: its own droplets, and shares
+    if problem.alpha < 1.0:
+        height = _array(problem.height, part.shape, np.float64)[part > 0]
+        reference = np.rint(height.mean() * LATTICE) / LATTICE
+        most += abs(height - reference).max()
     return np.array(
         (
-            *(problem.nx, problem.ny, stride, (problem.nx + 2) * stride, -(-problem.ny // TILE)),
+            *(problem.nx, problem.ny, stride, (problem.nx + 2) * stride),
             *(0.5 * (problem.overshoot + 1.0), 0.5 * (problem.overshoot - 1.0), problem.ceiling_cost),
             *(chance, chance * min(kind.h1 for kind in kinds)),
             *(problem.alpha, count, reference),
-            LEAST_SHARE_OF_DROPLET * max(kind.h1 for kind in kinds) / count,
+            *(least * max(kind.h1 for kind in kinds) / count for least in (LEAST_SHARE_OF_DROPLET, LEAST_TRIED)),
             *(count * most * SUM_STEP, count * most**2 * SUM_STEP),
         ),
         RULES,
@@ -148,6 +153,13 @@ def _droplets(problem: Any) -> NDArray[np.float64]:
         volume, slopes = top + 4.0 * side + 4.0 * corner, (ink.h2 / (ink.h1 + ink.h2), ink.h3 / (ink.h1 + ink.h3))
         row[:] = (volume, side, corner, *slopes)
     return found
+
+
+def _tried(droplets: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The same for trials: volume, spread, and slope as a share of the spread."""
+    tried = droplets.astype(np.float32)
+    np.divide(droplets[:, 3:], droplets[:, 1:3], out=tried[:, 3:], where=droplets[:, 1:3] > 0.0, casting="same_kind")
+    return tried
 
 
 def _launches(layers: int) -> Iterator[tuple[int, ...]]:

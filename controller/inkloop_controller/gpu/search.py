@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
@@ -12,8 +13,10 @@ import pyopencl as cl
 from inkloop_controller.core.library import CORE_BUDGET, CORE_DONE, CORE_STOPPED, CORE_TIME
 from inkloop_controller.gpu.device import DeviceError, chosen_device, described, device_errors
 from inkloop_controller.gpu.maps import DeviceMaps
-from inkloop_controller.gpu.plan_on_device import GROUP, PlanOnDevice, has_ceiling
+from inkloop_controller.gpu.plan_on_device import GROUP, TEAM, PlanOnDevice, has_ceiling
 from inkloop_controller.problem.horizon_problem import IntPlan
+
+FORM = ("LAYERS", "KINDS", "CEILING", "WEIGHT", "DEVIATION")
 
 
 class DeviceSearch:
@@ -52,20 +55,22 @@ class DeviceSearch:
         return PlanOnDevice(self.maps, self._program(problem), problem, plan)
 
     def _program(self, problem: Any) -> cl.Program:
-        form = (problem.layers, problem.kinds, int(has_ceiling(problem)), int(problem.alpha < 1.0))
+        form = (problem.layers, problem.kinds, has_ceiling(problem), bool(problem.weight), problem.alpha < 1.0)
         if form not in self._programs:
-            names = dict(zip(("LAYERS", "KINDS", "CEILING", "DEVIATION"), form, strict=True), GROUP=GROUP)
+            names = dict(zip(FORM, map(int, form), strict=True), GROUP=GROUP, TEAM=TEAM)
             source = Path(__file__).with_name("moves.cl").read_text(encoding="utf-8")
             flags = [f"-D{name}={value}" for name, value in names.items()]
-            self._programs[form] = cl.Program(self._queue.context, source).build(flags)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", cl.CompilerWarning)  # some compilers always say something
+                self._programs[form] = cl.Program(self._queue.context, source).build(flags)
         return self._programs[form]
 
     def _check_memory(self, problem: Any) -> None:
         cells, layers = (problem.nx + 2) * (problem.ny + 2), problem.layers
-        needed = cells * (8 * (layers + 5) + 3 * layers + 1)
+        needed = cells * (8 * (layers + 5) + 4 * layers + 1)
         if needed > self._device.global_mem_size or 8 * cells * (layers + 1) > self._device.max_mem_alloc_size:
             raise DeviceError(
-                f"a plan of {layers} layers of {problem.nx} x {problem.ny} cells takes {needed / 2**30:.1f} GiB, in "
+                f"a plan with horizon {layers} of {problem.nx} x {problem.ny} cells takes {needed / 2**30:.1f} GiB, in "
                 f"pieces of {8 * cells * (layers + 1) / 2**30:.1f} GiB, and {self._name} gives pieces of "
                 f"{self._device.max_mem_alloc_size / 2**30:.1f} GiB; shorten the horizon, or plan with device = 'cpu'"
             )

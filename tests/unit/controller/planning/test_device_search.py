@@ -171,7 +171,7 @@ def test_sixty_layers_take_the_memory_of_one_and_send_heights_and_plans_alone(mo
     assert len(sent[3]) == 60
     assert taken[-1] == 0  # none after those of the first layer
     first, *rest = sent[3]
-    assert first - min(rest) == cells * (8 + 8 + 1 + 3 * 2)  # target, weight, part, choices
+    assert first - min(rest) == cells * (8 + 1 + 3 * 2)  # target, part, choices
     assert np.median(rest) == min(rest)
 
 
@@ -232,7 +232,7 @@ def test_processor_takes_over_where_a_device_is_lost(
     ("reason", "failing"),
     [
         ("out of resources", {"_program": None}),
-        ("a plan of 2 layers", {"_device": SimpleNamespace(global_mem_size=1, max_mem_alloc_size=1)}),
+        ("takes 0.0 GiB", {"_device": SimpleNamespace(global_mem_size=1, max_mem_alloc_size=1)}),
     ],
     ids=["lost", "too little memory"],
 )
@@ -270,9 +270,9 @@ def no_gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_benchmark_compares_the_device_with_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(on_device_benchmark, "HORIZONS", (1, 2))
-    table = on_device_benchmark.measure(9)
+    table = on_device_benchmark.measure((12,))
     assert isinstance(table, Table)
-    ours, cores = ([float(str(text)) for text in table.columns[number].cells] for number in (4, 2))
+    ours, cores = ([float(str(text)) for text in table.columns[number].cells] for number in (6, 4))
     assert ours == pytest.approx(cores, rel=0.1, abs=0.0)
 
 
@@ -312,7 +312,7 @@ def test_broken_driver_hides_no_device_and_single_precision_is_refused(monkeypat
 def test_plan_that_does_not_fit_the_device_is_refused(on_device: DeviceSearch) -> None:
     problem = problem_struct(nearly_flat((5, 6), 3))
     problem.nx = problem.ny = 1 << 20
-    with pytest.raises(InkloopError, match=r"a plan of 3 layers of 1048576 x 1048576 cells takes .* GiB"):
+    with pytest.raises(InkloopError, match=r"a plan with horizon 3 of 1048576 x 1048576 cells takes .* GiB"):
         on_device._check_memory(problem)
 
 
