@@ -9,8 +9,8 @@
  * neighbours that may get droplets at all. The last layers are filled first: a full layer flows into the gaps that a
  * partial one left below. Where a size is not among a cell's choices, the next smaller one falls. Returns CORE_DONE,
  * CORE_NO_MEMORY, or CORE_TIME if `ends_at` by the stopwatch came first: then the plan is invalid. The chunks of
- * a large single layer are rounded each as a grid of its own: a sweep back and forth is one thread's work. The same
- * input gives the same bits for any number of threads. */
+ * a large grid are rounded each as a grid of its own: a sweep back and forth is one thread's work. The same input gives
+ * the same bits for any number of threads. */
 int32_t diffuse_droplets(const HorizonProblem *problem, int32_t threads, const double *droplets, double ends_at,
                          int32_t *plan);
 
