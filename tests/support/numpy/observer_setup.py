@@ -58,6 +58,21 @@ class State:
     blind: int = 0
 
 
+def shows_heights(s: State) -> bool:
+    """Whether the heights of an ink show besides its volume."""
+    return not s.is_displaced and s.odds < 0.0 and np.max(s.mean_misfit) < c.OF_NO_INK
+
+
+def volumes_alone(nominal: Any, of_heights: float, share: Any, covariance: Any) -> tuple[Any, Any]:
+    """Shares of heights in nominal proportions; covariance of the volumes, and of heights about them."""
+    weights = nominal * [1.0, 4.0, 4.0]
+    mean = np.kron(np.eye(len(nominal)), np.ones((3, 1))) @ [
+        np.kron(np.eye(len(nominal))[k], row / row.sum()) for k, row in enumerate(weights)
+    ]
+    rest = np.eye(len(share)) - mean
+    return mean @ share, mean @ covariance @ mean.T + of_heights * rest @ rest.T
+
+
 def solved(matrix: Any, side: Any) -> Any:
     """Of a positive definite matrix, whatever the units of its rows."""
     scale = 1.0 / np.sqrt(np.diag(matrix))

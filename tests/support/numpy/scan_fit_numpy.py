@@ -19,8 +19,10 @@ from support.numpy.observer_setup import (
     misfit,
     near,
     sampling,
+    shows_heights,
     solved,
     upper_misfit,
+    volumes_alone,
 )
 
 
@@ -190,7 +192,12 @@ def smooth_prior(o: Setup, look: Look) -> Any:
     if shares:
         inks = 1 + np.arange(shares) // (3 if o.model == "full" else 1)
         printed = [min(1.0, np.sum(look.pattern == ink) / max(1, np.sum(o.part))) for ink in inks]
-        precision[6:, 6:] = inverse(look.state.share_covariance + c.SHARE_STEP[o.model] ** 2 * np.diag(printed))
+        covariance, is_held = look.state.share_covariance, o.model == "full" and not shows_heights(look.state)
+        if is_held:
+            covariance = volumes_alone(o.nominal, c.HELD, look.state.share, covariance)[1]
+        together = np.equal.outer(inks, inks) if is_held else np.eye(shares)
+        step = c.SHARE_STEP["scale" if is_held else o.model]
+        precision[6:, 6:] = inverse(covariance + step**2 * together * printed)
     return precision
 
 

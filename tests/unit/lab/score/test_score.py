@@ -80,13 +80,13 @@ def test_no_controller_is_worse_than_open_loop_with_a_sensor_in_register(plant) 
 def test_learning_three_heights_instead_of_the_volume_harms_no_print(plant) -> None:
     """Where no ink of the model describes the plant, or its scans, the volume alone is used."""
     full = replace(OURS, options={"adapt_ink": "full"})
-    volume, heights = (prints(entry, plant, [1, 2, 3]).mean("rms") for entry in (OURS, full))
+    volume, heights = (prints(entry, plant, range(1, 7)).mean("rms") for entry in (OURS, full))
     assert heights <= 1.05 * volume
     if plant == "plant-v1/lu-wide":
         assert heights <= 0.85 * volume
 
 
-TOO_HIGH = {"plant-v1/volume-area", "plant-v2/caps-scans"}
+TOO_HIGH = {"plant-v1/volume-area", "plant-v2/caps-scans", "plant-v2/young-laplace-shift"}
 """Plants on which a cell ends above the open loop: their droplets are not those of the controller's model."""
 
 
