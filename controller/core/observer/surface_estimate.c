@@ -10,8 +10,6 @@
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
 /* standard deviation of a share of the ink before any scan (assumed) */
 static const double SHARE_STD = 0.15;
-/* misfit of droplets that no heights describe, in variances of droplets and sensor; others leave less (by trial) */
-static const double OF_NO_INK = 10.0;
 /* standard deviation of each term before any scan, in layers (assumed) */
 static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4};
 static const double FIRST_STEP = 0.1;  /* step of the shift from scan to scan before any is learnt [cells] */
@@ -84,8 +82,7 @@ static double layers_of(const Ink ink[], size_t inks) {
 }
 
 bool are_heights_shown(const Knowledge *known) {
-    return !known->registration.is_displaced && known->registration.odds < 0.0 &&
-           fmax(known->trust.surprise, known->trust.spill) < OF_NO_INK;
+    return !known->registration.is_displaced;
 }
 
 void take_volumes_alone(const EstimatorOptions *options, double of_heights, double *share, double *covariance) {

@@ -168,7 +168,7 @@ void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink in
 /* Standard deviation of a height of an ink before anything is learnt, as a share of the nominal one (assumed). */
 #define FULL_STD 0.3
 
-/* Whether scans show h1, h2 and h3 besides the volume: not displaced ones, and not those of other droplets. */
+/* Whether scans show h1, h2 and h3 besides the volume: displaced ones do not, nor those through a wide spot. */
 bool are_heights_shown(const Knowledge *known);
 
 /* Takes the heights of each ink in nominal proportions: the volume remains of what was learnt. of_heights: variance of

@@ -174,7 +174,7 @@ class Observer:
             square = np.maximum(s.datum**2, c.LEAST_SPREAD)
             s.datum_spread = c.DATUM_KEPT * s.datum_spread + (1.0 - c.DATUM_KEPT) * square
         s.share, s.share_covariance = believed.share, believed.share_covariance
-        if self.setup.model == "full" and (s.layers < c.REMEMBERED or not shows_heights(s)):
+        if self.setup.model == "full" and not shows_heights(s):
             of_heights = c.SHARE_STD["full"] ** 2
             s.share, s.share_covariance = volumes_alone(self.setup.nominal, of_heights, s.share, s.share_covariance)
 

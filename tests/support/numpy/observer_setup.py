@@ -60,7 +60,7 @@ class State:
 
 def shows_heights(s: State) -> bool:
     """Whether the heights of an ink show besides its volume."""
-    return not s.is_displaced and s.odds < 0.0 and np.max(s.mean_misfit) < c.OF_NO_INK
+    return not s.is_displaced
 
 
 def volumes_alone(nominal: Any, of_heights: float, share: Any, covariance: Any) -> tuple[Any, Any]:

@@ -59,7 +59,6 @@ FACTORS = {10.0**exponent for exponent in (-18, -15, -12, -9, -6, -3, 3, 6, 9, 1
 UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
 OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
 NO_FACTORS = {
-    "controller/inkloop_controller/gpu/plan_on_device.py": "LEAST_SHARE_OF_DROPLET is a share",
     "cosim/inkloop/scenario/part_grid.py": "CLOSE is a share, SECONDS_OF_A_CELL a speed",
     "cosim/inkloop/tables/part_mesh.py": "ROUNDED is a share",
     "cosim/inkloop/geometry/mesh.py": "OPEN_MAX is a share of columns",
