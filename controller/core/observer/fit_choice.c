@@ -234,8 +234,8 @@ bool take_scan(const ScanEvidence *evidence) {
     learn_datum(&evidence->datum, fit, known);
     memcpy(known->share, fit->share, sizeof known->share);
     memcpy(known->share_covariance, fit->covariance, sizeof known->share_covariance);
-    if (evidence->options->ink.model == INK_FULL && !are_heights_shown(known))
-        take_volumes_alone(evidence->options, FULL_STD * FULL_STD, known->share, known->share_covariance);
+    if (evidence->options->ink.model == INK_FULL && is_displaced)
+        take_volumes_alone(evidence->options, known->share, known->share_covariance);
     if (!is_misfit(fit) && !known->trust.is_volume_believed)
         doubt_volume(evidence->options, evidence->number, known);
     return true;

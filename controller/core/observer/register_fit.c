@@ -11,7 +11,6 @@
 
 /* step of a share by a full layer, as one share or as three: ink drifts while it is printed (assumed) */
 static const double SHARE_STEP = 0.004, FULL_STEP = 0.014;
-static const double HELD = 1e-8; /* variance of heights about their volume where only that is learnt: none */
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 enum { POWERS = 5 };
 
@@ -154,14 +153,11 @@ double share_within(double share) {
 bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision) {
     const size_t shares = evidence->shares;
     const bool has_heights = evidence->options->ink.model == INK_FULL;
-    const bool is_free = has_heights && are_heights_shown(evidence->known);
+    const bool is_free = has_heights && !evidence->known->registration.is_displaced;
     const size_t of_ink = has_heights ? ORDERS : 1;
     const double step = is_free ? FULL_STEP : SHARE_STEP;
-    double share[SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX], of_shares[SHARES_MAX * SHARES_MAX];
-    memcpy(share, evidence->known->share, sizeof share);
+    double covariance[SHARES_MAX * SHARES_MAX], of_shares[SHARES_MAX * SHARES_MAX];
     memcpy(covariance, evidence->known->share_covariance, sizeof covariance);
-    if (has_heights && !is_free)
-        take_volumes_alone(evidence->options, HELD, share, covariance);
     for (size_t k = 0; k < shares; k++)
         for (size_t l = 0; l < shares; l++) /* steps of heights each on their own, of a volume all together */
             if (k == l || (!is_free && k / of_ink == l / of_ink))

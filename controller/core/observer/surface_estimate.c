@@ -9,7 +9,8 @@
  * rest [1]. */
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
 /* standard deviation of a share of the ink before any scan (assumed) */
-static const double SHARE_STD = 0.15;
+static const double SHARE_STD = 0.15, FULL_STD = 0.3;
+static const double HELD = 1e-8; /* variance of the share of a height that is held: as good as none */
 /* standard deviation of each term before any scan, in layers (assumed) */
 static const double DATUM_STD[DATUM_TERMS] = {1.3, 0.8, 0.8, 0.4, 0.4, 0.4};
 static const double FIRST_STEP = 0.1;  /* step of the shift from scan to scan before any is learnt [cells] */
@@ -67,13 +68,6 @@ void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink in
         ink[INKS_MAX - 1] = ink[0];
 }
 
-static double square_sum(const double *values, size_t count) {
-    double sum = 0.0;
-    for (size_t k = 0; k < count; k++)
-        sum += values[k] * values[k];
-    return sum;
-}
-
 static double layers_of(const Ink ink[], size_t inks) {
     double height = 0.0;
     for (size_t k = 0; k < inks; k++)
@@ -81,33 +75,21 @@ static double layers_of(const Ink ink[], size_t inks) {
     return height;
 }
 
-bool are_heights_shown(const Knowledge *known) {
-    return !known->registration.is_displaced;
-}
-
-void take_volumes_alone(const EstimatorOptions *options, double of_heights, double *share, double *covariance) {
+void take_volumes_alone(const EstimatorOptions *options, double *share, double *covariance) {
     const size_t inks = options->ink.inks, shares = inks * ORDERS;
-    double weight[SHARES_MAX], volume[INKS_MAX], joint[INKS_MAX][INKS_MAX] = {{0.0}};
+    double weight[SHARES_MAX], volume[INKS_MAX] = {0.0}, joint[INKS_MAX][INKS_MAX] = {{0.0}};
     for (size_t k = 0; k < shares; k++) {
         const Ink *ink = &options->ink.nominal[k / ORDERS];
         weight[k] = (k % ORDERS > 0 ? 4.0 : 1.0) * ink_height(ink, k % ORDERS) / full_layer_height(ink);
-    }
-    for (size_t k = 0; k < inks; k++)
-        volume[k] = 0.0;
-    for (size_t k = 0; k < shares; k++) {
         volume[k / ORDERS] += weight[k] * share[k];
+    }
+    for (size_t k = 0; k < shares; k++)
         for (size_t l = 0; l < shares; l++)
             joint[k / ORDERS][l / ORDERS] += weight[k] * weight[l] * covariance[k * shares + l];
-    }
     for (size_t k = 0; k < shares; k++) {
-        const double *own = weight + k / ORDERS * ORDERS;
         share[k] = volume[k / ORDERS];
-        for (size_t l = 0; l < shares; l++) {
-            covariance[k * shares + l] = joint[k / ORDERS][l / ORDERS];
-            if (k / ORDERS == l / ORDERS) /* heights of equal variance, less what of them is volume */
-                covariance[k * shares + l] +=
-                    of_heights * ((k == l) - own[k % ORDERS] - own[l % ORDERS] + square_sum(own, ORDERS));
-        }
+        for (size_t l = 0; l < shares; l++)
+            covariance[k * shares + l] = joint[k / ORDERS][l / ORDERS] + (k == l ? HELD : 0.0);
     }
 }
 

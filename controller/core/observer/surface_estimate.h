@@ -165,15 +165,9 @@ SurfaceEstimate estimate_in(void *block, size_t cells);
 size_t ink_shares(const InkPrior *prior);
 void learnt_inks(const EstimatorOptions *options, const Knowledge *known, Ink ink[INKS_MAX]);
 
-/* Standard deviation of a height of an ink before anything is learnt, as a share of the nominal one (assumed). */
-#define FULL_STD 0.3
-
-/* Whether scans show h1, h2 and h3 besides the volume: displaced ones do not, nor those through a wide spot. */
-bool are_heights_shown(const Knowledge *known);
-
-/* Takes the heights of each ink in nominal proportions: the volume remains of what was learnt. of_heights: variance of
- * their shares about that of the volume; share, covariance: of INK_FULL, changed. */
-void take_volumes_alone(const EstimatorOptions *options, double of_heights, double *share, double *covariance);
+/* Takes the heights of each ink in nominal proportions, and holds them there: the volume remains of what was learnt, as
+ * displaced scans and wide spots pass for other heights. share, covariance: of INK_FULL, changed. */
+void take_volumes_alone(const EstimatorOptions *options, double *share, double *covariance);
 
 /* Volume of the learnt inks as a share of the nominal one, mean over the inks. */
 double learnt_volume(const EstimatorOptions *options, const Knowledge *known);

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from support.numpy import observer_constants as c
-from support.numpy.observer_setup import Setup, State, sampling, shows_heights, volumes_alone
+from support.numpy.observer_setup import Setup, State, sampling, volumes_alone
 from support.numpy.scan_doubts_numpy import is_doubted
 from support.numpy.scan_fit_numpy import (
     Fit,
@@ -174,9 +174,8 @@ class Observer:
             square = np.maximum(s.datum**2, c.LEAST_SPREAD)
             s.datum_spread = c.DATUM_KEPT * s.datum_spread + (1.0 - c.DATUM_KEPT) * square
         s.share, s.share_covariance = believed.share, believed.share_covariance
-        if self.setup.model == "full" and not shows_heights(s):
-            of_heights = c.SHARE_STD["full"] ** 2
-            s.share, s.share_covariance = volumes_alone(self.setup.nominal, of_heights, s.share, s.share_covariance)
+        if self.setup.model == "full" and s.is_displaced:
+            s.share, s.share_covariance = volumes_alone(self.setup.nominal, s.share, s.share_covariance)
 
     def doubt_volume(self, s: State, layer: int) -> None:
         o, volume = self.setup, self.setup.volume(s.share)

@@ -58,19 +58,11 @@ class State:
     blind: int = 0
 
 
-def shows_heights(s: State) -> bool:
-    """Whether the heights of an ink show besides its volume."""
-    return not s.is_displaced
-
-
-def volumes_alone(nominal: Any, of_heights: float, share: Any, covariance: Any) -> tuple[Any, Any]:
-    """Shares of heights in nominal proportions; covariance of the volumes, and of heights about them."""
-    weights = nominal * [1.0, 4.0, 4.0]
-    mean = np.kron(np.eye(len(nominal)), np.ones((3, 1))) @ [
-        np.kron(np.eye(len(nominal))[k], row / row.sum()) for k, row in enumerate(weights)
-    ]
-    rest = np.eye(len(share)) - mean
-    return mean @ share, mean @ covariance @ mean.T + of_heights * rest @ rest.T
+def volumes_alone(nominal: Any, share: Any, covariance: Any) -> tuple[Any, Any]:
+    """Shares of heights in nominal proportions, and their covariance: that of the volumes."""
+    weights = nominal * [1.0, 4.0, 4.0] / (nominal @ [1.0, 4.0, 4.0])[:, None]
+    mean = np.repeat(np.einsum("kl,ko->klo", np.eye(len(nominal)), weights).reshape(len(nominal), -1), 3, axis=0)
+    return mean @ share, mean @ covariance @ mean.T + c.HELD * np.eye(len(share))
 
 
 def solved(matrix: Any, side: Any) -> Any:

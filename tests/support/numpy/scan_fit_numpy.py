@@ -19,10 +19,8 @@ from support.numpy.observer_setup import (
     misfit,
     near,
     sampling,
-    shows_heights,
     solved,
     upper_misfit,
-    volumes_alone,
 )
 
 
@@ -192,12 +190,10 @@ def smooth_prior(o: Setup, look: Look) -> Any:
     if shares:
         inks = 1 + np.arange(shares) // (3 if o.model == "full" else 1)
         printed = [min(1.0, np.sum(look.pattern == ink) / max(1, np.sum(o.part))) for ink in inks]
-        covariance, is_held = look.state.share_covariance, o.model == "full" and not shows_heights(look.state)
-        if is_held:
-            covariance = volumes_alone(o.nominal, c.HELD, look.state.share, covariance)[1]
+        is_held = o.model == "full" and look.state.is_displaced
         together = np.equal.outer(inks, inks) if is_held else np.eye(shares)
         step = c.SHARE_STEP["scale" if is_held else o.model]
-        precision[6:, 6:] = inverse(covariance + step**2 * together * printed)
+        precision[6:, 6:] = inverse(look.state.share_covariance + step**2 * together * printed)
     return precision
 
 
