@@ -196,10 +196,10 @@ typedef struct {
 void load(const Maps *maps, const Move *move, long i, long j, local Window *window) {
     constant Rules *rules = maps->rules;
     for (int q = get_local_id(0); q < WINDOW; q += GROUP) {
-        const int di = q / SIDE - REACH, dj = q % SIDE - REACH, far = max(abs(di), abs(dj));
+        const int di = q / SIDE - REACH, dj = q % SIDE - REACH;
         const long row = i + 1 + di, column = j + 1 + dj, cell = row * rules->stride + column;
         const bool is_there = row >= 0 && row <= rules->nx + 1 && column >= 0 && column <= rules->ny + 1;
-        for (int layer = move->layer; layer < LAYERS && far <= REACH; layer++) {
+        for (int layer = move->layer; layer < LAYERS; layer++) {
             window->surface[layer][q] = is_there ? maps->height[layer * rules->framed + cell] : ABYSS;
             window->value[layer][q] = is_there ? maps->plan[layer * rules->framed + cell] : 0;
         }

@@ -28,7 +28,7 @@ from inkloop_controller.model import DropletChoices
 from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
-from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from support.closed_loop import block, print_part
 from support.core_search import search
 from support.extras import sentence
@@ -38,6 +38,7 @@ cl = pytest.importorskip("pyopencl", reason="needs OpenCL: pip install 'inkloop[
 device = pytest.importorskip("inkloop_controller.gpu.device")
 if not device.devices():
     pytest.skip("needs an OpenCL device: pip install pocl-binary-distribution", allow_module_level=True)
+from inkloop_controller.gpu import plan_on_device  # noqa: E402
 from inkloop_controller.gpu.search import DeviceSearch  # noqa: E402
 
 PROBLEMS = {
@@ -79,6 +80,53 @@ def test_surfaces_are_kept_up_to_date_to_the_last_bit(name: str, on_device: Devi
     surface.read_plan(plan)
     kept = surface.read_heights()
     np.testing.assert_array_equal(kept, on_device.plan(struct, plan).read_heights())
+    np.testing.assert_array_equal(kept[0], np.rint(problem.height * 2.0**54) / 2.0**54)  # the lattice of the core
+
+
+def changed_plans(plan: IntPlan, problem: HorizonProblem, layer: int, i: int, j: int) -> Iterator[IntPlan]:
+    """By each move of a cell: another value, a droplet of a later layer, that of a neighbour to the right or below."""
+    here, (layers, nx, ny) = (layer, i, j), plan.shape
+    yield from (at(plan, {here: value}) for value in range(len(problem.kinds) + 1))
+    others = [(later, i, j) for later in range(layer + 1, layers)]
+    others += [
+        (layer, i + di, j + dj) for di, dj in ((0, 1), (1, -1), (1, 0), (1, 1)) if i + di < nx and 0 <= j + dj < ny
+    ]
+    yield from (at(plan, {here: plan[other], other: plan[here]}) for other in others)
+
+
+def at(plan: IntPlan, values: dict[tuple[int, int, int], Any]) -> IntPlan:
+    changed = plan.copy()
+    for place, value in values.items():
+        changed[place] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [rough((7, 9)), nearly_flat((21, 16), 3, droplet_std=0.06), with_everything((8, 9), 2, 1, 5, alpha=1.0)],
+    ids=["one layer", "three layers", "everything"],
+)
+def test_sweep_makes_the_best_move_of_each_cell(
+    problem: HorizonProblem, on_device: DeviceSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the objective of the core, on cells that do not meet from the same plan. Of equal moves any may be made."""
+    monkeypatch.setattr(plan_on_device, "LAUNCHES_A_LOOK", 1)
+    plan, (layers, nx, ny) = random_plan(problem, 1), problem.choices.shape
+    surface = on_device.plan(problem_struct(problem), plan)
+    launches = surface.sweep(True)
+    allowed, least = 2 * problem.choices.astype(np.int32) + 1, 1e-5 * Ink().h1 / problem.part.sum()
+    for layer in reversed(range(layers)):
+        period = 2 * (layers - layer) + 4
+        for ci, cj in np.ndindex(min(period, nx), min(period, ny)):
+            gains = 0.0
+            value = objective(problem, plan).value
+            for i, j in ((i, j) for i in range(ci, nx, period) for j in range(cj, ny, period)):
+                trials = (each for each in changed_plans(plan, problem, layer, i, j) if (allowed >> each & 1).all())
+                gains += min(objective(problem, each).value for each in trials) - value
+            next(launches)
+            surface.read_plan(plan)
+            assert objective(problem, plan).value - value == pytest.approx(gains, rel=1e-3, abs=10.0 * least)
+    assert not list(launches)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
