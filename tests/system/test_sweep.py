@@ -161,12 +161,16 @@ def test_study_whose_process_is_killed_in_a_print_resumes_to_the_same_file(tmp_p
         wait_until(lambda: bool(list(out.glob("prints/00001-*/layers/0004.npz"))), process)
         (worker,) = workers_of(process)
         process.kill()
+    while is_alive(worker):
+        time.sleep(0.005)
+    (state,) = out.glob("prints/00001-*/layers/state.npz")
+    with np.load(state) as saved:
+        layer = saved["point"][1]
     assert main(["sweep", str(path), "--out", str(out), "--resume", "--workers", "1", "--no-pictures"]) == 3
-    assert not is_alive(worker)
     assert_same(netcdf.read(out / "sweep.nc"), expected)
     assert expected["status"].values.ravel().tolist() == [1, 1, 5, 1]
     assert "part reaches beyond the grid of 12 x 12 cells" in expected["error"].values.ravel()[2]
-    assert "resumed_after_layer" in Result.load(out / "prints" / "00001-0000").run
+    assert Result.load(out / "prints" / "00001-0000").run["resumed_after_layer"] == layer
 
 
 def kill_and_resume(
