@@ -53,9 +53,9 @@ def measure(sides: tuple[int, ...] = SIDES) -> Table | Text:
 def _row(side: int, layers: int, cores: int) -> tuple[str, ...]:
     """The second layer that is not full, planned by both from the plan of the first one."""
     rng, job = np.random.default_rng(0), _job(side, layers)
-    plant, model = LayerModel.of(job), Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)
+    plant, criterion = LayerModel.of(job), Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)
     here, there = (
-        LayerMpc(job, horizon=layers, criterion=model, work=Work(threads=cores), device=device)
+        LayerMpc(job, horizon=layers, criterion=criterion, work=Work(threads=cores), device=device)
         for device in ("cpu", "gpu")
     )
     estimator, seen = HeightEstimator(job, threads=cores), np.ones((side, side), np.bool_)

@@ -146,7 +146,8 @@ def read_instrument(path: Path, channel: str | None = None) -> FileContents:
         if is_zipfile(path):
             with ZipFile(path) as archive:
                 if "main.xml" in archive.namelist():  # X3P
-                    check_xml(archive.open("main.xml"))
+                    with archive.open("main.xml") as file:
+                        check_xml(file)
         reader = open_topography(str(path))
         names = [str(each.name) for each in reader.channels]
         index = chosen(path, names, channel)
@@ -182,9 +183,8 @@ def read_tiff(path: Path, channel: str | None = None) -> FileContents:
     try:
         with tifffile.TiffFile(path, _multifile=False) as file:  # OME may name other files, anywhere
             text = file.pages.first.description
-            described = (
-                parsed_xml(text) if file.is_ome or "<!DOCTYPE" in text else None
-            )  # parsers of the library follow
+            is_xml = file.is_ome or "<!DOCTYPE" in text  # which a parser of the library follows
+            described = parsed_xml(text) if is_xml else None
             values, page, words = _page(path, file, channel)
             tag = page.tags.get(_NODATA)
             invalid = None if tag is None else float(tag.value)
