@@ -179,13 +179,16 @@ bool journal_append(Journal *journal, Record record) {
 }
 
 uint32_t journal_read(const Journal *journal, uint8_t *to, uint32_t most) {
-    uint32_t found = 0;
+    uint32_t found = 0, above = UINT32_MAX;
     const uint32_t slots = is_usable(journal->hal) ? slots_of(journal) : 0;
     for (uint32_t back = 1; back <= slots && found < most; back++) {
         uint8_t bytes[SLOT_MAX];
         Record record;
-        if (load(journal, (journal->next + slots - back) % slots, bytes) && read_bytes(bytes, &record))
-            memcpy(to + RECORD_BYTES * found++, bytes, RECORD_BYTES);
+        if (!load(journal, (journal->next + slots - back) % slots, bytes) || !read_bytes(bytes, &record) ||
+            record.number >= above)
+            continue;
+        memcpy(to + RECORD_BYTES * found++, bytes, RECORD_BYTES);
+        above = record.number;
     }
     return found;
 }

@@ -70,7 +70,8 @@ bool journal_append(Journal *journal, Record record);
 /* Takes whatever could not be read for lost; later records are newer than it. */
 void journal_give_up(Journal *journal);
 
-/* Reads up to `most` records, newest first, as stored bytes; returns how many. */
+/* Reads up to `most` records, newest first, as stored bytes; returns how many. Those that were given up, and can be
+ * read again, are left out. */
 uint32_t journal_read(const Journal *journal, uint8_t *to, uint32_t most);
 
 #endif
