@@ -11,7 +11,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,12 +21,6 @@ OPTIONS = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0, "s
 OF_A_TEST = "PYTEST_CURRENT_TEST"
 FORKING = multiprocessing.get_context("forkserver")
 FORKING.set_forkserver_preload(["inkloop_hardware.bus.process"])
-
-
-@cache
-def environment() -> dict[str, str]:
-    """That of the process from which bus processes are forked: of this one when it is first asked for."""
-    return _own()
 
 
 def _own() -> dict[str, str]:
@@ -75,13 +68,13 @@ def _become(folder: str, *files: Connection) -> None:
     os._exit(process.main())
 
 
-def popen(command: list[str], **options: Any) -> subprocess.Popen[bytes] | ForkedBus:
-    """A forked bus process for the command of one in an environment that the test did not change."""
-    if (command, options) == (COMMAND, OPTIONS) and _own() == environment():
-        return ForkedBus()
-    return subprocess.Popen(command, **options)
-
-
 def patched() -> SimpleNamespace:
-    """The module `subprocess` with `popen`."""
+    """The module `subprocess`; in the environment of this call a bus process is forked."""
+    unchanged = _own()
+
+    def popen(command: list[str], **options: Any) -> subprocess.Popen[bytes] | ForkedBus:
+        if (command, options) == (COMMAND, OPTIONS) and _own() == unchanged:
+            return ForkedBus()
+        return subprocess.Popen(command, **options)
+
     return SimpleNamespace(**{**vars(subprocess), "Popen": popen})
