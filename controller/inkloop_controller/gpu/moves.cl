@@ -18,9 +18,12 @@
 #define SIDE (2 * REACH + 1)
 #define WINDOW (SIDE * SIDE)
 #define MOVES (KINDS + LAYERS + 4) /* at most, of a cell: values, later layers, swaps */
+#define IN_A_LAYER 1 /* sorts of moves: another value or a swap with a neighbour; a droplet in another layer */
+#define BETWEEN_LAYERS 2
 #define MIDDLE (REACH * SIDE + REACH)
 #define BETWEEN (LAYERS > 1 ? LAYERS - 1 : 1) /* surfaces between two layers */
 #define ABYSS -1.0
+#define WAKE_REACH 3 /* cells from a change within which moves wake, of controller/core/search/tile_moves.c */
 
 /* A droplet of a value of the plan, as in droplet_flow.h. */
 typedef struct {
@@ -39,9 +42,9 @@ typedef struct {
     double height_step, square_step; /* steps of the sums [m], [m2] */
 } Rules;
 
-/* Cells whose moves are tried together: every `period` th of a layer from (ci, cj) on. */
+/* Cells whose moves of a sort are tried together: every `period` th of a layer from (ci, cj) on, `batch` by a group. */
 typedef struct {
-    int layer, period, ci, cj;
+    int sort, layer, period, ci, cj, batch;
 } Launch;
 
 /* A change of the plan: `is` on a cell; on another one, or in another layer, `its_is`, if there are two. */
@@ -141,10 +144,9 @@ kernel void add_up(constant Rules *rules, global const double *height, global co
 
 /* Change of the standard deviation by a move (objective.c). Where other cells share the launch, the change on the
  * tangent: the deviation is concave in the sums, so what their moves change together is not above the sum of these. */
-double deviation_change(constant Rules *rules, global const long *sums, double height, double square) {
+double deviation_change(constant Rules *rules, global const long *sums, bool is_shared, double height, double square) {
     const double count = rules->count, mean = sums[0] * rules->height_step / count;
     const double before = fmax(sums[1] * rules->square_step / count - mean * mean, 0.0);
-    const bool is_shared = get_num_groups(0) > 1;
     const double change =
         (square - 2.0 * mean * height) / count - (is_shared ? 0.0 : height * height / (count * count));
     const double after = is_shared && before > 0.0 ? before : fmax(before + change, 0.0);
@@ -180,6 +182,11 @@ typedef struct {
     uchar is_allowed[MOVES], number[MOVES];
 } Trials;
 
+typedef union {
+    Trials trials;
+    Window window;
+} Shared;
+
 /* The maps of the problem and of the plan. */
 typedef struct {
     constant Rules *rules;
@@ -190,23 +197,32 @@ typedef struct {
     global const uchar *part;
     global const ushort *choices;
     global const long *sums;
+    bool is_shared; /* whether the launch has other cells */
 } Maps;
+
+/* Cells from the middle where a surface differs after a layer. */
+int reach_of(const Move *move, int layer) {
+    return layer - move->layer + 1 + (move->is_two && move->here != move->there);
+}
 
 /* Loads the plan with the move, and the surfaces that it meets. */
 void load(const Maps *maps, const Move *move, long i, long j, local Window *window) {
     constant Rules *rules = maps->rules;
     for (int q = get_local_id(0); q < WINDOW; q += GROUP) {
-        const int di = q / SIDE - REACH, dj = q % SIDE - REACH;
+        const int di = q / SIDE - REACH, dj = q % SIDE - REACH, far = max(abs(di), abs(dj));
         const long row = i + 1 + di, column = j + 1 + dj, cell = row * rules->stride + column;
         const bool is_there = row >= 0 && row <= rules->nx + 1 && column >= 0 && column <= rules->ny + 1;
         for (int layer = move->layer; layer < LAYERS; layer++) {
+            if (far > reach_of(move, layer) + 1)
+                continue;
             window->surface[layer][q] = is_there ? maps->height[layer * rules->framed + cell] : ABYSS;
-            window->value[layer][q] = is_there ? maps->plan[layer * rules->framed + cell] : 0;
+            int value = is_there ? maps->plan[layer * rules->framed + cell] : 0;
+            if (layer == move->layer && cell == move->here)
+                value = move->is;
+            else if (move->is_two && layer == move->its_layer && cell == move->there)
+                value = move->its_is;
+            window->value[layer][q] = value;
         }
-        if (cell == move->here)
-            window->value[move->layer][q] = move->is;
-        if (move->is_two && cell == move->there)
-            window->value[move->its_layer][q] = move->its_is;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
 }
@@ -219,11 +235,6 @@ bool is_within(constant Rules *rules, long i, long j, int q, int far) {
 
 long cell_of(constant Rules *rules, long i, long j, int q) {
     return (i + 1 + q / SIDE - REACH) * rules->stride + j + 1 + q % SIDE - REACH;
-}
-
-/* Cells from the middle where a surface differs after a layer. */
-int reach_of(const Move *move, int layer) {
-    return layer - move->layer + 1 + (move->is_two && move->here != move->there);
 }
 
 /* Carries a move through the layers, and adds up what it changes. */
@@ -260,7 +271,7 @@ Gain carry(const Maps *maps, const Move *move, long i, long j, local Window *win
     window->sum[0][item] = costs;
     window->sum[1][item] = heights;
     window->sum[2][item] = squares;
-    for (int rest = GROUP / 2; rest > 0; rest /= 2) {
+    for (int rest = move->layer < LAYERS ? GROUP / 2 : 0; rest > 0; rest /= 2) {
         barrier(CLK_LOCAL_MEM_FENCE);
         for (int k = 0; item < rest && k < 3; k++)
             window->sum[k][item] += window->sum[k][item + rest];
@@ -269,13 +280,13 @@ Gain carry(const Maps *maps, const Move *move, long i, long j, local Window *win
     Gain gain = {window->sum[0][0] / rules->count, window->sum[1][0], window->sum[2][0]};
 #if DEVIATION
     gain.change = rules->alpha * gain.change +
-                  (1.0 - rules->alpha) * deviation_change(rules, maps->sums, gain.height, gain.square);
+                  (1.0 - rules->alpha) * deviation_change(rules, maps->sums, maps->is_shared, gain.height, gain.square);
 #endif
     barrier(CLK_LOCAL_MEM_FENCE);
     return gain;
 }
 
-/* Makes a move that has been carried, and wakes the cells whose moves it changes. */
+/* Makes a move that has been carried, and wakes the moves near it. */
 void make(const Maps *maps, const Move *move, long i, long j, local const Window *window, global uchar *awake) {
     constant Rules *rules = maps->rules;
     const int changed = reach_of(move, LAYERS - 1);
@@ -288,13 +299,13 @@ void make(const Maps *maps, const Move *move, long i, long j, local const Window
                 maps->height[(layer + 1) * rules->framed + cell] = window->surface[layer + 1][q];
         maps->chance[cell] = window->chance[q];
     }
-    for (int layer = 0; layer < LAYERS; layer++) {
-        const int far = changed + LAYERS - layer + 2;
-        const long top = max(i - far, 0l), bottom = min(i + far, rules->nx - 1);
-        const long left = max(j - far, 0l), width = min(j + far, rules->ny - 1) - left + 1;
-        for (long place = get_local_id(0); place < (bottom - top + 1) * width; place += GROUP)
-            awake[layer * rules->framed + (top + place / width + 1) * rules->stride + left + place % width + 1] = 1;
-    }
+    const int far = WAKE_REACH + (move->is_two && move->here != move->there);
+    const long top = max(i - far, 0l), bottom = min(i + far, rules->nx - 1);
+    const long left = max(j - far, 0l), width = min(j + far, rules->ny - 1) - left + 1;
+    for (long place = get_local_id(0); place < (bottom - top + 1) * width; place += GROUP)
+        for (int layer = 0; layer < LAYERS; layer++)
+            awake[layer * rules->framed + (top + place / width + 1) * rules->stride + left + place % width + 1] =
+                IN_A_LAYER | BETWEEN_LAYERS;
     if (get_local_id(0) > 0)
         return;
     maps->plan[move->layer * rules->framed + move->here] = move->is;
@@ -318,22 +329,29 @@ bool move_of(const Maps *maps, int layer, long i, long j, int number, Move *move
            (later <= 0 || allows(maps->choices, rules, its_layer, there, was));
 }
 
-/* Loads what all moves of a cell in a layer need. */
-void load_trials(const Maps *maps, constant TriedDroplet *droplets, int layer, long i, long j, local Trials *trials) {
+/* Sort of move number `number`. */
+int sort_of(int layer, int number) {
+    return number > KINDS && number < KINDS + LAYERS - layer ? BETWEEN_LAYERS : IN_A_LAYER;
+}
+
+/* Loads what moves of a sort on a cell need. */
+void load_trials(const Maps *maps, constant TriedDroplet *droplets, int layer, long i, long j, int sort,
+                 local Trials *trials) {
     constant Rules *rules = maps->rules;
-    const int most = LAYERS - layer + 2, side = 2 * most + 1;
+    const int apart = sort == IN_A_LAYER; /* a swap reaches a cell further than its layers */
     const double middle = maps->height[layer * rules->framed + (i + 1) * rules->stride + j + 1];
     for (int q = get_local_id(0); q <= KINDS; q += GROUP)
         trials->droplet[q] = droplets[q];
     if (get_local_id(0) == 0)
         trials->above = 2.0 * (middle - rules->reference);
-    for (int place = get_local_id(0); place < side * side; place += GROUP) {
-        const int di = place / side - most, dj = place % side - most, q = (di + REACH) * SIDE + dj + REACH;
-        const long row = i + 1 + di, column = j + 1 + dj, cell = row * rules->stride + column;
-        const bool is_there = row >= 0 && row <= rules->nx + 1 && column >= 0 && column <= rules->ny + 1;
-        for (int m = layer; m < LAYERS; m++) {
-            const float height = is_there ? maps->height[m * rules->framed + cell] - middle : ABYSS;
-            const uchar value = is_there ? maps->plan[m * rules->framed + cell] : 0;
+    for (int m = layer; m < LAYERS; m++) {
+        const int far = m - layer + 2 + apart, side = 2 * far + 1;
+        for (int place = get_local_id(0); place < side * side; place += GROUP) {
+            const int di = place / side - far, dj = place % side - far, q = (di + REACH) * SIDE + dj + REACH;
+            const long row = i + 1 + di, column = j + 1 + dj, cell = m * rules->framed + row * rules->stride + column;
+            const bool is_there = row >= 0 && row <= rules->nx + 1 && column >= 0 && column <= rules->ny + 1;
+            const float height = is_there ? maps->height[cell] - middle : ABYSS;
+            const uchar value = is_there ? maps->plan[cell] : 0;
             trials->height[m][q] = height;
             for (int team = 0; team < TEAMS; team++) {
                 trials->value[team][m][q] = value;
@@ -341,7 +359,12 @@ void load_trials(const Maps *maps, constant TriedDroplet *droplets, int layer, l
                     trials->between[team][m - 1][q] = height;
             }
         }
-        if (!is_within(rules, i, j, q, most))
+    }
+    const int far = LAYERS - layer + apart, side = 2 * far + 1;
+    for (int place = get_local_id(0); place < side * side; place += GROUP) {
+        const int q = (place / side - far + REACH) * SIDE + place % side - far + REACH;
+        const long cell = cell_of(rules, i, j, q);
+        if (!is_within(rules, i, j, q, far))
             continue;
         const float last = maps->height[LAYERS * rules->framed + cell] - middle, left = maps->chance[cell];
         const float target = maps->target[cell] - middle, ceiling = CEILING ? maps->ceiling[cell] - middle : 0.0;
@@ -414,14 +437,14 @@ int in_box(const Box *box, int place, int *di, int *dj) {
     return (*di + REACH) * SIDE + *dj + REACH;
 }
 
-/* Tries all moves of a cell in a layer that are allowed, a team each; their number, and what each changes. */
-int try_all(const Maps *maps, int layer, long i, long j, local Trials *trials) {
+/* Tries all moves of a sort that are allowed on a cell, a team each; their number, and what each changes. */
+int try_all(const Maps *maps, int layer, long i, long j, int sort, local Trials *trials) {
     constant Rules *rules = maps->rules;
     const int item = get_local_id(0), team = item / TEAM, mate = item % TEAM;
     int count = 0, di, dj;
     Move move;
     if (item < MOVES)
-        trials->is_allowed[item] = move_of(maps, layer, i, j, item, &move);
+        trials->is_allowed[item] = sort_of(layer, item) == sort && move_of(maps, layer, i, j, item, &move);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int number = 0; number < MOVES; number++) {
         if (item == 0 && trials->is_allowed[number])
@@ -487,9 +510,9 @@ int try_all(const Maps *maps, int layer, long i, long j, local Trials *trials) {
         if (is_busy && mate == 0) {
             double change = trials->sum[0][item] / rules->count;
 #if DEVIATION
-            change =
-                rules->alpha * change +
-                (1.0 - rules->alpha) * deviation_change(rules, maps->sums, trials->sum[1][item], trials->sum[2][item]);
+            change = rules->alpha * change + (1.0 - rules->alpha) * deviation_change(rules, maps->sums, maps->is_shared,
+                                                                                     trials->sum[1][item],
+                                                                                     trials->sum[2][item]);
 #endif
             trials->change[own] = change;
         }
@@ -498,54 +521,71 @@ int try_all(const Maps *maps, int layer, long i, long j, local Trials *trials) {
     return count;
 }
 
-/* Makes the best move of a cell, if it pays; a group for each cell. awake: cells of each layer near which something has
- * changed since their moves were tried; sums: those before the launch; sums_after: they are changed; made: counts the
- * moves. */
+/* Makes the best move of a cell, if it pays; whether it did, and what that changes. */
+bool try_cell(const Maps *maps, constant TriedDroplet *tried, int layer, long i, long j, int sort, local Shared *shared,
+              global uchar *awake, Gain *gain) {
+    constant Rules *rules = maps->rules;
+    float least = -rules->least_trial;
+    int chosen = -1;
+    Move move;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    load_trials(maps, tried, layer, i, j, sort, &shared->trials);
+    const int count = try_all(maps, layer, i, j, sort, &shared->trials);
+    for (int k = 0; k < count; k++)
+        if (shared->trials.change[k] < least) {
+            least = shared->trials.change[k];
+            chosen = shared->trials.number[k];
+        }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (chosen < 0 || !move_of(maps, layer, i, j, chosen, &move))
+        move = (Move){.layer = LAYERS}; /* nothing to carry: all items meet all barriers */
+    *gain = carry(maps, &move, i, j, &shared->window);
+    const bool is_made = gain->change < -rules->least_gain;
+    if (is_made)
+        make(maps, &move, i, j, &shared->window, awake);
+    return is_made;
+}
+
+/* Tries the moves of a launch. awake: sorts of moves, of each cell in each layer, near which something has changed
+ * since they were tried; sums: those before the launch; sums_after: they are changed; made: counts the moves. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void
 try_moves(constant Rules *rules, constant Droplet *droplets, constant TriedDroplet *tried,
           global const Launch *launches, int number, global double *height, global uchar *plan, global double *chance,
           global const double *target, global const double *weight, global const double *ceiling,
           global const uchar *part, global const ushort *choices, global uchar *awake, global const long *sums,
           global long *sums_after, global int *made) {
-    local union {
-        Trials trials;
-        Window window;
-    } shared;
-    const Maps maps = {rules, droplets, height, chance, plan, target, weight, ceiling, part, choices, sums};
+    local Shared shared;
+    local uchar is_awake[GROUP];
     global const Launch *launch = &launches[number];
+    const int layer = launch->layer, sort = launch->sort, batch = launch->batch, item = get_local_id(0);
     const long columns = (rules->ny - launch->cj + launch->period - 1) / launch->period;
-    const long i = get_group_id(0) / columns * launch->period + launch->ci;
-    const long j = get_group_id(0) % columns * launch->period + launch->cj;
-    global uchar *own = &awake[launch->layer * rules->framed + (i + 1) * rules->stride + j + 1];
-    const bool is_awake = *own;
-    float least = -rules->least_trial;
-    int chosen = -1;
-    Move move;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (!is_awake)
-        return;
-    if (get_local_id(0) == 0)
-        *own = 0;
-    load_trials(&maps, tried, launch->layer, i, j, &shared.trials);
-    const int count = try_all(&maps, launch->layer, i, j, &shared.trials);
-    for (int k = 0; k < count; k++)
-        if (shared.trials.change[k] < least) {
-            least = shared.trials.change[k];
-            chosen = shared.trials.number[k];
-        }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (chosen < 0)
-        return;
-    move_of(&maps, launch->layer, i, j, chosen, &move);
-    const Gain gain = carry(&maps, &move, i, j, &shared.window);
-    if (gain.change >= -rules->least_gain)
-        return;
-    make(&maps, &move, i, j, &shared.window, awake);
-    if (get_local_id(0) > 0)
-        return;
+    const long rows = (rules->nx - launch->ci + launch->period - 1) / launch->period;
+    const Maps maps = {rules,  droplets, height, chance,  plan, target,
+                       weight, ceiling,  part,   choices, sums, rows * columns > 1};
+    const long first = get_group_id(0) * batch, own = first + item;
+    global uchar *sorts = &awake[layer * rules->framed];
+    sorts += (own / columns * launch->period + launch->ci + 1) * rules->stride;
+    sorts += own % columns * launch->period + launch->cj + 1;
+    is_awake[item] = item < batch && own < rows * columns && *sorts & sort;
+    if (is_awake[item])
+        *sorts &= ~sort;
+    barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
+    long next = first, count = 0;
+    for (int k = 0; k < batch; k++)
+        count += is_awake[k];
+    for (; count > 0; count--, next++) {
+        while (!is_awake[next - first])
+            next++;
+        const long i = next / columns * launch->period + launch->ci;
+        const long j = next % columns * launch->period + launch->cj;
+        Gain gain;
+        const bool is_made = try_cell(&maps, tried, layer, i, j, sort, &shared, awake, &gain);
+        if (is_made && item == 0) {
 #if DEVIATION
-    atom_add(&sums_after[0], steps_of(gain.height, rules->height_step));
-    atom_add(&sums_after[1], steps_of(gain.square, rules->square_step));
+            atom_add(&sums_after[0], steps_of(gain.height, rules->height_step));
+            atom_add(&sums_after[1], steps_of(gain.square, rules->square_step));
 #endif
-    atomic_inc(made);
+            atomic_inc(made);
+        }
+    }
 }

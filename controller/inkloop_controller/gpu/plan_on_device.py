@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from math import sqrt
 from typing import Any
 
@@ -16,6 +17,8 @@ from inkloop_controller.problem.horizon_problem import IntPlan
 GROUP = 32  # work items of a cell: those that a GPU runs in step
 TEAM = 16  # of them, those that try a move together
 NUMBER = 4  # of the arguments of try_moves, that of the launch
+IN_A_LAYER, BETWEEN_LAYERS = 1, 2  # sorts of moves, of moves.cl
+LEAST_GROUPS = 1 << 14  # of a launch before one tries several cells: what a large GPU takes at once
 ADDERS = 4096  # work items that add up a surface
 LAUNCHES_A_LOOK = 64  # between two looks at the clock
 ABYSS = -1.0  # height of the frame [m], of controller/core/search/plan_surface.c
@@ -32,7 +35,7 @@ RULES = np.dtype(
         for name in ("alpha", "count", "reference", "least_gain", "least_trial", "height_step", "square_step")
     ]
 )
-LAUNCH = np.dtype([(name, "i4") for name in ("layer", "period", "ci", "cj")])
+LAUNCH = np.dtype([(name, "i4") for name in ("sort", "layer", "period", "ci", "cj", "batch")])
 
 
 class PlanOnDevice:
@@ -41,12 +44,11 @@ class PlanOnDevice:
     def __init__(self, maps: DeviceMaps, program: cl.Program, problem: Any, plan: IntPlan) -> None:
         self._maps, self._queue, self._problem = maps, maps.queue, problem
         shape, layers = maps.shape, problem.layers
-        self.has_deviation = problem.alpha < 1.0
+        self.layers, self.has_deviation = layers, problem.alpha < 1.0
         part, height = _array(problem.part, shape, np.uint8), _array(problem.height, shape, np.float64)
-        droplets, moves = _droplets(problem), np.array(list(_launches(layers)), LAUNCH)
+        droplets, launches = _droplets(problem), list(_launches(shape, layers))
+        self._groups = [(number, sort, groups) for number, ((sort, *_), groups) in enumerate(launches)]
         rules = _rules(problem, part, droplets)
-        spans = [-(-(side - moves[name]) // moves["period"]) for side, name in zip(shape, ("ci", "cj"), strict=True)]
-        self._groups = [int(rows * columns) if rows > 0 < columns else 0 for rows, columns in zip(*spans, strict=True)]
         maps.room("height", layers + 1, np.float64, ABYSS)
         self._height = maps.put("height", height)
         self._plan, self._chance = maps.put("plan", plan.astype(np.uint8)), maps.room("chance", 1, np.float64)
@@ -61,7 +63,7 @@ class PlanOnDevice:
         self._try_moves = cl.Kernel(program, "try_moves")
         self._try_moves.set_args(
             *(self._rules, self._droplets, maps.small("tried", _tried(droplets))),
-            *(maps.small("launches", moves), np.int32(0)),
+            *(maps.small("launches", np.array([launch for launch, _ in launches], LAUNCH)), np.int32(0)),
             *(self._height, self._plan, self._chance),
             *(target, weight, ceiling, self._part),
             maps.put("choices", _array(problem.choices, (layers, *shape), np.uint16), stays=True),
@@ -69,13 +71,15 @@ class PlanOnDevice:
         )
         self._print(program)
 
-    def sweep(self, is_whole: bool) -> Iterator[None]:
-        """Make the best move of each cell, or of each near a change since it was tried; stops now and then."""
-        if is_whole:
-            self._fill(self._awake, np.uint8(1))
+    def wake(self) -> None:
+        """Let all moves be tried again."""
+        self._fill(self._awake, np.uint8(IN_A_LAYER | BETWEEN_LAYERS))
+
+    def sweep(self, sort: int) -> Iterator[None]:
+        """Make the best move of a sort of each cell near which something has changed since; stops now and then."""
         self._fill(self._made, np.int32(0))
-        for number, groups in enumerate(self._groups):
-            if not groups:
+        for number, its_sort, groups in self._groups:
+            if its_sort != sort:
                 continue
             self._try_moves.set_arg(NUMBER, np.int32(number))
             cl.enqueue_nd_range_kernel(self._queue, self._try_moves, (groups * GROUP,), (GROUP,))
@@ -98,7 +102,7 @@ class PlanOnDevice:
 
     def read_heights(self) -> NDArray[np.float64]:
         """(layers + 1, nx, ny) the surfaces before the first layer and after each [m]."""
-        return self._maps.read("height", self._problem.layers + 1, np.float64)
+        return self._maps.read("height", self.layers + 1, np.float64)
 
     def _fill(self, buffer: cl.Buffer, value: Any) -> None:
         cl.enqueue_fill_buffer(self._queue, buffer, value, 0, buffer.size)
@@ -109,7 +113,7 @@ class PlanOnDevice:
     def _print(self, program: cl.Program) -> None:
         cl.Kernel(program, "take_height")(self._queue, self._maps.shape[::-1], None, self._rules, self._height)
         kernel = cl.Kernel(program, "print_layer")
-        for layer in range(self._problem.layers):
+        for layer in range(self.layers):
             maps = (self._height, self._plan, self._chance, np.int32(layer))
             kernel(self._queue, self._maps.shape[::-1], None, self._rules, self._droplets, *maps)
         if self.has_deviation:
@@ -162,11 +166,16 @@ def _tried(droplets: NDArray[np.float64]) -> NDArray[np.float32]:
     return tried
 
 
-def _launches(layers: int) -> Iterator[tuple[int, ...]]:
-    """Rows of LAUNCH: all cells of all layers, those together whose windows do not meet."""
-    for layer in reversed(range(layers)):
-        period = 2 * (layers - layer + 1) + 2  # a swap reaches a cell further than its layers
-        yield from ((layer, period, ci, cj) for ci in range(period) for cj in range(period))
+def _launches(shape: tuple[int, int], layers: int) -> Iterator[tuple[tuple[int, ...], int]]:
+    """Rows of LAUNCH and their groups: all moves of all cells, those together whose windows do not meet."""
+    for sort, layer in product((IN_A_LAYER, BETWEEN_LAYERS), reversed(range(layers))):
+        if sort == BETWEEN_LAYERS and layer == layers - 1:
+            continue  # a droplet goes to a later layer, or comes from there
+        period = 2 * (layers - layer + (sort == IN_A_LAYER)) + 2  # a swap reaches a cell further than its layers
+        for ci, cj in product(range(min(period, shape[0])), range(min(period, shape[1]))):
+            cells = -(-(shape[0] - ci) // period) * -(-(shape[1] - cj) // period)
+            batch = min(max(cells // LEAST_GROUPS, 1), GROUP)
+            yield (sort, layer, period, ci, cj, batch), -(-cells // batch)
 
 
 def _array(pointer: Any, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:

@@ -13,16 +13,18 @@ import pyopencl as cl
 from inkloop_controller.core.library import CORE_BUDGET, CORE_DONE, CORE_STOPPED, CORE_TIME
 from inkloop_controller.gpu.device import DeviceError, chosen_device, described, device_errors
 from inkloop_controller.gpu.maps import DeviceMaps
-from inkloop_controller.gpu.plan_on_device import GROUP, TEAM, PlanOnDevice, has_ceiling
+from inkloop_controller.gpu.plan_on_device import BETWEEN_LAYERS, GROUP, IN_A_LAYER, TEAM, PlanOnDevice, has_ceiling
 from inkloop_controller.problem.horizon_problem import IntPlan
 
+FIRST = 4
+"""Sweeps of moves in a layer before droplets move between layers: all moves from the first on end 2 to 6 % higher."""
 FORM = ("LAYERS", "KINDS", "CEILING", "WEIGHT", "DEVIATION")
 
 
 class DeviceSearch:
     """The search on one device; problems of the same form share their program.
 
-    It ends when no move of a single cell improves the plan, for alpha < 1 by a bound that moves made together keep: no
+    It ends when no move near a change improves the plan, for alpha < 1 by a bound that moves made together keep: no
     sweep worsens the plan. The same problem gives the same plan on a device. Raises DeviceError where there is no
     device, where it fails, or where it lacks memory.
     """
@@ -79,15 +81,22 @@ class DeviceSearch:
 def _sweeps(
     surface: PlanOnDevice, sweeps_max: int, ends_at: float, after_sweep: Callable[[int], bool]
 ) -> tuple[int, int]:
-    is_whole = True
+    sorts = min(surface.layers, 2)
+    sort, idle, is_whole = IN_A_LAYER, 0, True
+    surface.wake()
     for sweep in range(1, sweeps_max + 1):
-        for _ in surface.sweep(is_whole):
+        for _ in surface.sweep(sort):
             if perf_counter() > ends_at:
                 return CORE_TIME, sweep
-        is_idle = surface.made == 0
-        if is_idle and (is_whole or not surface.has_deviation):
-            return CORE_DONE, sweep
-        is_whole = is_idle  # any move changes the deviation of all: cells that slept are tried once more
+        idle = 0 if surface.made else idle + 1
+        is_whole = is_whole and idle > 0
+        if idle == sorts:
+            if is_whole or not surface.has_deviation:
+                return CORE_DONE, sweep
+            surface.wake()  # any move changes the deviation of all: moves that slept are tried once more
+            idle, is_whole = 0, True
         if after_sweep(sweep):
             return CORE_STOPPED, sweep
+        is_next = sort == IN_A_LAYER and sorts == 2 and (sweep >= FIRST or idle)
+        sort = BETWEEN_LAYERS if is_next else IN_A_LAYER
     return CORE_BUDGET, sweeps_max

@@ -39,8 +39,10 @@ device = pytest.importorskip("inkloop_controller.gpu.device")
 if not device.devices():
     pytest.skip("needs an OpenCL device: pip install pocl-binary-distribution", allow_module_level=True)
 from inkloop_controller.gpu import plan_on_device  # noqa: E402
+from inkloop_controller.gpu.plan_on_device import BETWEEN_LAYERS, IN_A_LAYER  # noqa: E402
 from inkloop_controller.gpu.search import DeviceSearch  # noqa: E402
 
+SORTS = IN_A_LAYER, BETWEEN_LAYERS
 PROBLEMS = {
     "one layer": rough((13, 21)),
     "deviation": nearly_flat((21, 13), 2, alpha=0.8),
@@ -75,22 +77,25 @@ def test_surfaces_are_kept_up_to_date_to_the_last_bit(name: str, on_device: Devi
     problem = PROBLEMS[name]
     struct, plan = problem_struct(problem), random_plan(problem, 1)
     surface = on_device.plan(struct, plan)
-    assert list(surface.sweep(True))
-    assert surface.made
+    surface.wake()
+    for sort in SORTS[: len(plan)]:
+        assert list(surface.sweep(sort))
+        assert surface.made
     surface.read_plan(plan)
     kept = surface.read_heights()
     np.testing.assert_array_equal(kept, on_device.plan(struct, plan).read_heights())
     np.testing.assert_array_equal(kept[0], np.rint(problem.height * 2.0**54) / 2.0**54)  # the lattice of the core
 
 
-def changed_plans(plan: IntPlan, problem: HorizonProblem, layer: int, i: int, j: int) -> Iterator[IntPlan]:
-    """By each move of a cell: another value, a droplet of a later layer, that of a neighbour to the right or below."""
+def changed_plans(plan: IntPlan, problem: HorizonProblem, sort: int, layer: int, i: int, j: int) -> Iterator[IntPlan]:
+    """By each move of a cell: another value, a swap with a neighbour to the right or below; a droplet's other layer."""
     here, (layers, nx, ny) = (layer, i, j), plan.shape
-    yield from (at(plan, {here: value}) for value in range(len(problem.kinds) + 1))
-    others = [(later, i, j) for later in range(layer + 1, layers)]
-    others += [
-        (layer, i + di, j + dj) for di, dj in ((0, 1), (1, -1), (1, 0), (1, 1)) if i + di < nx and 0 <= j + dj < ny
-    ]
+    if sort == BETWEEN_LAYERS:
+        others = [(later, i, j) for later in range(layer + 1, layers)]
+    else:
+        yield from (at(plan, {here: value}) for value in range(len(problem.kinds) + 1))
+        places = [(i + di, j + dj) for di, dj in ((0, 1), (1, -1), (1, 0), (1, 1))]
+        others = [(layer, k, m) for k, m in places if k < nx and 0 <= m < ny]
     yield from (at(plan, {here: plan[other], other: plan[here]}) for other in others)
 
 
@@ -113,20 +118,33 @@ def test_sweep_makes_the_best_move_of_each_cell(
     monkeypatch.setattr(plan_on_device, "LAUNCHES_A_LOOK", 1)
     plan, (layers, nx, ny) = random_plan(problem, 1), problem.choices.shape
     surface = on_device.plan(problem_struct(problem), plan)
-    launches = surface.sweep(True)
+    surface.wake()
     allowed, least = 2 * problem.choices.astype(np.int32) + 1, 1e-5 * Ink().h1 / problem.part.sum()
-    for layer in reversed(range(layers)):
-        period = 2 * (layers - layer) + 4
-        for ci, cj in np.ndindex(min(period, nx), min(period, ny)):
-            gains = 0.0
-            value = objective(problem, plan).value
-            for i, j in ((i, j) for i in range(ci, nx, period) for j in range(cj, ny, period)):
-                trials = (each for each in changed_plans(plan, problem, layer, i, j) if (allowed >> each & 1).all())
-                gains += min(objective(problem, each).value for each in trials) - value
-            next(launches)
-            surface.read_plan(plan)
-            assert objective(problem, plan).value - value == pytest.approx(gains, rel=1e-3, abs=10.0 * least)
-    assert not list(launches)
+    for sort in SORTS[:layers]:
+        launches = surface.sweep(sort)
+        for layer in reversed(range(layers - (sort == BETWEEN_LAYERS))):
+            period = 2 * (layers - layer) + (4 if sort == IN_A_LAYER else 2)
+            for ci, cj in np.ndindex(min(period, nx), min(period, ny)):
+                gains = 0.0
+                value = objective(problem, plan).value
+                for i, j in ((i, j) for i in range(ci, nx, period) for j in range(cj, ny, period)):
+                    trials = changed_plans(plan, problem, sort, layer, i, j)
+                    found = [objective(problem, each).value for each in trials if (allowed >> each & 1).all()]
+                    gains += min(*found, value, value) - value
+                next(launches)
+                surface.read_plan(plan)
+                assert objective(problem, plan).value - value == pytest.approx(gains, rel=1e-3, abs=10.0 * least)
+        assert not list(launches)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_plan_is_the_same_where_a_group_takes_many_cells(
+    name: str, on_device: DeviceSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = PROBLEMS[name]
+    found = found_by(on_device, problem)
+    monkeypatch.setattr(plan_on_device, "LEAST_GROUPS", 2)
+    np.testing.assert_array_equal(found_by(on_device, problem).plan, found.plan)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
