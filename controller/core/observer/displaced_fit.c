@@ -27,6 +27,8 @@ static const double TEMPER = 0.5; /* tempering of the likelihood, as errors of n
 /* penalty per scan in log odds: the gain of seven unknowns by chance, 7/2, tempered */
 static const double PRICE = 1.75;
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
+/* standard deviations, of a fit with its misfit, from which a shift stands out of foreign droplets (assumed) */
+static const double STANDS_OUT = 5.0;
 /* least half step of the difference quotients [cells]; their factor per round: there is no gradient beyond an edge */
 static const double SHORT_STEP = 0.05, SHORTER = 0.7;
 static const double CONVERGED = 1e-3; /* Gauss-Newton step that ends the iteration [cells, cells^2] */
@@ -218,7 +220,15 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
     return true;
 }
 
-/* all: number of unknowns. */
+/* Whether the shift of a fit is no chance of its misfit. all: number of unknowns. */
+static bool stands_out(const double *x, const double *covariance, size_t all, double misfit) {
+    const double least = STANDS_OUT * STANDS_OUT * misfit;
+    return x[SHIFT_X] * x[SHIFT_X] > least * covariance[0] || x[SHIFT_Y] * x[SHIFT_Y] > least * covariance[all + 1];
+}
+
+/* all: number of unknowns. Foreign droplets look like a linear part or a spot, as they are alike at both ends of a
+ * wall, but not like a shift: one that stands out of the first scans is believed alone where nothing explains them. A
+ * displacement that explains the first scans and later ones not is none: droplets land off their cells. */
 static void learn_geometry(const double *x, const double *covariance, size_t all, double misfit, double gained,
                            Registration *registration) {
     if (registration->fits >= REMEMBERED)
@@ -231,8 +241,13 @@ static void learn_geometry(const double *x, const double *covariance, size_t all
         registration->steps[k] =
             fmax((1.0 - STEP_GAIN) * registration->steps[k] + STEP_GAIN * step * step, LEAST_STEP * LEAST_STEP);
     }
-    registration->is_displaced = registration->odds > DECIDED && may_be_displaced(registration);
+    const bool is_all = may_be_displaced(registration), is_likely = registration->odds > DECIDED;
+    if (is_likely && !is_all && registration->fits <= REMEMBERED && stands_out(x, covariance, all, misfit))
+        registration->is_shifted = 1;
+    registration->is_displaced = is_likely && (is_all || registration->is_shifted);
     memcpy(registration->estimate, x, sizeof registration->estimate);
+    for (size_t k = ALONG_X_U; k < GEOMETRY && registration->is_displaced && !is_all; k++)
+        registration->estimate[k] = 0.0;
     copy_block(GEOMETRY, covariance, all, registration->covariance, GEOMETRY);
 }
 

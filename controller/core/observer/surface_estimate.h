@@ -68,6 +68,7 @@ typedef struct {
     double misfits[REMEMBERED]; /* misfits of displaced fits of the last scans, in variances of droplets and sensor */
     int64_t fits;               /* scans fitted */
     int64_t is_displaced;       /* scans count as displaced */
+    int64_t is_shifted;         /* first scans show a shift that foreign droplets do not explain */
 } Registration;
 
 enum { DATUM_TERMS = 6 }; /* offset, tilts and bows of a scan, in u and w */

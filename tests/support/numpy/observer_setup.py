@@ -46,6 +46,7 @@ class State:
     odds: float = c.FIRST_ODDS
     misfits: list[float] = field(default_factory=list)
     is_displaced: bool = False
+    is_shifted: bool = False
     layers: int = 0
     early: float = 1.0
     mean_misfit: Any = field(default_factory=lambda: np.ones(2))

@@ -323,15 +323,19 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
 
 
 def may_be_displaced(s: State) -> bool:
-    return float(np.median(s.misfits)) < c.FOREIGN
+    return float(np.median(s.misfits[-3:])) < c.FOREIGN
 
 
 def learn_geometry(s: State, x: Any, covariance: Any, left: float, gained: float) -> None:
-    s.misfits = [*s.misfits, left][-3:]
+    s.misfits = [*s.misfits, left]
     s.odds = float(np.clip(s.odds + c.TEMPER * gained - c.PRICE, *c.ODDS_RANGE))
     may_be = may_be_displaced(s)
     if len(s.misfits) > 1 and may_be:
         steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
         s.steps = np.maximum(steps, c.LEAST_STEP**2)
-    s.is_displaced = s.odds > c.DECIDED and may_be
+    stands_out = bool(np.any(x[:2] ** 2 > c.STANDS_OUT**2 * left * np.diag(covariance)[:2]))
+    s.is_shifted |= s.odds > c.DECIDED and not may_be and stands_out and len(s.misfits) <= 3
+    s.is_displaced = s.odds > c.DECIDED and (may_be or s.is_shifted)
     s.g, s.covariance = x[:7].copy(), covariance[:7, :7].copy()
+    if s.is_displaced and not may_be:
+        s.g[2:] = 0.0

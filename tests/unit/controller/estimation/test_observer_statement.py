@@ -28,7 +28,8 @@ class Case:
     """A printer and a profiler on a small grid.
 
     inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part gets
-    besides [m]; around: what cells next to droplets get besides [m]; unknown: a layer that was abandoned; shift, its
+    besides [m]; around: what cells next to droplets get besides [m], in
+    layers from around_from on; unknown: a layer that was abandoned; shift, its
     scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six terms of a datum,
     anew for each scan [m]; jitter: of lines of readings with the same i, and with the same j [m]; spikes, missing:
     shares of the readings; frozen: the last scan that is a new one; looked_at: the layer after which a person has
@@ -46,6 +47,7 @@ class Case:
     row: int | None = None
     heap: float = 0.0
     around: float = 0.0
+    around_from: int = 0
     unknown: int | None = None
     noise: float = NOISE
     shift: tuple[float, float] = (0.0, 0.0)
@@ -111,6 +113,9 @@ CASES = {
     "droplets a little foreign": Case(around=2.5e-7, registered=False),
     "foreign droplets, too weak": Case(volume=0.45, around=1e-6, registered=False),
     "foreign droplets, exact": Case(15, 13, noise=0.0, around=5e-7, cancels=1e-8),
+    "foreign droplets, shifted by +x": Case(around=1e-6, shift=(0.4, 0.0)),
+    "foreign droplets, shifted by -y": Case(15, 13, around=1e-6, shift=(0.0, -0.5)),
+    "foreign droplets later on, shifted": Case(layers=10, around=2e-6, around_from=5, shift=(0.4, 0.0)),
     "one cell heaps up": Case(heap=9e-6, registered=False),
     "dead row, scans as they are": Case(layers=12, row=4, registered=False),
     "dead row, shifted": Case(15, 15, layers=12, row=4, shift=(0.6, -0.7)),
@@ -177,7 +182,7 @@ def grown(case: Case, height: Any, pattern: Any, drops: Any, layer: int, rng: np
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
     height = lu_numpy.layer(height, pattern, inks, volume, case.passes)[0]
     height[5, 6] += case.heap
-    return height + case.around * (near(pattern > 0) & (pattern == 0))
+    return height + case.around * (near(pattern > 0) & (pattern == 0) & (layer >= case.around_from))
 
 
 def agree(found: Estimate, stated: State, figures: Any, cancels: float, where: str) -> None:
@@ -248,6 +253,11 @@ def test_cases_show_what_they_are_for() -> None:
     shifted, _ = compare(CASES["shifted by +x"])
     assert shifted.figures.is_displaced
     assert shifted.figures.shift_x == pytest.approx(0.5, rel=0.0, abs=0.05)
+    for name, shift in (("shifted by +x", (0.4, 0.0)), ("shifted by -y", (0.0, -0.5))):
+        alone = compare(CASES[f"foreign droplets, {name}"])[0].figures
+        assert (alone.is_foreign, alone.is_displaced, alone.magnification, alone.rotation) == (True, True, 0.0, 0.0)
+        assert (alone.shift_x, alone.shift_y) == pytest.approx(shift, rel=0.0, abs=0.15)
+    assert not compare(CASES["foreign droplets later on, shifted"])[0].figures.is_displaced
     dead_row, _ = compare(CASES["dead row, shifted"])
     assert dead_row.figures.is_displaced
     assert dead_row.dead.any()
