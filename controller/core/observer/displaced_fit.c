@@ -221,9 +221,8 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
 /* all: number of unknowns. */
 static void learn_geometry(const double *x, const double *covariance, size_t all, double misfit, double gained,
                            Registration *registration) {
-    if (registration->fits >= REMEMBERED)
-        memmove(registration->misfits, registration->misfits + 1, (REMEMBERED - 1) * sizeof misfit);
-    registration->misfits[registration->fits < REMEMBERED ? registration->fits : REMEMBERED - 1] = misfit;
+    memmove(registration->misfits + 1, registration->misfits, (REMEMBERED - 1) * sizeof misfit);
+    registration->misfits[0] = misfit;
     registration->fits++;
     registration->odds = fmin(LARGEST_ODDS, fmax(LEAST_ODDS, registration->odds + TEMPER * gained - PRICE));
     for (size_t k = 0; k < 2 && registration->fits > 1 && may_be_displaced(registration); k++) {

@@ -22,13 +22,14 @@ static const double EVIDENCE_MAX = 500.0;                                       
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
 
-/* Memory shared by the threads for misfits: lists of squares by class, and sums over cells with a droplet. */
+/* Memory shared by the threads for misfits: lists of squares by class. */
 typedef struct {
     const ScanEvidence *evidence;
     const InkFit *fit;
     ValueLists lists[CLASSES];
-    double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
 } MisfitWork;
+
+enum { BASE, DROPLETS }; /* sums over cells with a droplet [m^2] */
 
 /* Appends the chosen values; returns the end. No branch depends on a cell. */
 static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
@@ -71,8 +72,8 @@ static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double ro
         base[k] = chosen[OWN][k] ? base[k] : 0.0;
         droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
     }
-    work->base[chunk] += lane_sum(base, count);
-    work->droplets[chunk] += lane_sum(droplets, count);
+    evidence->sums[chunk].sum[BASE] += lane_sum(base, count);
+    evidence->sums[chunk].sum[DROPLETS] += lane_sum(droplets, count);
     for (size_t class = 0; class < CLASSES; class++)
         ends[class] = append(square, chosen[class], count, ends[class]);
 }
@@ -92,31 +93,24 @@ static INLINED void misfit_rows(void *context, const RowRange *range) {
             }
         }
         for (size_t class = 0; class < CLASSES; class++)
-            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->evidence->lists[class] + begin));
+            work->evidence->sums[chunk].count[class] = work->lists[class].lengths[chunk] =
+                (size_t)(ends[class] - (work->evidence->lists[class] + begin));
     }
 }
 
 CLONED_ROW_WORK(misfit_range, misfit_rows)
 
 void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
-    const size_t nx = evidence->nx, ny = evidence->ny;
     MisfitWork work = {.evidence = evidence, .fit = fit};
-    size_t counts[CLASSES] = {0, 0};
-    double base = 0.0, droplets = 0.0;
     for (size_t class = 0; class < CLASSES; class++)
-        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = evidence->lists[class]};
-    run_rows(evidence->living.threads, nx, ny, misfit_range, &work);
-    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
-        for (size_t class = 0; class < CLASSES; class++)
-            counts[class] += work.lists[class].lengths[chunk];
-        base += work.base[chunk];
-        droplets += work.droplets[chunk];
-    }
-    fit->droplets = counts[OWN];
-    fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
-    fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
+        work.lists[class] = (ValueLists){.nx = evidence->nx, .ny = evidence->ny, .map = evidence->lists[class]};
+    const CellSums sums = over_rows(evidence, misfit_range, &work);
+    const double droplets = fmax((double)sums.count[OWN], 1.0);
+    fit->droplets = sums.count[OWN];
+    fit->mean_base = sums.sum[BASE] / droplets;
+    fit->mean_droplets = sums.sum[DROPLETS] / droplets;
     for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] = counts[class] < LEAST_READINGS
+        fit->misfit[class] = sums.count[class] < LEAST_READINGS
                                  ? 1.0
                                  : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
 }

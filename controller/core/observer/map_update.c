@@ -86,8 +86,7 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 /* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
  * blame. */
 static void forget_dry(const ScanEvidence *evidence, size_t dry) {
-    const size_t part = count_marked(evidence->options->part, evidence->cells);
-    if ((double)dry > WHOLE_HEAD * (double)part)
+    if ((double)dry > WHOLE_HEAD * (double)evidence->part)
         memcpy(evidence->after->dead_evidence, evidence->before->dead_evidence, evidence->cells * sizeof(double));
 }
 
@@ -242,19 +241,10 @@ CellSums update_displaced(MapUpdate *update) {
     return sums;
 }
 
-static void live_rows(void *context, const RowRange *range) {
-    const MapUpdate *update = context;
-    const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
-    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
-        after->height[cell] = evidence->predicted[cell];
-        after->variance[cell] = process_variance(update, cell);
-        after->unseen[cell] = before->unseen[cell] + 1;
-        after->dead_evidence[cell] = before->dead_evidence[cell];
-        clear_surprise(update, cell);
-    }
-}
-
-void live_on_prediction(const MapUpdate *update) {
-    over_rows(update->evidence, live_rows, update);
+void live_on_prediction(const ScanEvidence *evidence) {
+    ScanEvidence unread = *evidence;
+    InkFit known = {.droplets = 0};
+    memcpy(known.share, evidence->known->share, sizeof known.share);
+    unread.valid = memset(evidence->marks, 0, evidence->cells);
+    update_in_register(&(MapUpdate){.evidence = &unread, .fit = &known});
 }

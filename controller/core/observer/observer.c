@@ -177,7 +177,7 @@ static bool look_at_scan(ScanEvidence *evidence) {
     evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance;
     evidence->noise_variance = take_lines_off(evidence, known->neighbours);
     if (!is_scan(evidence) || (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
-        live_on_prediction(&(MapUpdate){.evidence = evidence});
+        live_on_prediction(evidence);
         return true;
     }
     trust->is_looked_at = 0;

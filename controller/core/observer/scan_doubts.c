@@ -107,12 +107,11 @@ static void add_growth(void *context, const RowRange *range) {
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
  * their mean volume [m^2]. */
 static double native_square(const ScanEvidence *evidence) {
-    const size_t part = count_marked(evidence->options->part, evidence->cells);
     const CellSums sums = over_rows(evidence, add_growth, evidence);
     const double droplets = (double)sums.count[0];
     if (sums.count[0] == 0)
         return INFINITY;
-    const double share = droplets / fmax((double)part, 1.0), of_own = sums.sum[0] / droplets;
+    const double share = droplets / fmax((double)evidence->part, 1.0), of_own = sums.sum[0] / droplets;
     return evidence->usual_noise + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
            variance_of_shares(&evidence->options->ink, evidence->known) * (sums.sum[1] / droplets) * share;
 }

@@ -19,6 +19,7 @@ typedef struct {
 typedef struct ScanEvidence {
     const EstimatorOptions *options;
     size_t nx, ny, cells;          /* of the grid */
+    size_t part;                   /* number of the part's cells */
     const SurfaceEstimate *before; /* estimate before the layer */
     SurfaceEstimate *after;        /* estimate after it */
     const Knowledge *known;        /* knowledge before the scan */
@@ -245,7 +246,7 @@ enum { SEEN, VANISHED, LASTED, DRY };
 CellSums update_in_register(const MapUpdate *update);
 CellSums update_displaced(MapUpdate *update);
 
-/* Update without a scan: heights are the predicted ones; reads `evidence`. */
-void live_on_prediction(const MapUpdate *update);
+/* Update without readings: heights are the predicted ones. */
+void live_on_prediction(const ScanEvidence *evidence);
 
 #endif

@@ -120,8 +120,6 @@ static Registration no_registration(size_t nx, size_t ny) {
             const double rest = i == j ? SHEAR_STD * SHEAR_STD : 0.0;
             covariance[(ALONG_X_U + i) * GEOMETRY + ALONG_X_U + j] = (turned + grown + rest) * edge[i] * edge[j];
         }
-    for (size_t k = 0; k < REMEMBERED; k++)
-        none.misfits[k] = 1.0;
     return none;
 }
 
