@@ -9,7 +9,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "map_memory.h"
 #include "median.h"
 #include "small_algebra.h"
 
@@ -42,11 +41,10 @@ bool may_be_displaced(const Registration *registration) {
     return !is_foreign(median(last, fits));
 }
 
-/* Prior of the unknowns: geometry, datum, shares. */
+/* Prior of the unknowns: geometry, datum, shares. `precision` and `side` have the normal equations of the cells that
+ * are no walls, too, as in register: the surface is flat there. */
 typedef struct {
-    double before[FITTED], precision[FITTED * FITTED], covariance[GEOMETRY * GEOMETRY];
-    /* normal equations of the cells that are no walls, as in register: the surface is flat there */
-    SmoothSums elsewhere;
+    double before[FITTED], precision[FITTED * FITTED], side[FITTED], covariance[GEOMETRY * GEOMETRY];
 } WallPrior;
 
 /* Unknowns and covariance of the geometry before the scan. */
@@ -61,43 +59,27 @@ static void expect_geometry(const ScanEvidence *evidence, const Registration *re
     memcpy(prior->before + SHARE, evidence->known->share, sizeof evidence->known->share);
 }
 
-/* The prior precision and the equations of cells without walls; in_register: the fit that gives the variances of errors
- * there. */
+/* The prior precision, and the equations of cells without walls, with variances by the fit in register. */
 static bool expect_smooth(const WallFit *fit, const InkFit *in_register, WallPrior *prior) {
     const size_t all = SHARE + fit->evidence->shares;
     double geometry[GEOMETRY * GEOMETRY];
-    if (!invert_definite(GEOMETRY, prior->covariance, geometry) ||
-        !smooth_prior(fit->evidence, all, prior->precision + DATUM * (all + 1)))
+    if (!invert_definite(GEOMETRY, prior->covariance, geometry))
         return false;
     copy_block(GEOMETRY, geometry, GEOMETRY, prior->precision, all);
-    prior->elsewhere =
-        smooth_sums(fit->evidence, fit->evidence->walls, is_misfit(in_register) ? in_register->misfit : NULL);
-    return true;
+    return smooth_equations(fit->evidence, fit->evidence->walls, in_register, all, prior->precision + DATUM * (all + 1),
+                            prior->side + DATUM);
 }
 
-/* Adds the equations of datum and shares from the cells that are no walls. */
-static void add_elsewhere(const WallPrior *prior, const double *x, size_t shares, double *matrix, double *side) {
-    const size_t n = DATUM_TERMS + shares, all = GEOMETRY + n;
-    for (size_t a = 0; a < n; a++) {
-        side[DATUM + a] += prior->elsewhere.side[a];
-        for (size_t b = 0; b < n; b++) {
-            side[DATUM + a] -= prior->elsewhere.matrix[a * n + b] * (x[DATUM + b] - prior->before[DATUM + b]);
-            matrix[(DATUM + a) * all + DATUM + b] += prior->elsewhere.matrix[a * n + b];
-        }
-    }
-}
-
-/* The normal equations about x, with the prior. */
+/* The normal equations about x, with the prior; the matrix below the diagonal. */
 static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const double *x, double heat, double *matrix,
                                double *side) {
     const size_t all = SHARE + fit->evidence->shares;
     memcpy(matrix, prior->precision, all * all * sizeof *matrix);
     for (size_t a = 0; a < all; a++) {
-        side[a] = 0.0;
+        side[a] = prior->side[a];
         for (size_t b = 0; b < all; b++)
             side[a] += prior->precision[a * all + b] * (prior->before[b] - x[b]);
     }
-    add_elsewhere(prior, x, fit->evidence->shares, matrix, side);
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
         const double weight = (NU + 1.0) / (NU * (heat * wall->variance) + wall->rest * wall->rest);
@@ -108,9 +90,6 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
                 matrix[a * all + b] += of * wall->column[b];
         }
     }
-    for (size_t a = 0; a < all; a++)
-        for (size_t b = a + 1; b < all; b++)
-            matrix[a * all + b] = matrix[b * all + a];
 }
 
 /* Whether readings are linear from the averaged prediction on: within small changes of spot and shares. */
@@ -235,18 +214,17 @@ static void learn_geometry(const double *x, const double *covariance, size_t all
     copy_block(GEOMETRY, covariance, all, registration->covariance, GEOMETRY);
 }
 
-bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+void fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
                    InkFit *displaced) {
     const size_t all = SHARE + evidence->shares;
     WallFit fit = {.evidence = evidence, .step = SLOPE_STEP};
-    WallPrior prior = {.elsewhere = {.side = {0.0}}};
+    WallPrior prior = {.side = {0.0}};
     double x[FITTED], covariance[ENTRIES_MAX];
     *displaced = *in_register;
     displaced->droplets = 0;
     expect_geometry(evidence, registration, &prior);
     mark_walls(evidence, prior.covariance);
-    if (!collect_walls(&fit))
-        return false;
+    collect_walls(&fit);
     average_walls(prior.before, &fit);
     if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
@@ -255,6 +233,4 @@ bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Regi
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);
     }
-    give_maps(fit.walls);
-    return true;
 }

@@ -6,8 +6,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "median.h"
-
 /* two standard deviations: the droplets do not follow the model (assumed) */
 static const double FOREIGN_MISFIT = 4.0;
 
@@ -21,99 +19,6 @@ static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATI
 static const double EVIDENCE_MAX = 500.0;                                                 /* degrees of freedom */
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
-
-/* Memory shared by the threads for misfits: lists of squares by class. */
-typedef struct {
-    const ScanEvidence *evidence;
-    const InkFit *fit;
-    ValueLists lists[CLASSES];
-} MisfitWork;
-
-enum { BASE, DROPLETS }; /* sums over cells with a droplet [m^2] */
-
-/* Appends the chosen values; returns the end. No branch depends on a cell. */
-static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
-    for (size_t k = 0; k < count; k++) {
-        *end = values[k];
-        end += chosen[k];
-    }
-    return end;
-}
-
-static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
-                                 size_t column, size_t count, double *ends[CLASSES]) {
-    const ScanEvidence *evidence = work->evidence;
-    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
-    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
-    const int32_t *pattern = evidence->living.pattern + first;
-    const uint8_t *valid = evidence->valid + first;
-    uint8_t chosen[CLASSES][BLOCK];
-    double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
-    places_in_row(evidence->ny, column, count, w);
-    for (size_t k = 0; k < count; k++)
-        rest[k] = scan[k] - predicted[k];
-    for (size_t s = 0; s < evidence->shares; s++) {
-        const ShareColumn of = share_column(evidence, s);
-        const double change = work->fit->share[s] - evidence->known->share[s];
-        for (size_t k = 0; k < count; k++)
-            rest[k] -= change * (of.factor * of.map[first + k]);
-    }
-    for (size_t k = 0; k < count; k++) {
-        const double left = rest[k] - datum_in_row(row, w[k]);
-        base[k] = evidence->noise_variance + variance[k];
-        square[k] = left * left / (base[k] + evidence->droplet_variance * squares[k]);
-    }
-    for (size_t k = 0; k < count; k++) {
-        const uint8_t reached = (valid[k] != 0) & (squares[k] > 0.0), own = pattern[k] > 0;
-        chosen[OWN][k] = reached & own;
-        chosen[SPILL][k] = reached & !own;
-    }
-    for (size_t k = 0; k < count; k++) {
-        base[k] = chosen[OWN][k] ? base[k] : 0.0;
-        droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
-    }
-    evidence->sums[chunk].sum[BASE] += lane_sum(base, count);
-    evidence->sums[chunk].sum[DROPLETS] += lane_sum(droplets, count);
-    for (size_t class = 0; class < CLASSES; class++)
-        ends[class] = append(square, chosen[class], count, ends[class]);
-}
-
-static INLINED void misfit_rows(void *context, const RowRange *range) {
-    MisfitWork *work = context;
-    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
-    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        const size_t begin = chunk_row(nx, chunk) * ny;
-        double *ends[CLASSES] = {work->evidence->lists[OWN] + begin, work->evidence->lists[SPILL] + begin};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
-            double row[ROW_TERMS];
-            datum_of_row(work->fit->datum, place_on(i, nx), row);
-            for (size_t column = 0; column < ny; column += BLOCK) {
-                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
-                misfit_cells(work, chunk, row, i * ny + column, column, count, ends);
-            }
-        }
-        for (size_t class = 0; class < CLASSES; class++)
-            work->evidence->sums[chunk].count[class] = work->lists[class].lengths[chunk] =
-                (size_t)(ends[class] - (work->evidence->lists[class] + begin));
-    }
-}
-
-CLONED_ROW_WORK(misfit_range, misfit_rows)
-
-void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
-    MisfitWork work = {.evidence = evidence, .fit = fit};
-    for (size_t class = 0; class < CLASSES; class++)
-        work.lists[class] = (ValueLists){.nx = evidence->nx, .ny = evidence->ny, .map = evidence->lists[class]};
-    const CellSums sums = over_rows(evidence, misfit_range, &work);
-    const double droplets = fmax((double)sums.count[OWN], 1.0);
-    fit->droplets = sums.count[OWN];
-    fit->mean_base = sums.sum[BASE] / droplets;
-    fit->mean_droplets = sums.sum[DROPLETS] / droplets;
-    for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] = sums.count[class] < LEAST_READINGS
-                                 ? 1.0
-                                 : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
-}
 
 bool is_foreign(double misfit) {
     return misfit >= FOREIGN_MISFIT;
@@ -214,9 +119,10 @@ bool take_scan(const ScanEvidence *evidence) {
     Registration *registration = &known->registration;
     const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
-    if (!fit_in_register(evidence, &in_register) ||
-        (is_registered && !fit_displaced(evidence, &in_register, registration, &displaced)))
+    if (!fit_in_register(evidence, &in_register))
         return false;
+    if (is_registered)
+        fit_displaced(evidence, &in_register, registration, &displaced);
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;

@@ -27,9 +27,7 @@ static double process_variance(const MapUpdate *update, size_t cell) {
     const ScanEvidence *evidence = update->evidence;
     const double squares = evidence->increments.squares[cell];
     const double droplets = evidence->droplet_variance * squares;
-    const double extra = evidence->living.pattern[cell] > 0 ? update->extra[OWN]
-                         : squares > 0.0                    ? update->extra[SPILL]
-                                                            : 0.0;
+    const double extra = squares > 0.0 ? update->extra[class_of(evidence, cell)] : 0.0;
     const double variance = evidence->variance[cell] + droplets + extra * native_variance(evidence, cell);
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
@@ -90,22 +88,11 @@ static void forget_dry(const ScanEvidence *evidence, size_t dry) {
         memcpy(evidence->after->dead_evidence, evidence->before->dead_evidence, evidence->cells * sizeof(double));
 }
 
-/* Residual datum of the fit along a row, and its variance. */
-typedef struct {
-    double left[ROW_TERMS], variance[ROW_VARIANCE_TERMS];
-} DatumRow;
-
-static DatumRow datum_row(const MapUpdate *update, size_t i) {
-    const double u = place_on(i, update->evidence->nx);
-    DatumRow row;
-    datum_of_row(update->fit->datum, u, row.left);
-    datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
-    return row;
-}
-
-static double variance_of(const DatumRow *row, double w) {
-    const double *of = row->variance;
-    return of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
+/* Variance of a reading at (u, w) by the residual datum [m^2]. */
+static double datum_variance(const MapUpdate *update, double u, double w) {
+    double term[DATUM_TERMS];
+    datum_terms(u, w, term);
+    return variance_along(DATUM_TERMS, update->fit->datum_covariance, term);
 }
 
 static void update_rows(void *context, const RowRange *range) {
@@ -115,24 +102,23 @@ static void update_rows(void *context, const RowRange *range) {
     const size_t nx = evidence->nx, ny = evidence->ny;
     const double *predicted = evidence->predicted;
     CellSums sums = {.count = {0}};
-    for (size_t i = range->top; i < range->bottom; i++) {
-        const DatumRow row = datum_row(update, i);
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double expected = predicted[cell] + share_change(evidence, update->fit->share, cell);
             double spread = process_variance(update, cell), rest = 0.0, gain = 0.0, variance = 1.0;
             after->unseen[cell] = evidence->valid[cell] ? 0 : before->unseen[cell] + 1;
             if (evidence->valid[cell]) {
-                const double w = place_on(j, ny);
-                rest = evidence->scan[cell] - datum_in_row(row.left, w) - expected;
-                double error = evidence->noise_variance + variance_of(&row, w);
+                const double u = place_on(i, nx), w = place_on(j, ny);
+                rest = evidence->scan[cell] - datum_at(update->fit->datum, u, w) - expected;
+                double error = evidence->noise_variance + datum_variance(update, u, w);
                 if (update->geometry && evidence->walls[cell]) {
                     const double up = predicted[i > 0 ? cell - ny : cell],
                                  down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
                     const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), evidence->spread_slope[cell]};
-                    error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
+                    error += geometry_variance(update->geometry, &slopes, u, w);
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, error, spread, &sums);
@@ -144,7 +130,6 @@ static void update_rows(void *context, const RowRange *range) {
             after->height[cell] = expected + gain * rest;
             after->variance[cell] = (1.0 - gain) * spread;
         }
-    }
     evidence->sums[range->chunk] = sums;
 }
 
@@ -180,8 +165,7 @@ static void look_at_readings(void *context, const RowRange *range) {
     const double *g = update->displaced;
     const ReadingMaps maps = reading_maps(evidence);
     CellSums sums = {.count = {0}};
-    for (size_t i = range->top; i < range->bottom; i++) {
-        const DatumRow row = datum_row(update, i);
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double u = place_on(i, nx), w = place_on(j, ny);
@@ -193,15 +177,15 @@ static void look_at_readings(void *context, const RowRange *range) {
             const Spot spot = spot_of(g, nx, ny, i, j);
             const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, SLOPE_STEP);
             const double known = value_at(evidence->after->variance, &reading.place);
-            const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
-            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
+            const double rest = evidence->scan[cell] - datum_at(update->fit->datum, u, w) - reading.value;
+            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) +
+                                 datum_variance(update, u, w) +
                                  geometry_variance(update->geometry, &reading.slopes, u, w);
             const Belief belief = believe(update, cell, rest, error, known, &sums);
             maps.weight[cell] = 1.0 / belief.error;
             maps.off[cell] = rest / belief.error;
             maps.jump[cell] = belief.jump;
         }
-    }
     evidence->sums[range->chunk] = sums;
 }
 

@@ -17,15 +17,12 @@ static const double UNSURE = 1e-6;        /* variance of heights after a person 
 static void take_datum_off(void *context, const RowRange *range) {
     const ScanEvidence *evidence = context;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    for (size_t i = range->top; i < range->bottom; i++) {
-        double row[ROW_TERMS];
-        datum_of_row(evidence->datum.term, place_on(i, nx), row);
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const double datum = datum_in_row(row, place_on(j, ny));
+            const double datum = datum_at(evidence->datum.term, place_on(i, nx), place_on(j, ny));
             evidence->scan[cell] = evidence->valid[cell] ? evidence->measured[cell] - datum : 0.0;
         }
-    }
 }
 
 static void keep_rows(void *context, const RowRange *range) {

@@ -13,22 +13,6 @@ static const double BORDER = 4.0;
 static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
 enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
 
-ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
-    const InkPrior *prior = &evidence->options->ink;
-    const size_t cells = evidence->cells;
-    const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
-    return (ShareColumn){evidence->increments.adds + share * cells, factor};
-}
-
-double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
-    double change = 0.0;
-    for (size_t k = 0; k < evidence->shares; k++) {
-        const ShareColumn column = share_column(evidence, k);
-        change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
-    }
-    return change;
-}
-
 /* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */
 static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     double sum = 1.0;
@@ -186,16 +170,21 @@ double sensor_variance(const ScanEvidence *evidence, const Reading *reading, dou
     return evidence->noise_variance + view + border_variance(evidence, reading, averaged);
 }
 
-double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w) {
-    double column[GEOMETRY], sum = 0.0;
-    geometry_column(slopes, u, w, column);
-    for (size_t a = 0; a < GEOMETRY; a++) {
-        double line = 0.5 * covariance[a * GEOMETRY + a] * column[a];
+double variance_along(size_t n, const double *covariance, const double *column) {
+    double sum = 0.0;
+    for (size_t a = 0; a < n; a++) {
+        double line = 0.5 * covariance[a * n + a] * column[a];
         for (size_t b = 0; b < a; b++)
-            line += covariance[a * GEOMETRY + b] * column[b];
+            line += covariance[a * n + b] * column[b];
         sum += 2.0 * line * column[a];
     }
     return sum;
+}
+
+double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w) {
+    double column[GEOMETRY];
+    geometry_column(slopes, u, w, column);
+    return variance_along(GEOMETRY, covariance, column);
 }
 
 void reversed(const double g[GEOMETRY], size_t nx, size_t ny, double back[GEOMETRY]) {

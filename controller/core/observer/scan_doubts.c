@@ -50,18 +50,16 @@ static void add_residuals(void *context, const RowRange *range) {
     const size_t nx = evidence->nx, ny = evidence->ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         CellSums sums = {.count = {0}};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
-            double row[ROW_TERMS];
-            datum_of_row(of->datum.term, place_on(i, nx), row);
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++)
             for (size_t j = 0; j < ny; j++) {
                 const size_t cell = i * ny + j;
                 if (!of->valid[cell] || !evidence->walls[cell])
                     continue;
-                const double rest = of->scan[cell] - of->expected[cell] - datum_in_row(row, place_on(j, ny));
+                const double rest =
+                    of->scan[cell] - of->expected[cell] - datum_at(of->datum.term, place_on(i, nx), place_on(j, ny));
                 sums.sum[0] += rest * rest < of->most ? rest * rest : of->most;
                 sums.count[0]++;
             }
-        }
         evidence->sums[chunk] = sums;
     }
 }

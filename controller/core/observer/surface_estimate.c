@@ -141,10 +141,6 @@ Knowledge first_knowledge(const EstimatorOptions *options) {
     return known;
 }
 
-static double spot_error(const Registration *registration) {
-    return sqrt(registration->covariance[SPREAD * GEOMETRY + SPREAD]);
-}
-
 bool is_spill_foreign(const LoopTrust *trust) {
     return trust->spill > SPILL_MAX;
 }
@@ -170,7 +166,8 @@ bool is_probe(int64_t layer) {
 
 /* Reports the estimated geometry of the scans. */
 static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
-    const double *covariance = registration->covariance, *g = registration->estimate, error = spot_error(registration);
+    const double *covariance = registration->covariance, *g = registration->estimate;
+    const double error = sqrt(covariance[SPREAD * (GEOMETRY + 1)]);
     const double rise = half_of(nx), run = half_of(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
     figures->shift_x = g[SHIFT_X];
     figures->shift_y = g[SHIFT_Y];
