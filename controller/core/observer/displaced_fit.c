@@ -122,33 +122,23 @@ static double cost_of_walls(const WallPrior *prior, const double *x, WallFit *fi
     return cost;
 }
 
-/* Tries shifts about x, `times` steps of `distance` to each side; the best stays in x. */
-static void try_shifts(const WallPrior *prior, int times, double distance, WallFit *fit, double *x) {
-    const double at[2] = {x[SHIFT_X], x[SHIFT_Y]};
-    double trial[FITTED], least = cost_of_walls(prior, x, fit);
-    memcpy(trial, x, sizeof trial);
-    for (int i = -times; i <= times; i++)
-        for (int j = -times; j <= times; j++) {
-            trial[SHIFT_X] = at[0] + distance * (double)i;
-            trial[SHIFT_Y] = at[1] + distance * (double)j;
+/* The best shift by whole cells, where it is not known: Gauss-Newton steps find no minimum further away. */
+static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+    double trial[FITTED], least = INFINITY;
+    memcpy(trial, prior->before, sizeof trial);
+    memcpy(x, prior->before, sizeof trial);
+    if (fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]) < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
+        return;
+    for (int i = -SHIFTS_TRIED; i <= SHIFTS_TRIED; i++)
+        for (int j = -SHIFTS_TRIED; j <= SHIFTS_TRIED; j++) {
+            trial[SHIFT_X] = prior->before[SHIFT_X] + (double)i;
+            trial[SHIFT_Y] = prior->before[SHIFT_Y] + (double)j;
             const double cost = cost_of_walls(prior, trial, fit);
             if (cost < least) {
                 least = cost;
                 memcpy(x, trial, sizeof trial);
             }
         }
-}
-
-/* The best shift by whole cells, then by half cells, where it is not known: Gauss-Newton steps find no minimum further
- * away. */
-static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
-    const bool is_known = fit->evidence->known->registration.is_displaced;
-    const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
-    if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
-        return;
-    try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
-    if (is_known || x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
-        try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* A spot of a variance below `least` is none: the other unknowns given that. Limiting it alone would leave ink and
@@ -164,7 +154,6 @@ static void leave_out_spot(double least, const double *covariance, size_t all, d
 static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
     const size_t all = SHARE + fit->evidence->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];
-    memcpy(x, prior->before, sizeof prior->before);
     begin_at_best(prior, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
