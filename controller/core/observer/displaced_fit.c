@@ -9,7 +9,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "median.h"
 #include "small_algebra.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
@@ -34,11 +33,11 @@ static const double UNKNOWN_SHIFT = 0.3;
 enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 
-bool may_be_displaced(const Registration *registration) {
-    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
-    double last[REMEMBERED];
-    memcpy(last, registration->misfits, sizeof last);
-    return !is_foreign(median(last, fits));
+/* Averages the prediction with the ink of the unknowns over their spot. */
+static void average_walls(const double *x, WallFit *fit) {
+    fit->spread = fmax(x[SPREAD], 0.0);
+    memcpy(fit->share, x + SHARE, sizeof fit->share);
+    average_prediction(fit->evidence, fit->share, fit->spread);
 }
 
 /* Prior of the unknowns: geometry, datum, shares. `precision` and `side` have the normal equations of the cells that

@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "median.h"
+
 /* two standard deviations: the droplets do not follow the model (assumed) */
 static const double FOREIGN_MISFIT = 4.0;
 
@@ -20,12 +22,20 @@ static const double EVIDENCE_MAX = 500.0;                                       
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
 
-bool is_foreign(double misfit) {
+/* Whether so many variances are more than sensor and model's droplets explain. */
+static bool is_foreign(double misfit) {
     return misfit >= FOREIGN_MISFIT;
 }
 
 bool is_misfit(const InkFit *fit) {
     return is_foreign(fmax(fit->misfit[OWN], fit->misfit[SPILL]));
+}
+
+bool may_be_displaced(const Registration *registration) {
+    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
+    double last[REMEMBERED];
+    memcpy(last, registration->misfits, sizeof last);
+    return !is_foreign(median(last, fits));
 }
 
 /* Variation of the droplets, by the residuals of the growth of cells. */
@@ -70,11 +80,6 @@ static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     return is_foreign(lasting) || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
-/* Whether most surprises of earlier scans lasted: then readings are believed at once. */
-static bool do_surprises_last(const Knowledge *known) {
-    return known->lasting > LASTING * known->vanishing + FEW_LAST;
-}
-
 /* Learns the shares of surprises that vanished (errors of the sensor) and lasted (changes of the cells). */
 static void learn_surprises(const size_t found[], Knowledge *known) {
     const double seen = fmax((double)found[SEEN], 1.0);
@@ -98,19 +103,19 @@ static CellSums update_maps(const ScanEvidence *evidence, const InkFit *fit, boo
     const Knowledge *known = evidence->after->known;
     const bool is_displaced = known->registration.is_displaced;
     const double *g = known->registration.estimate;
+    /* most surprises of earlier scans lasted: readings are believed at once */
+    const bool do_last = known->lasting > LASTING * known->vanishing + FEW_LAST;
     double doubtful[GEOMETRY * GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
     MapUpdate update = {.evidence = evidence,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,
-                        .is_robust =
-                            (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known)};
+                        .is_robust = (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_last};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
     if (!is_displaced)
         return update_in_register(&update);
     average_prediction(evidence, fit->share, g[SPREAD]);
-    memcpy(update.displaced, g, sizeof update.displaced);
     return update_displaced(&update);
 }
 

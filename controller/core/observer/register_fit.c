@@ -14,9 +14,12 @@
 static const double SHARE_STEP = 0.004, FULL_STEP = 0.014;
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
 
-/* Normal equations of a chunk of rows; below the diagonal. */
+enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };         /* unknowns */
+enum { POWERS = 3, ROW_MAX = POWERS + SHARES_MAX + 1 }; /* columns of a row */
+
+/* Normal equations of a chunk of rows. */
 typedef struct {
-    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
+    double matrix[SMOOTH_MAX][SMOOTH_MAX], side[SMOOTH_MAX];
 } SmoothSums;
 
 /* Memory of the normal equations, shared by the threads; larger: factor of the variances in each class. */
@@ -27,36 +30,54 @@ typedef struct {
     SmoothSums sums[CHUNKS];
 } SmoothWork;
 
-/* Adds the reading of a cell at (u, w). */
-static void add_reading(const SmoothWork *work, size_t cell, double u, double w, SmoothSums *sums) {
+/* Adds products of the columns of a cell to those of its row: 1, w, w^2, shares, and the residual. */
+static INLINED void add_reading(const SmoothWork *work, size_t shares, size_t cell, double w,
+                                double row[ROW_MAX][ROW_MAX]) {
     const ScanEvidence *evidence = work->evidence;
-    const size_t n = DATUM_TERMS + evidence->shares;
+    const size_t n = POWERS + shares + 1;
     const double rest = evidence->scan[cell] - evidence->predicted[cell];
     const double variance = work->larger[class_of(evidence, cell)] * native_variance(evidence, cell);
     const double weight = (NU + 1.0) / (NU * variance + rest * rest);
-    double column[SMOOTH_MAX];
-    datum_terms(u, w, column);
-    for (size_t s = 0; s < evidence->shares; s++)
-        column[DATUM_TERMS + s] = share_column(evidence, s).factor * share_column(evidence, s).map[cell];
-    for (size_t a = 0; a < n; a++) {
-        const double of = weight * column[a];
-        sums->side[a] += of * rest;
+    double column[ROW_MAX] = {1.0, w, w * w};
+    for (size_t s = 0; s < shares; s++)
+        column[POWERS + s] = share_column(evidence, s).factor * share_column(evidence, s).map[cell];
+    column[n - 1] = rest;
+    for (size_t a = 0; a < n; a++)
         for (size_t b = 0; b <= a; b++)
-            sums->matrix[a * n + b] += of * column[b];
+            row[a][b] += weight * column[a] * column[b];
+}
+
+/* Adds the products of a row at u to the normal equations: each unknown is a factor times a column of the row. */
+static void add_row(double row[ROW_MAX][ROW_MAX], double u, size_t shares, SmoothSums *sums) {
+    const double factor[SMOOTH_MAX] = {1.0, u, 1.0, u * u, u, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
+    static const size_t COLUMN[SMOOTH_MAX] = {0, 0, 1, 0, 1, 2, 3, 4, 5, 6, 7, 8};
+    for (size_t a = 0; a < DATUM_TERMS + shares; a++) {
+        const size_t of = COLUMN[a];
+        sums->side[a] += factor[a] * row[POWERS + shares][of];
+        for (size_t b = 0; b < DATUM_TERMS + shares; b++)
+            sums->matrix[a][b] += factor[a] * factor[b] * (of > COLUMN[b] ? row[of][COLUMN[b]] : row[COLUMN[b]][of]);
     }
 }
 
-static void smooth_rows(void *context, const RowRange *range) {
-    SmoothWork *work = context;
+/* Adds some rows; shares: of the evidence, a constant for the compiler. */
+static INLINED void add_rows(SmoothWork *work, const RowRange *range, size_t shares) {
     const size_t nx = work->evidence->nx, ny = work->evidence->ny;
-    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        SmoothSums sums = {{0.0}, {0.0}};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++)
-            for (size_t j = 0; j < ny; j++)
-                if (is_reached(work->evidence, i * ny + j) && !(work->left_out && work->left_out[i * ny + j]))
-                    add_reading(work, i * ny + j, place_on(i, nx), place_on(j, ny), &sums);
-        work->sums[chunk] = sums;
-    }
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++)
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_MAX][ROW_MAX] = {{0.0}};
+            for (size_t cell = i * ny; cell < (i + 1) * ny; cell++)
+                if (is_reached(work->evidence, cell) && !(work->left_out && work->left_out[cell]))
+                    add_reading(work, shares, cell, place_on(cell - i * ny, ny), row);
+            add_row(row, place_on(i, nx), shares, &work->sums[chunk]);
+        }
+}
+
+static void smooth_rows(void *context, const RowRange *range) {
+    const size_t shares = ((SmoothWork *)context)->evidence->shares;
+    if (shares == 1)
+        add_rows(context, range, 1);
+    else
+        add_rows(context, range, shares);
 }
 
 double share_within(double share) {
@@ -97,7 +118,7 @@ bool smooth_equations(const ScanEvidence *evidence, const uint8_t *left_out, con
         for (size_t a = 0; a < n; a++) {
             side[a] += sums->side[a];
             for (size_t b = 0; b < n; b++)
-                matrix[a * stride + b] += sums->matrix[a < b ? b * n + a : a * n + b];
+                matrix[a * stride + b] += sums->matrix[a][b];
         }
     return true;
 }

@@ -150,9 +150,6 @@ typedef struct {
     size_t droplets; /* number of cells with a droplet */
 } InkFit;
 
-/* Whether so many variances are more than sensor and model's droplets explain. */
-bool is_foreign(double misfit);
-
 /* Whether a fit leaves more than sensor and model's droplets explain. */
 bool is_misfit(const InkFit *fit);
 
@@ -171,7 +168,6 @@ double share_within(double share);
 /* Normal equations of datum and changes of the shares by the cells not in `left_out`, with the prior, in rows of
  * `stride` of a matrix of 0. last: the last fit, whose misfit scales the variances. False if the prior is not
  * definite. */
-enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
 bool smooth_equations(const ScanEvidence *evidence, const uint8_t *left_out, const InkFit *last, size_t stride,
                       double *matrix, double *side);
 
@@ -206,9 +202,6 @@ void mark_walls(const ScanEvidence *evidence, const double *covariance);
 /* Finds the readings on marked cells. */
 void collect_walls(WallFit *fit);
 
-/* Averages the prediction with the ink of the unknowns over their spot. */
-void average_walls(const double *x, WallFit *fit);
-
 /* Residuals and derivatives of the readings for the unknowns x. */
 void look_at_walls(const double *x, WallFit *fit);
 
@@ -240,7 +233,7 @@ typedef struct {
     const double *geometry; /* covariance of the geometry for readings at walls; NULL: none */
     double extra[CLASSES];  /* process noise in addition to that of droplets, in native variances */
     bool is_robust;
-    double displaced[GEOMETRY], back[GEOMETRY]; /* geometry of a displaced scan, and its inverse */
+    double back[GEOMETRY]; /* inverse geometry of a displaced scan */
 } MapUpdate;
 
 /* Counts of an update: readings; surprises of the scan before that vanished, and that lasted; cells without growth. */

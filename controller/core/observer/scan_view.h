@@ -110,9 +110,6 @@ static inline void geometry_column(const Slopes *slopes, double u, double w, dou
            GEOMETRY * sizeof *column);
 }
 
-/* Variance of the sum of n unknowns of this covariance, each times its entry of the column. */
-double variance_along(size_t n, const double *covariance, const double *column);
-
 /* Variance of a reading at (u, w) through the geometry [m^2]. */
 double geometry_variance(const double *covariance, const Slopes *slopes, double u, double w);
 

@@ -44,12 +44,6 @@ void collect_walls(WallFit *fit) {
     }
 }
 
-void average_walls(const double *x, WallFit *fit) {
-    fit->spread = fmax(x[SPREAD], 0.0);
-    memcpy(fit->share, x + SHARE, sizeof fit->share);
-    average_prediction(fit->evidence, fit->share, fit->spread);
-}
-
 static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
     const ScanEvidence *evidence = fit->evidence;
     const size_t nx = evidence->nx, ny = evidence->ny;
