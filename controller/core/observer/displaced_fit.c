@@ -9,8 +9,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "map_memory.h"
-#include "median.h"
 #include "small_algebra.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
@@ -37,18 +35,17 @@ static const double UNKNOWN_SHIFT = 0.3;
 enum { SHIFTS_TRIED = 3, ROUNDS = 30, COLD_ROUNDS = 2 };
 _Static_assert((int)FITTED <= (int)UNKNOWNS_MAX, "solved for together");
 
-bool may_be_displaced(const Registration *registration) {
-    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
-    double last[REMEMBERED];
-    memcpy(last, registration->misfits, sizeof last);
-    return !is_foreign(median(last, fits));
+/* Averages the prediction with the ink of the unknowns over their spot. */
+static void average_walls(const double *x, WallFit *fit) {
+    fit->spread = fmax(x[SPREAD], 0.0);
+    memcpy(fit->share, x + SHARE, sizeof fit->share);
+    average_prediction(fit->evidence, fit->share, fit->spread);
 }
 
-/* Prior of the unknowns: geometry, datum, shares. */
+/* Prior of the unknowns: geometry, datum, shares. `precision` and `side` have the normal equations of the cells that
+ * are no walls, too, as in register: the surface is flat there. */
 typedef struct {
-    double before[FITTED], precision[FITTED * FITTED], covariance[GEOMETRY * GEOMETRY];
-    /* normal equations of the cells that are no walls, as in register: the surface is flat there */
-    SmoothSums elsewhere;
+    double before[FITTED], precision[FITTED * FITTED], side[FITTED], covariance[GEOMETRY * GEOMETRY];
 } WallPrior;
 
 /* Unknowns and covariance of the geometry before the scan. */
@@ -63,43 +60,27 @@ static void expect_geometry(const ScanEvidence *evidence, const Registration *re
     memcpy(prior->before + SHARE, evidence->known->share, sizeof evidence->known->share);
 }
 
-/* The prior precision and the equations of cells without walls; in_register: the fit that gives the variances of errors
- * there. */
+/* The prior precision, and the equations of cells without walls, with variances by the fit in register. */
 static bool expect_smooth(const WallFit *fit, const InkFit *in_register, WallPrior *prior) {
     const size_t all = SHARE + fit->evidence->shares;
     double geometry[GEOMETRY * GEOMETRY];
-    if (!invert_definite(GEOMETRY, prior->covariance, geometry) ||
-        !smooth_prior(fit->evidence, all, prior->precision + DATUM * (all + 1)))
+    if (!invert_definite(GEOMETRY, prior->covariance, geometry))
         return false;
     copy_block(GEOMETRY, geometry, GEOMETRY, prior->precision, all);
-    prior->elsewhere =
-        smooth_sums(fit->evidence, fit->evidence->walls, is_misfit(in_register) ? in_register->misfit : NULL);
-    return true;
+    return smooth_equations(fit->evidence, fit->evidence->walls, in_register, all, prior->precision + DATUM * (all + 1),
+                            prior->side + DATUM);
 }
 
-/* Adds the equations of datum and shares from the cells that are no walls. */
-static void add_elsewhere(const WallPrior *prior, const double *x, size_t shares, double *matrix, double *side) {
-    const size_t n = DATUM_TERMS + shares, all = GEOMETRY + n;
-    for (size_t a = 0; a < n; a++) {
-        side[DATUM + a] += prior->elsewhere.side[a];
-        for (size_t b = 0; b < n; b++) {
-            side[DATUM + a] -= prior->elsewhere.matrix[a * n + b] * (x[DATUM + b] - prior->before[DATUM + b]);
-            matrix[(DATUM + a) * all + DATUM + b] += prior->elsewhere.matrix[a * n + b];
-        }
-    }
-}
-
-/* The normal equations about x, with the prior. */
+/* The normal equations about x, with the prior; the matrix below the diagonal. */
 static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const double *x, double heat, double *matrix,
                                double *side) {
     const size_t all = SHARE + fit->evidence->shares;
     memcpy(matrix, prior->precision, all * all * sizeof *matrix);
     for (size_t a = 0; a < all; a++) {
-        side[a] = 0.0;
+        side[a] = prior->side[a];
         for (size_t b = 0; b < all; b++)
             side[a] += prior->precision[a * all + b] * (prior->before[b] - x[b]);
     }
-    add_elsewhere(prior, x, fit->evidence->shares, matrix, side);
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
         const double weight = (NU + 1.0) / (NU * (heat * wall->variance) + wall->rest * wall->rest);
@@ -110,9 +91,6 @@ static void equations_of_walls(const WallFit *fit, const WallPrior *prior, const
                 matrix[a * all + b] += of * wall->column[b];
         }
     }
-    for (size_t a = 0; a < all; a++)
-        for (size_t b = a + 1; b < all; b++)
-            matrix[a * all + b] = matrix[b * all + a];
 }
 
 /* Whether readings are linear from the averaged prediction on: within small changes of spot and shares. */
@@ -145,33 +123,23 @@ static double cost_of_walls(const WallPrior *prior, const double *x, WallFit *fi
     return cost;
 }
 
-/* Tries shifts about x, `times` steps of `distance` to each side; the best stays in x. */
-static void try_shifts(const WallPrior *prior, int times, double distance, WallFit *fit, double *x) {
-    const double at[2] = {x[SHIFT_X], x[SHIFT_Y]};
-    double trial[FITTED], least = cost_of_walls(prior, x, fit);
-    memcpy(trial, x, sizeof trial);
-    for (int i = -times; i <= times; i++)
-        for (int j = -times; j <= times; j++) {
-            trial[SHIFT_X] = at[0] + distance * (double)i;
-            trial[SHIFT_Y] = at[1] + distance * (double)j;
+/* The best shift by whole cells, where it is not known: Gauss-Newton steps find no minimum further away. */
+static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
+    double trial[FITTED], least = INFINITY;
+    memcpy(trial, prior->before, sizeof trial);
+    memcpy(x, prior->before, sizeof trial);
+    if (fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]) < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
+        return;
+    for (int i = -SHIFTS_TRIED; i <= SHIFTS_TRIED; i++)
+        for (int j = -SHIFTS_TRIED; j <= SHIFTS_TRIED; j++) {
+            trial[SHIFT_X] = prior->before[SHIFT_X] + (double)i;
+            trial[SHIFT_Y] = prior->before[SHIFT_Y] + (double)j;
             const double cost = cost_of_walls(prior, trial, fit);
             if (cost < least) {
                 least = cost;
                 memcpy(x, trial, sizeof trial);
             }
         }
-}
-
-/* The best shift by whole cells, then by half cells, where it is not known: Gauss-Newton steps find no minimum further
- * away. */
-static void begin_at_best(const WallPrior *prior, WallFit *fit, double *x) {
-    const bool is_known = fit->evidence->known->registration.is_displaced;
-    const double spread = fmax(prior->covariance[0], prior->covariance[GEOMETRY + 1]);
-    if (spread < UNKNOWN_SHIFT * UNKNOWN_SHIFT)
-        return;
-    try_shifts(prior, SHIFTS_TRIED, 1.0, fit, x);
-    if (is_known || x[SHIFT_X] != prior->before[SHIFT_X] || x[SHIFT_Y] != prior->before[SHIFT_Y])
-        try_shifts(prior, 1, 0.5, fit, x);
 }
 
 /* A spot of a variance below `least` is none: the other unknowns given that. Limiting it alone would leave ink and
@@ -187,7 +155,6 @@ static void leave_out_spot(double least, const double *covariance, size_t all, d
 static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double *covariance) {
     const size_t all = SHARE + fit->evidence->shares;
     double matrix[ENTRIES_MAX], side[UNKNOWNS_MAX];
-    memcpy(x, prior->before, sizeof prior->before);
     begin_at_best(prior, fit, x);
     for (int round = 0; round < ROUNDS; round++) {
         double before[FITTED];
@@ -231,9 +198,8 @@ static bool stands_out(const double *x, const double *covariance, size_t all, do
  * displacement that explains the first scans and later ones not is none: droplets land off their cells. */
 static void learn_geometry(const double *x, const double *covariance, size_t all, double misfit, double gained,
                            Registration *registration) {
-    if (registration->fits >= REMEMBERED)
-        memmove(registration->misfits, registration->misfits + 1, (REMEMBERED - 1) * sizeof misfit);
-    registration->misfits[registration->fits < REMEMBERED ? registration->fits : REMEMBERED - 1] = misfit;
+    memmove(registration->misfits + 1, registration->misfits, (REMEMBERED - 1) * sizeof misfit);
+    registration->misfits[0] = misfit;
     registration->fits++;
     registration->odds = fmin(LARGEST_ODDS, fmax(LEAST_ODDS, registration->odds + TEMPER * gained - PRICE));
     for (size_t k = 0; k < 2 && registration->fits > 1 && may_be_displaced(registration); k++) {
@@ -251,18 +217,17 @@ static void learn_geometry(const double *x, const double *covariance, size_t all
     copy_block(GEOMETRY, covariance, all, registration->covariance, GEOMETRY);
 }
 
-bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+void fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
                    InkFit *displaced) {
     const size_t all = SHARE + evidence->shares;
     WallFit fit = {.evidence = evidence, .step = SLOPE_STEP};
-    WallPrior prior = {.elsewhere = {.side = {0.0}}};
+    WallPrior prior = {.side = {0.0}};
     double x[FITTED], covariance[ENTRIES_MAX];
     *displaced = *in_register;
     displaced->droplets = 0;
     expect_geometry(evidence, registration, &prior);
     mark_walls(evidence, prior.covariance);
-    if (!collect_walls(&fit))
-        return false;
+    collect_walls(&fit);
     average_walls(prior.before, &fit);
     if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
         solve_walls(&prior, &fit, x, covariance)) {
@@ -271,6 +236,4 @@ bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Regi
         const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);
     }
-    give_maps(fit.walls);
-    return true;
 }

@@ -22,111 +22,20 @@ static const double EVIDENCE_MAX = 500.0;                                       
 static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
 
-/* Memory shared by the threads for misfits: lists of squares by class, and sums over cells with a droplet. */
-typedef struct {
-    const ScanEvidence *evidence;
-    const InkFit *fit;
-    ValueLists lists[CLASSES];
-    double base[CHUNKS], droplets[CHUNKS]; /* [m^2] */
-} MisfitWork;
-
-/* Appends the chosen values; returns the end. No branch depends on a cell. */
-static INLINED double *append(const double *values, const uint8_t *chosen, size_t count, double *end) {
-    for (size_t k = 0; k < count; k++) {
-        *end = values[k];
-        end += chosen[k];
-    }
-    return end;
-}
-
-static INLINED void misfit_cells(MisfitWork *work, size_t chunk, const double row[ROW_TERMS], size_t first,
-                                 size_t column, size_t count, double *ends[CLASSES]) {
-    const ScanEvidence *evidence = work->evidence;
-    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
-    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
-    const int32_t *pattern = evidence->living.pattern + first;
-    const uint8_t *valid = evidence->valid + first;
-    uint8_t chosen[CLASSES][BLOCK];
-    double rest[BLOCK], w[BLOCK], square[BLOCK], base[BLOCK], droplets[BLOCK];
-    places_in_row(evidence->ny, column, count, w);
-    for (size_t k = 0; k < count; k++)
-        rest[k] = scan[k] - predicted[k];
-    for (size_t s = 0; s < evidence->shares; s++) {
-        const ShareColumn of = share_column(evidence, s);
-        const double change = work->fit->share[s] - evidence->known->share[s];
-        for (size_t k = 0; k < count; k++)
-            rest[k] -= change * (of.factor * of.map[first + k]);
-    }
-    for (size_t k = 0; k < count; k++) {
-        const double left = rest[k] - datum_in_row(row, w[k]);
-        base[k] = evidence->noise_variance + variance[k];
-        square[k] = left * left / (base[k] + evidence->droplet_variance * squares[k]);
-    }
-    for (size_t k = 0; k < count; k++) {
-        const uint8_t reached = (valid[k] != 0) & (squares[k] > 0.0), own = pattern[k] > 0;
-        chosen[OWN][k] = reached & own;
-        chosen[SPILL][k] = reached & !own;
-    }
-    for (size_t k = 0; k < count; k++) {
-        base[k] = chosen[OWN][k] ? base[k] : 0.0;
-        droplets[k] = chosen[OWN][k] ? squares[k] : 0.0;
-    }
-    work->base[chunk] += lane_sum(base, count);
-    work->droplets[chunk] += lane_sum(droplets, count);
-    for (size_t class = 0; class < CLASSES; class++)
-        ends[class] = append(square, chosen[class], count, ends[class]);
-}
-
-static INLINED void misfit_rows(void *context, const RowRange *range) {
-    MisfitWork *work = context;
-    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
-    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        const size_t begin = chunk_row(nx, chunk) * ny;
-        double *ends[CLASSES] = {work->evidence->lists[OWN] + begin, work->evidence->lists[SPILL] + begin};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
-            double row[ROW_TERMS];
-            datum_of_row(work->fit->datum, place_on(i, nx), row);
-            for (size_t column = 0; column < ny; column += BLOCK) {
-                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
-                misfit_cells(work, chunk, row, i * ny + column, column, count, ends);
-            }
-        }
-        for (size_t class = 0; class < CLASSES; class++)
-            work->lists[class].lengths[chunk] = (size_t)(ends[class] - (work->evidence->lists[class] + begin));
-    }
-}
-
-CLONED_ROW_WORK(misfit_range, misfit_rows)
-
-void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
-    const size_t nx = evidence->nx, ny = evidence->ny;
-    MisfitWork work = {.evidence = evidence, .fit = fit};
-    size_t counts[CLASSES] = {0, 0};
-    double base = 0.0, droplets = 0.0;
-    for (size_t class = 0; class < CLASSES; class++)
-        work.lists[class] = (ValueLists){.nx = nx, .ny = ny, .map = evidence->lists[class]};
-    run_rows(evidence->living.threads, nx, ny, misfit_range, &work);
-    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
-        for (size_t class = 0; class < CLASSES; class++)
-            counts[class] += work.lists[class].lengths[chunk];
-        base += work.base[chunk];
-        droplets += work.droplets[chunk];
-    }
-    fit->droplets = counts[OWN];
-    fit->mean_base = counts[OWN] > 0 ? base / (double)counts[OWN] : 0.0;
-    fit->mean_droplets = counts[OWN] > 0 ? droplets / (double)counts[OWN] : 0.0;
-    for (size_t class = 0; class < CLASSES; class++)
-        fit->misfit[class] = counts[class] < LEAST_READINGS
-                                 ? 1.0
-                                 : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
-}
-
-bool is_foreign(double misfit) {
+/* Whether so many variances are more than sensor and model's droplets explain. */
+static bool is_foreign(double misfit) {
     return misfit >= FOREIGN_MISFIT;
 }
 
 bool is_misfit(const InkFit *fit) {
     return is_foreign(fmax(fit->misfit[OWN], fit->misfit[SPILL]));
+}
+
+bool may_be_displaced(const Registration *registration) {
+    const size_t fits = registration->fits < REMEMBERED ? (size_t)registration->fits : REMEMBERED;
+    double last[REMEMBERED];
+    memcpy(last, registration->misfits, sizeof last);
+    return !is_foreign(median(last, fits));
 }
 
 /* Variation of the droplets, by the residuals of the growth of cells. */
@@ -171,11 +80,6 @@ static bool are_droplets_foreign(const LoopTrust *trust, const InkFit *fit) {
     return is_foreign(lasting) || (is_misfit(fit) && lasting > USUAL_MISFIT);
 }
 
-/* Whether most surprises of earlier scans lasted: then readings are believed at once. */
-static bool do_surprises_last(const Knowledge *known) {
-    return known->lasting > LASTING * known->vanishing + FEW_LAST;
-}
-
 /* Learns the shares of surprises that vanished (errors of the sensor) and lasted (changes of the cells). */
 static void learn_surprises(const size_t found[], Knowledge *known) {
     const double seen = fmax((double)found[SEEN], 1.0);
@@ -199,19 +103,19 @@ static CellSums update_maps(const ScanEvidence *evidence, const InkFit *fit, boo
     const Knowledge *known = evidence->after->known;
     const bool is_displaced = known->registration.is_displaced;
     const double *g = known->registration.estimate;
+    /* most surprises of earlier scans lasted: readings are believed at once */
+    const bool do_last = known->lasting > LASTING * known->vanishing + FEW_LAST;
     double doubtful[GEOMETRY * GEOMETRY];
     doubtful_geometry(&known->registration, doubtful);
     MapUpdate update = {.evidence = evidence,
                         .fit = fit,
                         .geometry = is_displaced || may_be ? doubtful : NULL,
-                        .is_robust =
-                            (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_surprises_last(known)};
+                        .is_robust = (may_be || !are_droplets_foreign(&known->trust, fit)) && !do_last};
     for (size_t class = 0; class < CLASSES && !may_be && !is_displaced; class++)
         update.extra[class] = fmax(fit->misfit[class] - USUAL_MISFIT, 0.0);
     if (!is_displaced)
         return update_in_register(&update);
     average_prediction(evidence, fit->share, g[SPREAD]);
-    memcpy(update.displaced, g, sizeof update.displaced);
     return update_displaced(&update);
 }
 
@@ -220,9 +124,10 @@ bool take_scan(const ScanEvidence *evidence) {
     Registration *registration = &known->registration;
     const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
-    if (!fit_in_register(evidence, &in_register) ||
-        (is_registered && !fit_displaced(evidence, &in_register, registration, &displaced)))
+    if (!fit_in_register(evidence, &in_register))
         return false;
+    if (is_registered)
+        fit_displaced(evidence, &in_register, registration, &displaced);
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;

@@ -73,13 +73,9 @@ static void take_slopes(void *context, const RowRange *range) {
         const double *here = evidence->predicted + i * ny;
         const double *up = i > 0 ? here - ny : here, *down = i + 1 < nx ? here + ny : here;
         double *restrict into = evidence->slopes + i * ny;
-        for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
+        for (size_t j = 0; j < ny; j++) {
             const double along_x = 0.5 * (down[j] - up[j]);
             const double along_y = 0.5 * (here[j + 1 < ny ? j + 1 : j] - here[j > 0 ? j - 1 : j]);
-            into[j] = along_x * along_x + along_y * along_y;
-        }
-        for (size_t j = 1; j + 1 < ny; j++) {
-            const double along_x = 0.5 * (down[j] - up[j]), along_y = 0.5 * (here[j + 1] - here[j - 1]);
             into[j] = along_x * along_x + along_y * along_y;
         }
     }
@@ -93,9 +89,9 @@ bool predict_layer(ScanEvidence *evidence) {
         return false;
     learnt_inks(options, evidence->known, ink);
     const CellSums droplets = over_rows(evidence, keep_living_droplets, evidence);
-    const size_t part = count_marked(options->part, evidence->cells);
+    evidence->part = count_marked(options->part, evidence->cells);
     for (size_t k = 0; k < INKS_MAX; k++)
-        evidence->printed[k] = fmin((double)droplets.count[OF_INKS + k] / fmax((double)part, 1.0), 1.0);
+        evidence->printed[k] = fmin((double)droplets.count[OF_INKS + k] / fmax((double)evidence->part, 1.0), 1.0);
     if (droplets.count[OF_DEAD] > 0)
         evidence->living.factor = evidence->factor;
     droplet_increments(&evidence->living, before->height, options->ink.inks, ink, evidence->averaged,

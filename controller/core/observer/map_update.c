@@ -23,13 +23,13 @@ static const double WHOLE_HEAD = 0.5; /* share of the part without growth above 
 /* weight of readings times variance of the cell, below which the cell counts as not seen */
 static const double NOT_SEEN = 1e-6;
 
+enum { ROW_VARIANCE = 5 };
+
 static double process_variance(const MapUpdate *update, size_t cell) {
     const ScanEvidence *evidence = update->evidence;
     const double squares = evidence->increments.squares[cell];
     const double droplets = evidence->droplet_variance * squares;
-    const double extra = evidence->living.pattern[cell] > 0 ? update->extra[OWN]
-                         : squares > 0.0                    ? update->extra[SPILL]
-                                                            : 0.0;
+    const double extra = squares > 0.0 ? update->extra[class_of(evidence, cell)] : 0.0;
     const double variance = evidence->variance[cell] + droplets + extra * native_variance(evidence, cell);
     return variance > LEAST_VARIANCE ? variance : LEAST_VARIANCE;
 }
@@ -86,27 +86,22 @@ static bool take_dead(const MapUpdate *update, size_t cell, bool is_seen, double
 /* Restores the evidence of dead cells where most of the part did not grow: the ink has run out, no nozzle is to
  * blame. */
 static void forget_dry(const ScanEvidence *evidence, size_t dry) {
-    const size_t part = count_marked(evidence->options->part, evidence->cells);
-    if ((double)dry > WHOLE_HEAD * (double)part)
+    if ((double)dry > WHOLE_HEAD * (double)evidence->part)
         memcpy(evidence->after->dead_evidence, evidence->before->dead_evidence, evidence->cells * sizeof(double));
 }
 
-/* Residual datum of the fit along a row, and its variance. */
-typedef struct {
-    double left[ROW_TERMS], variance[ROW_VARIANCE_TERMS];
-} DatumRow;
-
-static DatumRow datum_row(const MapUpdate *update, size_t i) {
-    const double u = place_on(i, update->evidence->nx);
-    DatumRow row;
-    datum_of_row(update->fit->datum, u, row.left);
-    datum_variance_of_row(update->fit->datum_covariance, u, row.variance);
-    return row;
+/* Coefficients of the powers of w: variance of a reading in the row at u by the residual datum [m^2]. */
+static void row_variance(const MapUpdate *update, double u, double row[ROW_VARIANCE]) {
+    static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
+    const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
+    memset(row, 0, ROW_VARIANCE * sizeof *row);
+    for (size_t i = 0; i < DATUM_TERMS; i++)
+        for (size_t j = 0; j < DATUM_TERMS; j++)
+            row[POWER[i] + POWER[j]] += factor[i] * update->fit->datum_covariance[i * DATUM_TERMS + j] * factor[j];
 }
 
-static double variance_of(const DatumRow *row, double w) {
-    const double *of = row->variance;
-    return of[0] + w * (of[1] + w * (of[2] + w * (of[3] + w * of[4])));
+static double datum_variance(const double row[ROW_VARIANCE], double w) {
+    return row[0] + w * (row[1] + w * (row[2] + w * (row[3] + w * row[4])));
 }
 
 static void update_rows(void *context, const RowRange *range) {
@@ -117,23 +112,24 @@ static void update_rows(void *context, const RowRange *range) {
     const double *predicted = evidence->predicted;
     CellSums sums = {.count = {0}};
     for (size_t i = range->top; i < range->bottom; i++) {
-        const DatumRow row = datum_row(update, i);
+        double row[ROW_VARIANCE];
+        row_variance(update, place_on(i, nx), row);
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double expected = predicted[cell] + share_change(evidence, update->fit->share, cell);
             double spread = process_variance(update, cell), rest = 0.0, gain = 0.0, variance = 1.0;
             after->unseen[cell] = evidence->valid[cell] ? 0 : before->unseen[cell] + 1;
             if (evidence->valid[cell]) {
-                const double w = place_on(j, ny);
-                rest = evidence->scan[cell] - datum_in_row(row.left, w) - expected;
-                double error = evidence->noise_variance + variance_of(&row, w);
+                const double u = place_on(i, nx), w = place_on(j, ny);
+                rest = evidence->scan[cell] - datum_at(update->fit->datum, u, w) - expected;
+                double error = evidence->noise_variance + datum_variance(row, w);
                 if (update->geometry && evidence->walls[cell]) {
                     const double up = predicted[i > 0 ? cell - ny : cell],
                                  down = predicted[i + 1 < nx ? cell + ny : cell];
                     const double left = predicted[j > 0 ? cell - 1 : cell];
                     const double right = predicted[j + 1 < ny ? cell + 1 : cell];
                     const Slopes slopes = {0.5 * (down - up), 0.5 * (right - left), evidence->spread_slope[cell]};
-                    error += geometry_variance(update->geometry, &slopes, place_on(i, nx), w);
+                    error += geometry_variance(update->geometry, &slopes, u, w);
                 }
                 variance = spread + error;
                 const Belief belief = believe(update, cell, rest, error, spread, &sums);
@@ -155,15 +151,6 @@ CellSums update_in_register(const MapUpdate *update) {
     return sums;
 }
 
-/* Maps of the readings of a displaced scan: their weights, their weighted residuals, and the jumps of cells. */
-typedef struct {
-    double *weight, *off, *jump;
-} ReadingMaps;
-
-static ReadingMaps reading_maps(const ScanEvidence *evidence) {
-    return (ReadingMaps){evidence->slopes, evidence->lists[0], evidence->lists[1]};
-}
-
 /* Variances and changes of the prediction, in the maps of variances and heights. */
 static void predict_rows(void *context, const RowRange *range) {
     const MapUpdate *update = context;
@@ -174,19 +161,21 @@ static void predict_rows(void *context, const RowRange *range) {
     }
 }
 
+/* Maps of the readings of a displaced scan: their weights, their weighted residuals, and the jumps of cells. */
 static void look_at_readings(void *context, const RowRange *range) {
     const MapUpdate *update = context;
     const ScanEvidence *evidence = update->evidence;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    const double *g = update->displaced;
-    const ReadingMaps maps = reading_maps(evidence);
+    const double *g = evidence->after->known->registration.estimate;
+    double *weight = evidence->slopes, *off = evidence->lists[0], *jump = evidence->lists[1];
     CellSums sums = {.count = {0}};
     for (size_t i = range->top; i < range->bottom; i++) {
-        const DatumRow row = datum_row(update, i);
+        double row[ROW_VARIANCE];
+        row_variance(update, place_on(i, nx), row);
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
             const double u = place_on(i, nx), w = place_on(j, ny);
-            maps.weight[cell] = maps.off[cell] = maps.jump[cell] = 0.0;
+            weight[cell] = off[cell] = jump[cell] = 0.0;
             if (!evidence->valid[cell]) {
                 clear_surprise(update, cell);
                 continue;
@@ -194,13 +183,13 @@ static void look_at_readings(void *context, const RowRange *range) {
             const Spot spot = spot_of(g, nx, ny, i, j);
             const Reading reading = reading_at(nx, ny, evidence->averaged, evidence->spread_slope, spot, SLOPE_STEP);
             const double known = value_at(evidence->after->variance, &reading.place);
-            const double rest = evidence->scan[cell] - datum_in_row(row.left, w) - reading.value;
-            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + variance_of(&row, w) +
+            const double rest = evidence->scan[cell] - datum_at(update->fit->datum, u, w) - reading.value;
+            const double error = sensor_variance(evidence, &reading, g[SPREAD], g[SPREAD]) + datum_variance(row, w) +
                                  geometry_variance(update->geometry, &reading.slopes, u, w);
             const Belief belief = believe(update, cell, rest, error, known, &sums);
-            maps.weight[cell] = 1.0 / belief.error;
-            maps.off[cell] = rest / belief.error;
-            maps.jump[cell] = belief.jump;
+            weight[cell] = 1.0 / belief.error;
+            off[cell] = rest / belief.error;
+            jump[cell] = belief.jump;
         }
     }
     evidence->sums[range->chunk] = sums;
@@ -211,7 +200,7 @@ static void update_displaced_rows(void *context, const RowRange *range) {
     const ScanEvidence *evidence = update->evidence;
     const SurfaceEstimate *before = evidence->before, *after = evidence->after;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    const ReadingMaps maps = reading_maps(evidence);
+    const double *weight = evidence->slopes, *off = evidence->lists[0], *jump = evidence->lists[1];
     size_t dry = 0;
     for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
@@ -219,13 +208,13 @@ static void update_displaced_rows(void *context, const RowRange *range) {
             const Spot spot = spot_of(update->back, nx, ny, i, j);
             const Place place = place_of(nx, ny, spot.x, spot.y);
             const size_t nearest = place.cell + (place.x > 0.5 ? place.below : 0) + (place.y > 0.5 ? place.right : 0);
-            const bool is_read = maps.weight[nearest] > 0.0;
-            const double seen = value_at(maps.weight, &place);
-            const double spread = after->variance[cell], known = spread + maps.jump[nearest];
-            const double rest = seen * known > NOT_SEEN ? value_at(maps.off, &place) / seen : 0.0;
+            const bool is_read = weight[nearest] > 0.0;
+            const double seen = value_at(weight, &place);
+            const double spread = after->variance[cell], known = spread + jump[nearest];
+            const double rest = seen * known > NOT_SEEN ? value_at(off, &place) / seen : 0.0;
             const double gain = known * seen / (1.0 + known * seen);
-            const double off = is_read ? maps.off[nearest] / maps.weight[nearest] : 0.0;
-            dry += take_dead(update, cell, is_read, off, spread + evidence->noise_variance);
+            const double own = is_read ? off[nearest] / weight[nearest] : 0.0;
+            dry += take_dead(update, cell, is_read, own, spread + evidence->noise_variance);
             after->unseen[cell] = is_read ? 0 : before->unseen[cell] + 1;
             after->height[cell] = evidence->predicted[cell] + after->height[cell] + gain * rest;
             after->variance[cell] = (1.0 - gain) * known;
@@ -237,24 +226,15 @@ CellSums update_displaced(MapUpdate *update) {
     const ScanEvidence *evidence = update->evidence;
     over_rows(evidence, predict_rows, update);
     const CellSums sums = over_rows(evidence, look_at_readings, update);
-    reversed(update->displaced, evidence->nx, evidence->ny, update->back);
+    reversed(evidence->after->known->registration.estimate, evidence->nx, evidence->ny, update->back);
     forget_dry(evidence, over_rows(evidence, update_displaced_rows, update).count[DRY]);
     return sums;
 }
 
-static void live_rows(void *context, const RowRange *range) {
-    const MapUpdate *update = context;
-    const ScanEvidence *evidence = update->evidence;
-    const SurfaceEstimate *before = evidence->before, *after = evidence->after;
-    for (size_t cell = range->top * evidence->ny; cell < range->bottom * evidence->ny; cell++) {
-        after->height[cell] = evidence->predicted[cell];
-        after->variance[cell] = process_variance(update, cell);
-        after->unseen[cell] = before->unseen[cell] + 1;
-        after->dead_evidence[cell] = before->dead_evidence[cell];
-        clear_surprise(update, cell);
-    }
-}
-
-void live_on_prediction(const MapUpdate *update) {
-    over_rows(update->evidence, live_rows, update);
+void live_on_prediction(const ScanEvidence *evidence) {
+    ScanEvidence unread = *evidence;
+    InkFit known = {.droplets = 0};
+    memcpy(known.share, evidence->known->share, sizeof known.share);
+    unread.valid = memset(evidence->marks, 0, evidence->cells);
+    update_in_register(&(MapUpdate){.evidence = &unread, .fit = &known});
 }

@@ -17,15 +17,12 @@ static const double UNSURE = 1e-6;        /* variance of heights after a person 
 static void take_datum_off(void *context, const RowRange *range) {
     const ScanEvidence *evidence = context;
     const size_t nx = evidence->nx, ny = evidence->ny;
-    for (size_t i = range->top; i < range->bottom; i++) {
-        double row[ROW_TERMS];
-        datum_of_row(evidence->datum.term, place_on(i, nx), row);
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const double datum = datum_in_row(row, place_on(j, ny));
+            const double datum = datum_at(evidence->datum.term, place_on(i, nx), place_on(j, ny));
             evidence->scan[cell] = evidence->valid[cell] ? evidence->measured[cell] - datum : 0.0;
         }
-    }
 }
 
 static void keep_rows(void *context, const RowRange *range) {
@@ -177,7 +174,7 @@ static bool look_at_scan(ScanEvidence *evidence) {
     evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance;
     evidence->noise_variance = take_lines_off(evidence, known->neighbours);
     if (!is_scan(evidence) || (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
-        live_on_prediction(&(MapUpdate){.evidence = evidence});
+        live_on_prediction(evidence);
         return true;
     }
     trust->is_looked_at = 0;

@@ -13,22 +13,6 @@ static const double BORDER = 4.0;
 static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
 enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
 
-ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
-    const InkPrior *prior = &evidence->options->ink;
-    const size_t cells = evidence->cells;
-    const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
-    return (ShareColumn){evidence->increments.adds + share * cells, factor};
-}
-
-double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
-    double change = 0.0;
-    for (size_t k = 0; k < evidence->shares; k++) {
-        const ShareColumn column = share_column(evidence, k);
-        change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
-    }
-    return change;
-}
-
 /* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */
 static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
     double sum = 1.0;
@@ -40,66 +24,51 @@ static size_t spot_weights(double spread, double weights[TAPS_MAX + 1]) {
         weights[1] = 0.5 * spread;
         return 1;
     }
-    for (size_t k = 0; k <= TAPS_MAX; k++)
+    for (size_t k = 1; k <= TAPS_MAX; k++) {
         weights[k] = exp(-0.5 * (double)(k * k) / spread);
-    for (size_t k = 1; k <= TAPS_MAX; k++)
         sum += 2.0 * weights[k];
+    }
     for (size_t k = 0; k <= TAPS_MAX; k++)
         weights[k] /= sum;
     return TAPS_MAX;
 }
 
-static INLINED size_t clamped(size_t at, size_t away, bool is_before, size_t count) {
-    if (is_before)
-        return at > away ? at - away : 0;
-    return at + away < count ? at + away : count - 1;
-}
-
-/* A map and its mean over a spot, with the distances and weights of the cells; `rows`: the mean along the rows. */
+/* A map and its mean over a spot along one axis, with the weights of the cells at each distance. */
 typedef struct {
     const ScanEvidence *evidence;
     const double *map;
-    double *rows, *mean;
+    double *mean;
+    bool is_along_x;
     size_t reach;
     double weights[TAPS_MAX + 1];
 } SpotMean;
 
 static void average_rows(void *context, const RowRange *range) {
     const SpotMean of = *(const SpotMean *)context;
-    const size_t ny = of.evidence->ny;
-    for (size_t i = range->top; i < range->bottom; i++) {
-        const double *row = of.map + i * ny;
-        double *restrict into = of.rows + i * ny;
+    const size_t ny = of.evidence->ny, last = (of.is_along_x ? of.evidence->nx : ny) - 1;
+    const size_t step = of.is_along_x ? ny : 1;
+    for (size_t i = range->top; i < range->bottom; i++)
         for (size_t j = 0; j < ny; j++) {
-            double sum = of.weights[0] * row[j];
-            for (size_t k = 1; k <= of.reach; k++)
-                sum += of.weights[k] * (row[clamped(j, k, true, ny)] + row[clamped(j, k, false, ny)]);
-            into[j] = sum;
+            const double *here = of.map + i * ny + j;
+            const size_t at = of.is_along_x ? i : j;
+            double sum = of.weights[0] * *here;
+            for (size_t k = 1; k <= of.reach; k++) {
+                const size_t back = k < at ? k : at, on = k < last - at ? k : last - at;
+                sum += of.weights[k] * (*(here - back * step) + here[on * step]);
+            }
+            of.mean[i * ny + j] = sum;
         }
-    }
-}
-
-static void average_columns(void *context, const RowRange *range) {
-    const SpotMean of = *(const SpotMean *)context;
-    const size_t nx = of.evidence->nx, ny = of.evidence->ny;
-    for (size_t i = range->top; i < range->bottom; i++) {
-        double *restrict into = of.mean + i * ny;
-        for (size_t j = 0; j < ny; j++)
-            into[j] = of.weights[0] * of.rows[i * ny + j];
-        for (size_t k = 1; k <= of.reach; k++) {
-            const double *up = of.rows + clamped(i, k, true, nx) * ny, *down = of.rows + clamped(i, k, false, nx) * ny;
-            for (size_t j = 0; j < ny; j++)
-                into[j] += of.weights[k] * (up[j] + down[j]);
-        }
-    }
 }
 
 /* The map averaged over a spot; scratch in the first of the lists. */
 static void average_over_spot(const ScanEvidence *evidence, const double *map, double spread, double *averaged) {
-    SpotMean of = {.evidence = evidence, .map = map, .rows = evidence->lists[0], .mean = averaged};
+    SpotMean of = {.evidence = evidence, .map = map, .mean = evidence->lists[0]};
     of.reach = spot_weights(spread, of.weights);
     over_rows(evidence, average_rows, &of);
-    over_rows(evidence, average_columns, &of);
+    of.map = of.mean;
+    of.mean = averaged;
+    of.is_along_x = true;
+    over_rows(evidence, average_rows, &of);
 }
 
 /* The prediction with other shares. */

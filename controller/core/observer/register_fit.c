@@ -7,98 +7,22 @@
 #include <math.h>
 #include <string.h>
 
+#include "median.h"
 #include "small_algebra.h"
 
 /* step of a share by a full layer, as one share or as three: ink drifts while it is printed (assumed) */
 static const double SHARE_STEP = 0.004, FULL_STEP = 0.014;
 static const double LEAST_SHARE = 0.3, LARGEST_SHARE = 2.0;
-enum { POWERS = 5 };
 
-/* Sums over a row: of the weights, of the residual and of each column of a share, weighted, each with powers of w; and
- * of products of these. */
+enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };         /* unknowns */
+enum { POWERS = 3, ROW_MAX = POWERS + SHARES_MAX + 1 }; /* columns of a row */
+
+/* Normal equations of a chunk of rows. */
 typedef struct {
-    double of_one[POWERS], of_rest[ROW_TERMS], of_share[SHARES_MAX][ROW_TERMS];
-    double rest_share[SHARES_MAX], share_share[SHARES_MAX * SHARES_MAX];
-} RowMoments;
+    double matrix[SMOOTH_MAX][SMOOTH_MAX], side[SMOOTH_MAX];
+} SmoothSums;
 
-/* Some cells of a row: columns of shares, residuals and weights of the readings. */
-typedef struct {
-    double weight[BLOCK], rest[BLOCK], share[SHARES_MAX][BLOCK], w[BLOCK];
-} FitCells;
-
-static INLINED void load_cells(const ScanEvidence *evidence, const uint8_t *left_out, const double larger[CLASSES],
-                               size_t first, size_t column, size_t count, FitCells *restrict cells) {
-    const double *scan = evidence->scan + first, *predicted = evidence->predicted + first;
-    const double *variance = evidence->variance + first, *squares = evidence->increments.squares + first;
-    const double noise = evidence->noise_variance, droplets = evidence->droplet_variance;
-    const int32_t *pattern = evidence->living.pattern + first;
-    const uint8_t *valid = evidence->valid + first;
-    for (size_t k = 0; k < count; k++) {
-        const double rest = scan[k] - predicted[k], native = noise + variance[k] + droplets * squares[k];
-        const double wide = (pattern[k] > 0 ? larger[OWN] : larger[SPILL]) * native;
-        const double weight = (NU + 1.0) / (NU * wide + rest * rest);
-        const bool counts = (valid[k] != 0) & (squares[k] > 0.0);
-        cells->rest[k] = rest;
-        cells->weight[k] = counts ? weight : 0.0;
-    }
-    places_in_row(evidence->ny, column, count, cells->w);
-    for (size_t k = 0; left_out && k < count; k++)
-        cells->weight[k] = left_out[first + k] ? 0.0 : cells->weight[k];
-    for (size_t s = 0; s < evidence->shares; s++) {
-        const ShareColumn of = share_column(evidence, s);
-        for (size_t k = 0; k < count; k++)
-            cells->share[s][k] = of.factor * of.map[first + k];
-    }
-}
-
-/* Adds sums of `line`, weighted already, with powers of w. */
-static INLINED void add_powers(const double *line, const double *w, size_t count, size_t powers, double *sums) {
-    double power[BLOCK];
-    memcpy(power, line, count * sizeof *line);
-    for (size_t p = 0; p < powers; p++) {
-        sums[p] += lane_sum(power, count);
-        for (size_t k = 0; p + 1 < powers && k < count; k++)
-            power[k] *= w[k];
-    }
-}
-
-static INLINED void add_moments(const FitCells *cells, size_t shares, size_t count, RowMoments *row) {
-    double line[BLOCK];
-    add_powers(cells->weight, cells->w, count, POWERS, row->of_one);
-    for (size_t k = 0; k < count; k++)
-        line[k] = cells->weight[k] * cells->rest[k];
-    add_powers(line, cells->w, count, ROW_TERMS, row->of_rest);
-    for (size_t s = 0; s < shares; s++) {
-        for (size_t k = 0; k < count; k++)
-            line[k] = cells->weight[k] * cells->share[s][k];
-        add_powers(line, cells->w, count, ROW_TERMS, row->of_share[s]);
-        row->rest_share[s] += lane_dot(line, cells->rest, count);
-        for (size_t t = 0; t <= s; t++)
-            row->share_share[s * SHARES_MAX + t] += lane_dot(line, cells->share[t], count);
-    }
-}
-
-/* Adds the moments of a row to the normal equations; u: its place. */
-static void add_row(const RowMoments *row, double u, size_t shares, SmoothSums *sums) {
-    static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
-    const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
-    const size_t n = DATUM_TERMS + shares;
-    for (size_t a = 0; a < DATUM_TERMS; a++) {
-        sums->side[a] += factor[a] * row->of_rest[POWER[a]];
-        for (size_t b = 0; b <= a; b++)
-            sums->matrix[a * n + b] += factor[a] * factor[b] * row->of_one[POWER[a] + POWER[b]];
-    }
-    for (size_t s = 0; s < shares; s++) {
-        const size_t a = DATUM_TERMS + s;
-        sums->side[a] += row->rest_share[s];
-        for (size_t b = 0; b < DATUM_TERMS; b++)
-            sums->matrix[a * n + b] += factor[b] * row->of_share[s][POWER[b]];
-        for (size_t t = 0; t <= s; t++)
-            sums->matrix[a * n + DATUM_TERMS + t] += row->share_share[s * SHARES_MAX + t];
-    }
-}
-
-/* Memory of the normal equations, shared by the threads. */
+/* Memory of the normal equations, shared by the threads; larger: factor of the variances in each class. */
 typedef struct {
     const ScanEvidence *evidence;
     const uint8_t *left_out;
@@ -106,51 +30,62 @@ typedef struct {
     SmoothSums sums[CHUNKS];
 } SmoothWork;
 
-static INLINED void smooth_rows(void *context, const RowRange *range) {
-    SmoothWork *work = context;
-    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
-    FitCells cells;
-    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
-        SmoothSums sums = {{0.0}, {0.0}};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
-            RowMoments row = {{0.0}, {0.0}, {{0.0}}, {0.0}, {0.0}};
-            for (size_t column = 0; column < ny; column += BLOCK) {
-                const size_t count = ny - column < BLOCK ? ny - column : BLOCK;
-                load_cells(work->evidence, work->left_out, work->larger, i * ny + column, column, count, &cells);
-                add_moments(&cells, work->evidence->shares, count, &row);
-            }
-            add_row(&row, place_on(i, nx), work->evidence->shares, &sums);
-        }
-        work->sums[chunk] = sums;
+/* Adds products of the columns of a cell to those of its row: 1, w, w^2, shares, and the residual. */
+static INLINED void add_reading(const SmoothWork *work, size_t shares, size_t cell, double w,
+                                double row[ROW_MAX][ROW_MAX]) {
+    const ScanEvidence *evidence = work->evidence;
+    const size_t n = POWERS + shares + 1;
+    const double rest = evidence->scan[cell] - evidence->predicted[cell];
+    const double variance = work->larger[class_of(evidence, cell)] * native_variance(evidence, cell);
+    const double weight = (NU + 1.0) / (NU * variance + rest * rest);
+    double column[ROW_MAX] = {1.0, w, w * w};
+    for (size_t s = 0; s < shares; s++)
+        column[POWERS + s] = share_column(evidence, s).factor * share_column(evidence, s).map[cell];
+    column[n - 1] = rest;
+    for (size_t a = 0; a < n; a++)
+        for (size_t b = 0; b <= a; b++)
+            row[a][b] += weight * column[a] * column[b];
+}
+
+/* Adds the products of a row at u to the normal equations: each unknown is a factor times a column of the row. */
+static void add_row(double row[ROW_MAX][ROW_MAX], double u, size_t shares, SmoothSums *sums) {
+    const double factor[SMOOTH_MAX] = {1.0, u, 1.0, u * u, u, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
+    static const size_t COLUMN[SMOOTH_MAX] = {0, 0, 1, 0, 1, 2, 3, 4, 5, 6, 7, 8};
+    for (size_t a = 0; a < DATUM_TERMS + shares; a++) {
+        const size_t of = COLUMN[a];
+        sums->side[a] += factor[a] * row[POWERS + shares][of];
+        for (size_t b = 0; b < DATUM_TERMS + shares; b++)
+            sums->matrix[a][b] += factor[a] * factor[b] * (of > COLUMN[b] ? row[of][COLUMN[b]] : row[COLUMN[b]][of]);
     }
 }
 
-CLONED_ROW_WORK(smooth_range, smooth_rows)
+/* Adds some rows; shares: of the evidence, a constant for the compiler. */
+static INLINED void add_rows(SmoothWork *work, const RowRange *range, size_t shares) {
+    const size_t nx = work->evidence->nx, ny = work->evidence->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++)
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
+            double row[ROW_MAX][ROW_MAX] = {{0.0}};
+            for (size_t cell = i * ny; cell < (i + 1) * ny; cell++)
+                if (is_reached(work->evidence, cell) && !(work->left_out && work->left_out[cell]))
+                    add_reading(work, shares, cell, place_on(cell - i * ny, ny), row);
+            add_row(row, place_on(i, nx), shares, &work->sums[chunk]);
+        }
+}
 
-SmoothSums smooth_sums(const ScanEvidence *evidence, const uint8_t *left_out, const double *misfit) {
-    const size_t n = DATUM_TERMS + evidence->shares;
-    SmoothWork work = {.evidence = evidence, .left_out = left_out, .larger = {1.0, 1.0}};
-    SmoothSums sums = {{0.0}, {0.0}};
-    for (size_t class = 0; misfit && class < CLASSES; class++)
-        work.larger[class] = fmax(misfit[class], 1.0);
-    run_rows(evidence->living.threads, evidence->nx, evidence->ny, smooth_range, &work);
-    for (size_t chunk = 0; chunk < CHUNKS; chunk++) {
-        for (size_t k = 0; k < n * n; k++)
-            sums.matrix[k] += work.sums[chunk].matrix[k];
-        for (size_t k = 0; k < n; k++)
-            sums.side[k] += work.sums[chunk].side[k];
-    }
-    for (size_t a = 0; a < n; a++)
-        for (size_t b = a + 1; b < n; b++)
-            sums.matrix[a * n + b] = sums.matrix[b * n + a];
-    return sums;
+static void smooth_rows(void *context, const RowRange *range) {
+    const size_t shares = ((SmoothWork *)context)->evidence->shares;
+    if (shares == 1)
+        add_rows(context, range, 1);
+    else
+        add_rows(context, range, shares);
 }
 
 double share_within(double share) {
     return fmin(LARGEST_SHARE, fmax(LEAST_SHARE, share));
 }
 
-bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision) {
+/* Stores the prior precision of datum and shares. False if it is not definite. */
+static bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision) {
     const size_t shares = evidence->shares;
     const bool has_heights = evidence->options->ink.model == INK_FULL;
     const bool is_free = has_heights && !evidence->known->registration.is_displaced;
@@ -169,6 +104,25 @@ bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision
     return true;
 }
 
+bool smooth_equations(const ScanEvidence *evidence, const uint8_t *left_out, const InkFit *last, size_t stride,
+                      double *matrix, double *side) {
+    const size_t n = DATUM_TERMS + evidence->shares;
+    SmoothWork work = {.evidence = evidence, .left_out = left_out};
+    for (size_t class = 0; class < CLASSES; class++)
+        work.larger[class] = is_misfit(last) ? fmax(last->misfit[class], 1.0) : 1.0;
+    run_rows(evidence->living.threads, evidence->nx, evidence->ny, smooth_rows, &work);
+    if (!smooth_prior(evidence, stride, matrix))
+        return false;
+    memset(side, 0, n * sizeof *side);
+    for (const SmoothSums *sums = work.sums; sums < work.sums + CHUNKS; sums++)
+        for (size_t a = 0; a < n; a++) {
+            side[a] += sums->side[a];
+            for (size_t b = 0; b < n; b++)
+                matrix[a * stride + b] += sums->matrix[a][b];
+        }
+    return true;
+}
+
 void take_smooth(const ScanEvidence *evidence, const double *x, const double *covariance, size_t all, InkFit *fit) {
     const size_t shares = evidence->shares, first = all - shares - DATUM_TERMS;
     const double *own = covariance + first * (all + 1);
@@ -180,15 +134,11 @@ void take_smooth(const ScanEvidence *evidence, const double *x, const double *co
 }
 
 /* Solves for datum and shares. */
-static bool solve_smooth(const ScanEvidence *evidence, const SmoothSums *sums, InkFit *fit) {
+static bool solve_smooth(const ScanEvidence *evidence, InkFit *fit) {
     const size_t shares = evidence->shares, n = DATUM_TERMS + shares;
     double matrix[ENTRIES_MAX] = {0.0}, covariance[ENTRIES_MAX], x[UNKNOWNS_MAX];
-    if (!smooth_prior(evidence, n, matrix))
-        return false;
-    for (size_t k = 0; k < n * n; k++)
-        matrix[k] += sums->matrix[k];
-    memcpy(x, sums->side, n * sizeof *x);
-    if (!solve_definite(n, matrix, x) || !invert_definite(n, matrix, covariance))
+    if (!smooth_equations(evidence, NULL, fit, n, matrix, x) || !solve_definite(n, matrix, x) ||
+        !invert_definite(n, matrix, covariance))
         return false;
     for (size_t k = 0; k < shares; k++)
         x[DATUM_TERMS + k] += evidence->known->share[k];
@@ -196,13 +146,62 @@ static bool solve_smooth(const ScanEvidence *evidence, const SmoothSums *sums, I
     return true;
 }
 
+/* Memory shared by the threads for misfits: lists of squares by class. */
+typedef struct {
+    const ScanEvidence *evidence;
+    const InkFit *fit;
+    ValueLists lists[CLASSES];
+} MisfitWork;
+
+enum { BASE, DROPLETS }; /* sums over cells with a droplet [m^2] */
+
+static void misfit_rows(void *context, const RowRange *range) {
+    MisfitWork *work = context;
+    const ScanEvidence *evidence = work->evidence;
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
+        CellSums sums = {.count = {0}};
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++)
+            for (size_t j = 0; j < ny; j++) {
+                const size_t cell = i * ny + j, class = class_of(evidence, cell);
+                if (!is_reached(evidence, cell))
+                    continue;
+                const double rest = evidence->scan[cell] - evidence->predicted[cell] -
+                                    share_change(evidence, work->fit->share, cell) -
+                                    datum_at(work->fit->datum, place_on(i, nx), place_on(j, ny));
+                double *list = evidence->lists[class] + chunk_row(nx, chunk) * ny;
+                list[sums.count[class]++] = rest * rest / native_variance(evidence, cell);
+                sums.sum[BASE] += class == OWN ? evidence->noise_variance + evidence->variance[cell] : 0.0;
+                sums.sum[DROPLETS] += class == OWN ? evidence->increments.squares[cell] : 0.0;
+            }
+        for (size_t class = 0; class < CLASSES; class++)
+            work->lists[class].lengths[chunk] = sums.count[class];
+        evidence->sums[chunk] = sums;
+    }
+}
+
+/* Medians of the squared residuals of a fit, and its means over droplets. */
+static void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
+    MisfitWork work = {.evidence = evidence, .fit = fit};
+    for (size_t class = 0; class < CLASSES; class++)
+        work.lists[class] = (ValueLists){.nx = evidence->nx, .ny = evidence->ny, .map = evidence->lists[class]};
+    const CellSums sums = over_rows(evidence, misfit_rows, &work);
+    const double droplets = fmax((double)sums.count[OWN], 1.0);
+    fit->droplets = sums.count[OWN];
+    fit->mean_base = sums.sum[BASE] / droplets;
+    fit->mean_droplets = sums.sum[DROPLETS] / droplets;
+    for (size_t class = 0; class < CLASSES; class++)
+        fit->misfit[class] = sums.count[class] < LEAST_READINGS
+                                 ? 1.0
+                                 : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
+}
+
 bool fit_in_register(const ScanEvidence *evidence, InkFit *fit) {
     memcpy(fit->share, evidence->known->share, sizeof fit->share);
     memcpy(fit->covariance, evidence->known->share_covariance, sizeof fit->covariance);
     /* the second round scales variances by the misfit of the first */
     for (int round = 0; round < 2 && (round == 0 || is_misfit(fit)); round++) {
-        const SmoothSums sums = smooth_sums(evidence, NULL, round == 0 ? NULL : fit->misfit);
-        if (!solve_smooth(evidence, &sums, fit))
+        if (!solve_smooth(evidence, fit))
             return false;
         take_misfits(evidence, fit);
     }

@@ -60,8 +60,10 @@ static bool is_ground(const GroundScan *of, size_t cell) {
     return of->valid[cell] && (!of->ground || of->ground[cell]);
 }
 
-static double rise_of(const GroundScan *of, size_t cell) {
-    return of->scan[cell] - (of->height ? of->height[cell] : 0.0);
+/* Residual of a reading above the ground with that datum. */
+static double rest_of(const GroundScan *of, const double term[DATUM_TERMS], size_t cell) {
+    const double u = place_on(cell / of->ny, of->nx), w = place_on(cell % of->ny, of->ny);
+    return of->scan[cell] - (of->height ? of->height[cell] : 0.0) - datum_at(term, u, w);
 }
 
 /* Samples the cells at even distances, if there are many. */
@@ -70,7 +72,7 @@ static void collect(const ScanEvidence *evidence, const GroundScan *of, Ground *
     for (size_t k = 0; k < cells->count; k++) {
         const size_t cell = cells->cell[k];
         datum_terms(place_on(cell / of->ny, of->nx), place_on(cell % of->ny, of->ny), cells->term[k]);
-        cells->rise[k] = rise_of(of, cell);
+        cells->rise[k] = rest_of(of, (const double[DATUM_TERMS]){0.0}, cell);
     }
 }
 
@@ -102,10 +104,7 @@ static double neighbours_variance(const GroundScan *of, size_t axis, const doubl
         const size_t j = cells->cell[k] % of->ny + (axis == 1), other = i * of->ny + j;
         if (i == of->nx || j == of->ny || !is_ground(of, other))
             continue;
-        double terms[DATUM_TERMS], rest = rise_of(of, other) - cells->rest[k];
-        datum_terms(place_on(i, of->nx), place_on(j, of->ny), terms);
-        for (size_t term_of = 0; term_of < DATUM_TERMS; term_of++)
-            rest -= terms[term_of] * term[term_of];
+        const double rest = rest_of(of, term, other) - cells->rest[k];
         cells->sorted[count++] = 0.5 * rest * rest;
     }
     return count < LEAST_CELLS ? all : median(cells->sorted, count) / MEDIAN_SQUARE;
@@ -127,10 +126,7 @@ ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uin
             return datum;
         memcpy(datum.term, term, sizeof term);
         for (size_t cell = 0; cell < cells.count; cell++) {
-            double sum = 0.0;
-            for (size_t i = 0; i < DATUM_TERMS; i++)
-                sum += cells.term[cell][i] * term[i];
-            cells.rest[cell] = cells.rise[cell] - sum;
+            cells.rest[cell] = rest_of(&of, term, cells.cell[cell]);
             cells.sorted[cell] = fabs(cells.rest[cell]);
         }
         const double deviation = MAD * median(cells.sorted, cells.count);
@@ -173,22 +169,6 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
             return 0.0;
     }
     return step * step / 12.0;
-}
-
-void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]) {
-    row[0] = term[0] + u * (term[1] + u * term[3]);
-    row[1] = term[2] + u * term[4];
-    row[2] = term[5];
-}
-
-void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]) {
-    /* terms 1, u, w, u^2, u w, w^2: a power of w, and a factor of u */
-    static const size_t POWER[DATUM_TERMS] = {0, 0, 1, 0, 1, 2};
-    const double factor[DATUM_TERMS] = {1.0, u, 1.0, u * u, u, 1.0};
-    memset(row, 0, ROW_VARIANCE_TERMS * sizeof *row);
-    for (size_t i = 0; i < DATUM_TERMS; i++)
-        for (size_t j = 0; j < DATUM_TERMS; j++)
-            row[POWER[i] + POWER[j]] += factor[i] * covariance[i * DATUM_TERMS + j] * factor[j];
 }
 
 /* Offsets of whole lines of readings: a line profiler takes one exposure after the other, and vibrates in between.

@@ -50,18 +50,16 @@ static void add_residuals(void *context, const RowRange *range) {
     const size_t nx = evidence->nx, ny = evidence->ny;
     for (size_t chunk = range->chunk; chunk < range->end; chunk++) {
         CellSums sums = {.count = {0}};
-        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++) {
-            double row[ROW_TERMS];
-            datum_of_row(of->datum.term, place_on(i, nx), row);
+        for (size_t i = chunk_row(nx, chunk); i < chunk_row(nx, chunk + 1); i++)
             for (size_t j = 0; j < ny; j++) {
                 const size_t cell = i * ny + j;
                 if (!of->valid[cell] || !evidence->walls[cell])
                     continue;
-                const double rest = of->scan[cell] - of->expected[cell] - datum_in_row(row, place_on(j, ny));
+                const double rest =
+                    of->scan[cell] - of->expected[cell] - datum_at(of->datum.term, place_on(i, nx), place_on(j, ny));
                 sums.sum[0] += rest * rest < of->most ? rest * rest : of->most;
                 sums.count[0]++;
             }
-        }
         evidence->sums[chunk] = sums;
     }
 }
@@ -107,12 +105,11 @@ static void add_growth(void *context, const RowRange *range) {
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
  * their mean volume [m^2]. */
 static double native_square(const ScanEvidence *evidence) {
-    const size_t part = count_marked(evidence->options->part, evidence->cells);
     const CellSums sums = over_rows(evidence, add_growth, evidence);
     const double droplets = (double)sums.count[0];
     if (sums.count[0] == 0)
         return INFINITY;
-    const double share = droplets / fmax((double)part, 1.0), of_own = sums.sum[0] / droplets;
+    const double share = droplets / fmax((double)evidence->part, 1.0), of_own = sums.sum[0] / droplets;
     return evidence->usual_noise + evidence->droplet_variance * of_own * fmax(share, LEAST_SHARE) +
            variance_of_shares(&evidence->options->ink, evidence->known) * (sums.sum[1] / droplets) * share;
 }

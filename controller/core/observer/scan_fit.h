@@ -19,6 +19,7 @@ typedef struct {
 typedef struct ScanEvidence {
     const EstimatorOptions *options;
     size_t nx, ny, cells;          /* of the grid */
+    size_t part;                   /* number of the part's cells */
     const SurfaceEstimate *before; /* estimate before the layer */
     SurfaceEstimate *after;        /* estimate after it */
     const Knowledge *known;        /* knowledge before the scan */
@@ -70,6 +71,17 @@ static inline double native_variance(const ScanEvidence *evidence, size_t cell) 
            evidence->droplet_variance * evidence->increments.squares[cell];
 }
 
+enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
+
+static inline size_t class_of(const ScanEvidence *evidence, size_t cell) {
+    return evidence->living.pattern[cell] > 0 ? OWN : SPILL;
+}
+
+/* Whether a cell has a reading, and droplets reach it. */
+static inline bool is_reached(const ScanEvidence *evidence, size_t cell) {
+    return evidence->valid[cell] && evidence->increments.squares[cell] > 0.0;
+}
+
 /* Predicts the surface after the layer `living`. An unknown layer counts as half printed, with the variance of a
  * uniform distribution between nothing and all, and without droplets. False if there is no memory. */
 bool predict_layer(ScanEvidence *evidence);
@@ -79,10 +91,21 @@ typedef struct {
     const double *map;
     double factor;
 } ShareColumn;
-ShareColumn share_column(const ScanEvidence *evidence, size_t share);
+static inline ShareColumn share_column(const ScanEvidence *evidence, size_t share) {
+    const InkPrior *prior = &evidence->options->ink;
+    const double factor = prior->model == INK_FULL ? ink_height(&prior->nominal[share / ORDERS], share % ORDERS) : 1.0;
+    return (ShareColumn){evidence->increments.adds + share * evidence->cells, factor};
+}
 
 /* Height added to a cell by a change of the shares from those known before [m]. */
-double share_change(const ScanEvidence *evidence, const double share[], size_t cell);
+static inline double share_change(const ScanEvidence *evidence, const double share[], size_t cell) {
+    double change = 0.0;
+    for (size_t k = 0; k < evidence->shares; k++) {
+        const ShareColumn column = share_column(evidence, k);
+        change += (share[k] - evidence->known->share[k]) * column.factor * column.map[cell];
+    }
+    return change;
+}
 
 /* The prediction with these shares, averaged over a spot, and its derivative with respect to the spot. */
 void average_prediction(const ScanEvidence *evidence, const double share[], double spread);
@@ -116,8 +139,6 @@ void doubt_volume(const EstimatorOptions *options, int32_t layer, Knowledge *kno
 /* Counts the cells of the part that were not seen, are high, and are capped; into the estimate `after`. */
 void look_at_part(const ScanEvidence *evidence);
 
-enum { OWN, SPILL, CLASSES }; /* cells with a droplet; others that droplets reach */
-
 /* Result of a fit of a scan. */
 typedef struct {
     double share[SHARES_MAX], covariance[SHARES_MAX * SHARES_MAX];
@@ -129,25 +150,11 @@ typedef struct {
     size_t droplets; /* number of cells with a droplet */
 } InkFit;
 
-/* Whether so many variances are more than sensor and model's droplets explain. */
-bool is_foreign(double misfit);
-
 /* Whether a fit leaves more than sensor and model's droplets explain. */
 bool is_misfit(const InkFit *fit);
 
 /* Least number of readings for a median. */
 enum { LEAST_READINGS = 12 };
-
-/* Cells of a row that are processed together; their places, from `column` on. */
-enum { BLOCK = 64 };
-static INLINED void places_in_row(size_t ny, size_t column, size_t count, double *w) {
-    const double step = ny > 1 ? 2.0 / ((double)ny - 1.0) : 0.0;
-    for (size_t k = 0; k < count; k++)
-        w[k] = step > 0.0 ? step * (double)(int32_t)(column + k) - 1.0 : 0.0;
-}
-
-/* Medians of the squared residuals of a fit in register, and its means over droplets. */
-void take_misfits(const ScanEvidence *evidence, InkFit *fit);
 
 /* Copies a block of n * n values between matrices of different row length. */
 static inline void copy_block(size_t n, const double *from, size_t from_stride, double *into, size_t stride) {
@@ -158,17 +165,11 @@ static inline void copy_block(size_t n, const double *from, size_t from_stride, 
 /* The share, limited to the volumes that are believed. */
 double share_within(double share);
 
-/* The normal equations of terms of the datum, and changes of the shares. */
-enum { SMOOTH_MAX = DATUM_TERMS + SHARES_MAX };
-typedef struct {
-    double matrix[SMOOTH_MAX * SMOOTH_MAX], side[SMOOTH_MAX];
-} SmoothSums;
-
-/* Normal equations of the cells not in `left_out`. misfit: factor of the variances in each class; NULL: 1. */
-SmoothSums smooth_sums(const ScanEvidence *evidence, const uint8_t *left_out, const double *misfit);
-
-/* Prior precision of datum and shares, in rows of `stride`. False if it is not definite. */
-bool smooth_prior(const ScanEvidence *evidence, size_t stride, double *precision);
+/* Normal equations of datum and changes of the shares by the cells not in `left_out`, with the prior, in rows of
+ * `stride` of a matrix of 0. last: the last fit, whose misfit scales the variances. False if the prior is not
+ * definite. */
+bool smooth_equations(const ScanEvidence *evidence, const uint8_t *left_out, const InkFit *last, size_t stride,
+                      double *matrix, double *side);
 
 /* Stores datum and shares in the fit: the last ones of `all` unknowns. */
 void take_smooth(const ScanEvidence *evidence, const double *x, const double *covariance, size_t all, InkFit *fit);
@@ -177,7 +178,7 @@ void take_smooth(const ScanEvidence *evidence, const double *x, const double *co
 bool fit_in_register(const ScanEvidence *evidence, InkFit *fit);
 
 /* A reading at a wall, and its derivatives with respect to the unknowns: geometry, terms of the datum, and shares. */
-enum { DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX };
+enum { DATUM = GEOMETRY, SHARE = DATUM + DATUM_TERMS, FITTED = SHARE + SHARES_MAX, WALLS_MAX = 640 };
 typedef struct {
     size_t cell;
     double u, w, column[FITTED], rest, variance, slopes;
@@ -190,43 +191,40 @@ typedef struct {
     size_t count;
     double spread, share[SHARES_MAX]; /* spot [cells^2] and ink of the averaged prediction */
     double step;                      /* half a step of the difference quotients [cells] */
-    Wall *walls;                      /* memory released by give_maps */
-    double *values;                   /* for medians */
+    Wall walls[WALLS_MAX];
+    double values[WALLS_MAX]; /* for medians */
 } WallFit;
 
 /* Marks the cells that a geometry of this covariance may move: those near steep cells; all cells if scans are
  * displaced. */
 void mark_walls(const ScanEvidence *evidence, const double *covariance);
 
-/* Finds the readings on marked cells. False if there is no memory. */
-bool collect_walls(WallFit *fit);
-
-/* Averages the prediction with the ink of the unknowns over their spot. */
-void average_walls(const double *x, WallFit *fit);
+/* Finds the readings on marked cells. */
+void collect_walls(WallFit *fit);
 
 /* Residuals and derivatives of the readings for the unknowns x. */
 void look_at_walls(const double *x, WallFit *fit);
 
 /* Median squared error of steep readings in variances, at least 1: divides the weights while the fit is far from its
  * end. */
-double heat_of(const WallFit *fit, const double *covariance);
+double heat_of(WallFit *fit, const double *covariance);
 
 /* Residuals in variances, the largest over groups of walls; stores those of the classes, and those that droplets are
  * learnt from, in the fit. */
-double misfit_of(const WallFit *fit, InkFit *displaced);
+double misfit_of(WallFit *fit, InkFit *displaced);
 
 /* Log likelihood ratio of the readings, displaced against in register, with datum and shares of one of the fits. */
 double likelihood_gained(const WallFit *fit, const InkFit *in_register);
 
 /* Marks the walls, and fits the displaced scan: the registration after it, and `displaced`. It is compared with the fit
- * `in_register`. False if there is no memory. */
-bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+ * `in_register`. */
+void fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
                    InkFit *displaced);
 
 /* Whether a displacement can be the truth, by the residuals that displaced fits of the last scans left. */
 bool may_be_displaced(const Registration *registration);
 
-/* Updates the estimate by the scan. False if the fit is singular, or there is no memory. */
+/* Updates the estimate by the scan. False if the fit is singular. */
 bool take_scan(const ScanEvidence *evidence);
 
 typedef struct {
@@ -235,7 +233,7 @@ typedef struct {
     const double *geometry; /* covariance of the geometry for readings at walls; NULL: none */
     double extra[CLASSES];  /* process noise in addition to that of droplets, in native variances */
     bool is_robust;
-    double displaced[GEOMETRY], back[GEOMETRY]; /* geometry of a displaced scan, and its inverse */
+    double back[GEOMETRY]; /* inverse geometry of a displaced scan */
 } MapUpdate;
 
 /* Counts of an update: readings; surprises of the scan before that vanished, and that lasted; cells without growth. */
@@ -245,7 +243,7 @@ enum { SEEN, VANISHED, LASTED, DRY };
 CellSums update_in_register(const MapUpdate *update);
 CellSums update_displaced(MapUpdate *update);
 
-/* Update without a scan: heights are the predicted ones; reads `evidence`. */
-void live_on_prediction(const MapUpdate *update);
+/* Update without readings: heights are the predicted ones. */
+void live_on_prediction(const ScanEvidence *evidence);
 
 #endif

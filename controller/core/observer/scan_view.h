@@ -23,14 +23,9 @@ typedef struct {
  * height of a layer [m]. */
 double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer);
 
-/* Coefficients of 1, w, ... in a row: of the datum, and of its variance. */
-enum { ROW_TERMS = 3, ROW_VARIANCE_TERMS = 5 };
-void datum_of_row(const double term[DATUM_TERMS], double u, double row[ROW_TERMS]);
-void datum_variance_of_row(const double *covariance, double u, double row[ROW_VARIANCE_TERMS]);
-
-/* The datum at a place of the row [m]. */
-static inline double datum_in_row(const double row[ROW_TERMS], double w) {
-    return row[0] + w * (row[1] + w * row[2]);
+/* The datum at (u, w) [m]. */
+static inline double datum_at(const double term[DATUM_TERMS], double u, double w) {
+    return term[0] + u * (term[1] + u * term[3]) + w * (term[2] + u * term[4] + w * term[5]);
 }
 
 /* The terms 1, u, w, u^2, u w, w^2. */

@@ -120,8 +120,6 @@ static Registration no_registration(size_t nx, size_t ny) {
             const double rest = i == j ? SHEAR_STD * SHEAR_STD : 0.0;
             covariance[(ALONG_X_U + i) * GEOMETRY + ALONG_X_U + j] = (turned + grown + rest) * edge[i] * edge[j];
         }
-    for (size_t k = 0; k < REMEMBERED; k++)
-        none.misfits[k] = 1.0;
     return none;
 }
 
@@ -141,10 +139,6 @@ Knowledge first_knowledge(const EstimatorOptions *options) {
     for (size_t k = 0; k < DATUM_TERMS; k++)
         known.datum_spread[k] = DATUM_STD[k] * DATUM_STD[k] * layer * layer;
     return known;
-}
-
-static double spot_error(const Registration *registration) {
-    return sqrt(registration->covariance[SPREAD * GEOMETRY + SPREAD]);
 }
 
 bool is_spill_foreign(const LoopTrust *trust) {
@@ -172,7 +166,8 @@ bool is_probe(int64_t layer) {
 
 /* Reports the estimated geometry of the scans. */
 static void report_geometry(const Registration *registration, size_t nx, size_t ny, EstimateFigures *figures) {
-    const double *covariance = registration->covariance, *g = registration->estimate, error = spot_error(registration);
+    const double *covariance = registration->covariance, *g = registration->estimate;
+    const double error = sqrt(covariance[SPREAD * (GEOMETRY + 1)]);
     const double rise = half_of(nx), run = half_of(ny), larger = fmax(covariance[0], covariance[GEOMETRY + 1]);
     figures->shift_x = g[SHIFT_X];
     figures->shift_y = g[SHIFT_Y];

@@ -65,7 +65,7 @@ typedef struct {
     double covariance[GEOMETRY * GEOMETRY];
     double steps[2];            /* learnt: variance of the shift from scan to scan [cells^2] */
     double odds;                /* log odds that scans are displaced rather than in register */
-    double misfits[REMEMBERED]; /* misfits of displaced fits of the last scans, in variances of droplets and sensor */
+    double misfits[REMEMBERED]; /* misfits of displaced fits, last scan first, in variances of droplets and sensor */
     int64_t fits;               /* scans fitted */
     int64_t is_displaced;       /* scans count as displaced */
     int64_t is_shifted;         /* first scans show a shift that foreign droplets do not explain */

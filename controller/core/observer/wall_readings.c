@@ -6,15 +6,13 @@
 #include <math.h>
 #include <string.h>
 
-#include "map_memory.h"
 #include "median.h"
 
 static const double WALL = 0.1;  /* least variance by displacement that makes a wall, in that of droplet and sensor */
 static const double STEEP = 0.8; /* least slope of a steep wall, in layers per cell */
 /* log odds below which scans are surely in register: fewer walls show whether they move (assumed) */
 static const double IN_REGISTER = -5.0;
-static const double FAR_FROM_1 = 1e100; /* product of ratios whose logarithm is taken */
-enum { WALLS_MAX = 640, WALLS_WATCHED = 160 };
+enum { WALLS_WATCHED = 160 };
 
 void mark_walls(const ScanEvidence *evidence, const double *covariance) {
     if (evidence->known->registration.is_displaced) {
@@ -35,37 +33,15 @@ void mark_walls(const ScanEvidence *evidence, const double *covariance) {
 }
 
 /* Samples the walls at even distances, if there are many. */
-bool collect_walls(WallFit *fit) {
-    const size_t nx = fit->evidence->nx, ny = fit->evidence->ny, cells = fit->evidence->cells;
+void collect_walls(WallFit *fit) {
+    const size_t nx = fit->evidence->nx, ny = fit->evidence->ny;
     const size_t limit = fit->evidence->known->registration.odds < IN_REGISTER ? WALLS_WATCHED : WALLS_MAX;
-    const size_t most = cells < limit ? cells : limit;
     size_t sample[WALLS_MAX];
-    fit->walls = take_raw_maps(most, sizeof(Wall) + sizeof(double));
-    if (!fit->walls)
-        return false;
-    fit->values = (double *)(fit->walls + most);
     fit->count = sample_cells(fit->evidence, fit->evidence->valid, fit->evidence->walls, 1, limit, sample);
     for (size_t k = 0; k < fit->count; k++) {
         const size_t cell = sample[k];
         fit->walls[k] = (Wall){.cell = cell, .u = place_on(cell / ny, nx), .w = place_on(cell % ny, ny)};
     }
-    return true;
-}
-
-void average_walls(const double *x, WallFit *fit) {
-    fit->spread = fmax(x[SPREAD], 0.0);
-    memcpy(fit->share, x + SHARE, sizeof fit->share);
-    average_prediction(fit->evidence, fit->share, fit->spread);
-}
-
-/* The class of the cells under a reading: with droplets of their own, reached by others', or neither. */
-static size_t class_at(const int32_t *all, const Place *place, double squares) {
-    const int32_t *pattern = all + place->cell;
-    const bool is_own = (pattern[0] > 0 && place->x < 1.0 && place->y < 1.0) ||
-                        (pattern[place->below] > 0 && place->x > 0.0 && place->y < 1.0) ||
-                        (pattern[place->right] > 0 && place->x < 1.0 && place->y > 0.0) ||
-                        (pattern[place->below + place->right] > 0 && place->x > 0.0 && place->y > 0.0);
-    return is_own ? OWN : squares > 0.0 ? SPILL : CLASSES;
 }
 
 static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
@@ -78,7 +54,9 @@ static void look_at_wall(const double *x, const WallFit *fit, Wall *wall) {
     datum_terms(wall->u, wall->w, wall->column + DATUM);
     wall->slopes = slopes->along_x * slopes->along_x + slopes->along_y * slopes->along_y;
     wall->squares = value_at(evidence->increments.squares, &reading.place);
-    wall->class = class_at(evidence->living.pattern, &reading.place, wall->squares);
+    wall->class = value_at(evidence->increments.own, &reading.place) > 0.0 ? OWN
+                  : wall->squares > 0.0                                    ? SPILL
+                                                                           : CLASSES;
     wall->variance = sensor_variance(evidence, &reading, x[SPREAD], fit->spread) +
                      value_at(evidence->variance, &reading.place) + evidence->droplet_variance * wall->squares;
     wall->rest = evidence->scan[wall->cell] - reading.value - (x[SPREAD] - fit->spread) * slopes->with_spread;
@@ -96,7 +74,7 @@ void look_at_walls(const double *x, WallFit *fit) {
         look_at_wall(x, fit, &fit->walls[k]);
 }
 
-double heat_of(const WallFit *fit, const double *covariance) {
+double heat_of(WallFit *fit, const double *covariance) {
     const double shift = fmax(covariance[0], covariance[GEOMETRY + 1]);
     size_t count = 0;
     for (size_t k = 0; k < fit->count; k++) {
@@ -112,7 +90,7 @@ enum { STEEP_WALLS = CLASSES, GROUPS };
 
 /* Misfit: the median, and until scans count as displaced the larger of it and half the upper quartile, since droplets
  * unlike the model's often leave half of the walls unchanged. */
-double misfit_of(const WallFit *fit, InkFit *displaced) {
+double misfit_of(WallFit *fit, InkFit *displaced) {
     const bool is_displaced = fit->evidence->known->registration.is_displaced;
     const double layer = layer_of(fit->evidence->options), steep = STEEP * STEEP * layer * layer;
     double largest = 1.0;
@@ -144,18 +122,14 @@ double misfit_of(const WallFit *fit, InkFit *displaced) {
 
 double likelihood_gained(const WallFit *fit, const InkFit *in_register) {
     const ScanEvidence *evidence = fit->evidence;
-    double gained = 0.0, ratio = 1.0, row[ROW_TERMS];
+    double gained = 0.0;
     for (size_t k = 0; k < fit->count; k++) {
         const Wall *wall = &fit->walls[k];
-        datum_of_row(in_register->datum, wall->u, row);
         const double plain = evidence->scan[wall->cell] - evidence->predicted[wall->cell] -
-                             share_change(evidence, in_register->share, wall->cell) - datum_in_row(row, wall->w);
+                             share_change(evidence, in_register->share, wall->cell) -
+                             datum_at(in_register->datum, wall->u, wall->w);
         const double variance = NU * fmin(wall->variance, native_variance(evidence, wall->cell));
-        ratio *= (variance + plain * plain) / (variance + wall->rest * wall->rest);
-        if (ratio > FAR_FROM_1 || ratio < 1.0 / FAR_FROM_1) {
-            gained += log(ratio);
-            ratio = 1.0;
-        }
+        gained += log((variance + plain * plain) / (variance + wall->rest * wall->rest));
     }
-    return 0.5 * (NU + 1.0) * (gained + log(ratio));
+    return 0.5 * (NU + 1.0) * gained;
 }

@@ -283,11 +283,9 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
         return float((c.NU + 1.0) / 2.0 * np.sum(np.log1p(view.rest**2 / (c.NU * view.variance))) + prior_cost)
 
     x, shift_variance = before.copy(), max(prior[0, 0], prior[1, 1])
-    for times, distance in ((c.TRIED, 1.0), (1, 0.5)) if shift_variance >= c.UNKNOWN_SHIFT**2 else ():
-        if distance == 0.5 and not s.is_displaced and np.array_equal(x, before):
-            break
-        moves = distance * (np.argwhere(np.ones((2 * times + 1, 2 * times + 1))) - times)
-        tried = [x, *(x + np.pad(move, (0, len(x) - 2)) for move in moves)]
+    if shift_variance >= c.UNKNOWN_SHIFT**2:
+        moves = np.argwhere(np.ones((2 * c.TRIED + 1, 2 * c.TRIED + 1))) - c.TRIED
+        tried = [x + np.pad(move, (0, len(x) - 2)) for move in moves]
         x = tried[int(np.argmin([cost(each) for each in tried]))]
     for number in range(c.ROUNDS):
         if not view.is_averaged(x):
