@@ -206,6 +206,21 @@ def test_readings_are_those_of_the_fmu(own) -> None:
             assert reading == pytest.approx(fmu.get("measured_height"), rel=1e-12, abs=1e-19)
 
 
+def test_scan_is_of_the_layer_that_was_the_newest_when_it_began() -> None:
+    """A layer is printed every second, and a scan takes 1.6 s."""
+    text, _ = printed(lu(INKS))
+    sensor = f"""
+      InkLoop.Sensors.ProfileSensor sensor(nx={NX}, ny={NY}, scan_duration=1.6);
+    equation
+      connect(deposition.height, sensor.height);
+      connect(deposition.layers_printed, sensor.layers_printed);"""
+    run = simulate_text(text.replace("equation", sensor), LAYERS + 3.0)
+    for second, scanned in ((1.7, 0), (3.3, 1), (4.9, 3), (6.5, 4)):
+        assert run.at("sensor.layers_scanned", second) == scanned
+        surface = START if scanned == 0 else run.at("deposition.height", scanned + 0.5, SHAPE)
+        assert run.at("sensor.measured_height", second, SHAPE) == pytest.approx(surface, rel=1e-12, abs=0.0)
+
+
 @pytest.mark.parametrize("count", [(0, 0, 0), (77, 4, 2_000_000_000), (2_147_483_647, 7, 123_456_789)])
 def test_random_numbers_are_philox_bit_for_bit(count) -> None:
     """The last bit of a word decides nothing smaller than 2^-53, so equal numbers of 53 bits are equal bits."""

@@ -126,7 +126,8 @@ def test_regions_of_later_layers_lie_a_nominal_layer_higher_each(test: Any, expe
 
 def test_ends_of_the_layer_are_asked_about_where_either_ink_is_right() -> None:
     step = nominal_layer_height(two_inks(0.0))
-    assert (ink_choices(two_inks(0.5 * step), "either", np.zeros((6, 6)), 1) == 3).all()
+    for boundary in (0.1, 0.5, 0.9):
+        assert (ink_choices(two_inks(boundary * step), "either", np.zeros((6, 6)), 1) == 3).all()
 
 
 def test_grey_kinds_are_multiples_of_the_inks() -> None:

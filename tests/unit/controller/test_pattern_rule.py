@@ -17,11 +17,11 @@ from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck, job
-from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, StochasticGreedy
+from inkloop_controller.baseline_planners import CohenLipson, ErrorDiffusion, OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
 from inkloop_controller.core.bindings import paper_search
 from inkloop_controller.estimation.height_estimator import Estimate
-from inkloop_controller.model import ink_maps
+from inkloop_controller.model import LayerModel, ink_maps
 from inkloop_controller.planning.layer_plan import PlanStatus
 from inkloop_controller.problem.horizon_problem import full_layers
 from support.closed_loop import block, cylinder, print_part
@@ -158,6 +158,16 @@ def test_nothing_falls_where_nothing_is_lacking(make: Any) -> None:
     plan = make(job).plan(Estimate.exact(job.target_height, job.inks), 3, np.zeros((1, job.nx, job.ny), np.int32))
     assert plan.status is PlanStatus.DONE
     assert not plan.pattern.any()
+
+
+@pytest.mark.parametrize("make", [OpenLoop, CohenLipson, ErrorDiffusion])
+def test_surface_is_predicted_with_the_passes_of_the_layer_that_is_due(make: Any) -> None:
+    job = block(passes=4, pass_order=2, pass_rotation=1)
+    estimate = Estimate.exact(rough(job, 2), job.inks)
+    plan = make(job).plan(estimate, 2, np.zeros((1, job.nx, job.ny), np.int32))
+    due, other = (LayerModel.of(job).layer(estimate.height, plan.pattern, number) for number in (3, 2))
+    np.testing.assert_array_equal(plan.predicted_height, due)
+    assert not np.array_equal(due, other)
 
 
 @pytest.mark.system

@@ -145,6 +145,19 @@ def test_only_what_may_be_newer_asks_a_person(bench: NodeBench, newest: int, slo
     assert bench.clear() == (-Nrc.CONDITIONS if asked else DONE)
 
 
+def test_records_of_several_sectors_that_come_back_are_older_than_those_after_they_were_given_up(
+    bench: NodeBench,
+) -> None:
+    fill(bench, 350)
+    bench.decay_slots(range(5, 350))
+    restart(bench)
+    assert bench.clear(option=3) == DONE
+    newest = numbers(bench)[0]
+    bench.restore()
+    restart(bench)
+    assert numbers(bench)[:2] == [newest + 1, newest]
+
+
 def test_memory_that_cannot_be_read_at_all_is_no_empty_one(bench: NodeBench) -> None:
     bench.decay_slots(range(SLOTS))
     restart(bench)

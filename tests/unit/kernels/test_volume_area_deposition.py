@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from support.fmus.fmu_driver import Driver, random_patterns
+from support.fmus.fmu_driver import OK, Driver, random_patterns
 from support.numpy import lu_numpy, wu_chiu_numpy
 
 C = 7.0751e-6
@@ -84,6 +84,16 @@ def test_drop_on_flat_ground_is_a_cap_and_what_lies_outside_stays_with_the_hit_c
     expected[i, j] += 1.0 - expected.sum()
     assert ink == pytest.approx(expected, abs=1e-10)
     assert area == pytest.approx(share, abs=1e-10)
+
+
+def test_droplets_of_no_drops_cover_nothing() -> None:
+    with Driver("VolumeAreaDeposition", nx=5, ny=4).start({}) as fmu:
+        assert fmu.set("drop_level", one_drop(5, 4, 1, 2)) == OK
+        surface = fmu.print_layer(1)
+        alone, area = prints(5, 4, [one_drop(5, 4, 1, 2)])
+        np.testing.assert_array_equal(surface, alone)
+        np.testing.assert_array_equal(fmu.get("area"), area)
+        assert fmu.get("droplets_a") == 1
 
 
 @pytest.mark.system

@@ -48,6 +48,11 @@ PROBLEMS = {
     "deviation": nearly_flat((21, 13), 2, alpha=0.8),
     "deviation, far below the target": replace(nearly_flat((13, 21), 2, alpha=0.3), target=np.full((13, 21), 3e-3)),
     "chance": nearly_flat((17, 23), 3, droplet_std=0.06, overshoot=1.07),
+    "two sizes": replace(
+        nearly_flat((17, 23), 1, droplet_std=0.4),
+        kinds=(Ink(0.9e-6, 0.12e-6, 0.04e-6), Ink()),
+        choices=np.full((1, 17, 23), 3, np.uint16),
+    ),
     "everything": with_everything((23, 17), 2, 1, 5, droplet_std=0.06),
 }
 

@@ -88,6 +88,7 @@ def test_the_largest_drop_is_the_one_of_a_full_layer() -> None:
     "near",
     [
         {"target": np.full((5, 5), 7e-6)},  # a layer is more than enough
+        {"target": np.full((5, 5), 8e-6), "alpha": 1.0, "droplet_std": 0.3},  # it may be, where droplets come large
         {"ceiling": np.full((5, 5), 5e-6), "ceiling_cost": 100.0},
         {"kinds": (INK, replace(INK, h2=1.5 * INK.h2)), "choices": np.full((1, 5, 5), 3, np.uint16)},  # two inks
         {"kinds": (Ink(1e-6, 2e-6, 2e-6),)},  # more ink may lower a cell

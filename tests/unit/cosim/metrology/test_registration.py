@@ -327,6 +327,16 @@ def test_datum_is_the_median_or_the_plane_of_what_lies_around_the_part() -> None
         level(height, few & False, "offset")
 
 
+def test_dirt_is_told_by_the_ground_alone_also_where_the_part_is_most_of_the_map() -> None:
+    ground = np.ones((10, 8), np.bool_)
+    ground[1:-1, 1:-1] = False
+    height = np.where(ground, 0.0, 20e-6)
+    height[0, 0] = 50e-6  # dirt
+    surface, used = plane(height, ground)
+    assert np.argwhere(ground & ~used).tolist() == [[0, 0]]
+    np.testing.assert_allclose((height - surface)[~ground], 20e-6, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("swap", "other"), [("none", "y"), ("y", "none"), ("x", "none")])
 def test_fiducials_of_a_mirrored_map_are_recognised(swap: Any, other: str) -> None:
     on_map = np.array([[0.0, 0.0], [3e-3, 0.0], [0.0, 1e-3]])

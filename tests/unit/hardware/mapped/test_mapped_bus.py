@@ -254,6 +254,21 @@ def test_doctor_looks_for_every_frame_that_the_mapping_waits_for(tmp_path: Path)
     assert there.endswith("2 in 1.5 s; State: it is READY, LayersDone: it is 4, BedPosition: it is 12.5; ")
 
 
+def test_doctor_listens_for_three_cycles_of_the_slowest_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lid every 2 s, and the state every 100 ms."""
+    cycles = "".join(f'BA_ "GenMsgCycleTime" BO_ {number} {ms};\n' for number, ms in ((544, 100), (546, 2000)))
+    more = f"""BO_ 546 PlcLid: 1 Plc
+ SG_ Open : 0|1@1+ (1,0) [0|1] "" Pc
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+{cycles}"""
+    monkeypatch.setattr(foreign_rig, "DBC", foreign_rig.DBC.replace("VAL_ 528", f"{more}VAL_ 528", 1))
+    lid = '\n[outputs.lid]\nmessage = "PlcLid"\nsignal = "Open"\n'
+    monkeypatch.setattr(foreign_rig, "MAPPING", foreign_rig.MAPPING + lid)
+    (_, missing) = examined(tmp_path, Frame(545, bytes(8)))[Grade.ERROR]
+    assert missing.startswith("PlcLid (0x222): none came in 6.")
+
+
 class Peer:
     """A peer that answers as it is told; `asked` has what it was asked."""
 

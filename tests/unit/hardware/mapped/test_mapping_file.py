@@ -244,6 +244,7 @@ def test_cells_that_are_no_number_are_not_valid_and_a_map_of_another_form_is_ref
     for data, message in (
         (b"\x02" + bytes(60), "the map begins with 02, expected 01"),
         (b"\x01", "the map has 1 bytes, expected 61"),
+        (b"\x01" + bytes(61), "the map has 62 bytes, expected 61"),
     ):
         with pytest.raises(TransferError, match=message):
             read_map(data, MapTable(header="01", unit="um"), FIELDS)

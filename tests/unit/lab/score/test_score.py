@@ -10,6 +10,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.component import Ink, Job
+from inkloop.printing.run import print_part
 from inkloop.units import UM_PER_M
 from inkloop_controller import Criterion, Estimate, LayerMpc
 from inkloop_lab.models import LayerDeposition
@@ -24,6 +25,7 @@ from inkloop_lab.score.board import (
     fingerprint,
     identified,
     load,
+    overrides_of,
     prints,
     relative,
     single_droplet,
@@ -102,6 +104,13 @@ def test_our_controller_is_not_worse_than_open_loop_at_any_cell(plant) -> None:
     open_loop, ours = (prints(entry, plant, [1]) for entry in (OPEN_LOOP, OURS))
     assert ours.mean("rms") < open_loop.mean("rms")
     assert ours.ends_above(open_loop) == (plant in TOO_HIGH)
+
+
+def test_highest_cell_of_a_print_is_counted_from_the_target_up() -> None:
+    run = print_part(load("lu", {"seed": 2, **overrides_of(OPEN_LOOP)})).dataset
+    above = (run.height[-1] - run.target_height).values[run.mask.values.astype(bool)]
+    (highest,) = prints(OPEN_LOOP, "lu", [2]).figures["highest"]
+    assert highest == pytest.approx(above.max(), rel=1e-9, abs=0.0)
 
 
 def scores() -> list[Score]:
