@@ -25,7 +25,7 @@ static const double TEMPER = 0.5; /* tempering of the likelihood, as errors of n
 /* penalty per scan in log odds: the gain of seven unknowns by chance, 7/2, tempered */
 static const double PRICE = 1.75;
 static const double LEAST_ODDS = -6.0, LARGEST_ODDS = 40.0, DECIDED = 3.0;
-/* standard deviations, of a fit with its misfit, from which a shift stands out of foreign droplets (assumed) */
+/* standard deviations from which a shift stands out of foreign droplets (assumed) */
 static const double STANDS_OUT = 5.0;
 /* least half step of the difference quotients [cells]; their factor per round: there is no gradient beyond an edge */
 static const double SHORT_STEP = 0.05, SHORTER = 0.7;
@@ -187,10 +187,12 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
     return true;
 }
 
-/* Whether the shift of a fit is no chance of its misfit. all: number of unknowns. */
+/* Whether the shift of a fit is neither chance nor an error of the view model, by its misfit. all: number of unknowns.
+ */
 static bool stands_out(const double *x, const double *covariance, size_t all, double misfit) {
-    const double least = STANDS_OUT * STANDS_OUT * misfit;
-    return x[SHIFT_X] * x[SHIFT_X] > least * covariance[0] || x[SHIFT_Y] * x[SHIFT_Y] > least * covariance[all + 1];
+    const double least = STANDS_OUT * STANDS_OUT * misfit, model = PLACE_ERROR * PLACE_ERROR;
+    return x[SHIFT_X] * x[SHIFT_X] > least * (covariance[0] + model) ||
+           x[SHIFT_Y] * x[SHIFT_Y] > least * (covariance[all + 1] + model);
 }
 
 /* all: number of unknowns. Foreign droplets look like a linear part or a spot, as they are alike at both ends of a

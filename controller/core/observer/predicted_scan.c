@@ -9,8 +9,6 @@ static const double NARROW = 0.36;       /* variance up to which a spot covers a
 static const double SPREAD_CHANGE = 0.1; /* step of a difference quotient [cells^2] */
 /* reach of a spot in standard deviations: less than a ten-thousandth lies beyond */
 static const double BORDER = 4.0;
-/* errors of the view model: of the place [cells], and of the variance of the spot, as a share of it (assumed) */
-static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
 enum { TAPS_MAX = 5 }; /* taps of a spot to each side */
 
 /* Weights of the cells at distance 0, 1, ...; their variance is that of the spot. Returns the largest distance. */

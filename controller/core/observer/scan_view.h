@@ -7,7 +7,9 @@
 
 #include "surface_estimate.h"
 
-static const double NU = 4.0;          /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+static const double NU = 4.0; /* degrees of freedom of a reading's error (Lange, Little, Taylor 1989) */
+/* errors of the view model: of the place [cells], and of the variance of the spot, as a share of it (assumed) */
+static const double PLACE_ERROR = 0.004, SHAPE_ERROR = 0.03;
 static const double NOISELESS = 1e-20; /* [m^2], the least variance of a reading: a tenth of a nanometre */
 
 typedef struct {

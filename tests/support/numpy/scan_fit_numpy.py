@@ -331,7 +331,7 @@ def learn_geometry(s: State, x: Any, covariance: Any, left: float, gained: float
     if len(s.misfits) > 1 and may_be:
         steps = (1.0 - c.STEP_GAIN) * s.steps + c.STEP_GAIN * (x - np.pad(s.g, (0, len(x) - 7)))[:2] ** 2
         s.steps = np.maximum(steps, c.LEAST_STEP**2)
-    stands_out = bool(np.any(x[:2] ** 2 > c.STANDS_OUT**2 * left * np.diag(covariance)[:2]))
+    stands_out = bool(np.any(x[:2] ** 2 > c.STANDS_OUT**2 * left * (np.diag(covariance)[:2] + c.OF_SLOPE**2)))
     s.is_shifted |= s.odds > c.DECIDED and not may_be and stands_out and len(s.misfits) <= 3
     s.is_displaced = s.odds > c.DECIDED and (may_be or s.is_shifted)
     s.g, s.covariance = x[:7].copy(), covariance[:7, :7].copy()
