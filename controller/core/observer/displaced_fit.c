@@ -9,6 +9,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "map_memory.h"
 #include "small_algebra.h"
 
 /* step per scan of the linear part, at the edge [1], and of the spot [cells^2] (assumed) */
@@ -187,8 +188,7 @@ static bool solve_walls(const WallPrior *prior, WallFit *fit, double *x, double 
     return true;
 }
 
-/* Whether the shift of a fit is neither chance nor an error of the view model, by its misfit. all: number of unknowns.
- */
+/* Whether a shift is neither chance, by the misfit of its fit, nor an error of the view. all: number of unknowns. */
 static bool stands_out(const double *x, const double *covariance, size_t all, double misfit) {
     const double least = STANDS_OUT * STANDS_OUT * misfit, model = PLACE_ERROR * PLACE_ERROR;
     return x[SHIFT_X] * x[SHIFT_X] > least * (covariance[0] + model) ||
@@ -219,23 +219,29 @@ static void learn_geometry(const double *x, const double *covariance, size_t all
     copy_block(GEOMETRY, covariance, all, registration->covariance, GEOMETRY);
 }
 
-void fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
                    InkFit *displaced) {
     const size_t all = SHARE + evidence->shares;
-    WallFit fit = {.evidence = evidence, .step = SLOPE_STEP};
+    WallFit *fit = take_raw_maps(1, sizeof *fit); /* too large for the stack of a small thread */
     WallPrior prior = {.side = {0.0}};
     double x[FITTED], covariance[ENTRIES_MAX];
+    if (!fit)
+        return false;
+    fit->evidence = evidence;
+    fit->step = SLOPE_STEP;
     *displaced = *in_register;
     displaced->droplets = 0;
     expect_geometry(evidence, registration, &prior);
     mark_walls(evidence, prior.covariance);
-    collect_walls(&fit);
-    average_walls(prior.before, &fit);
-    if (fit.count >= LEAST_READINGS && expect_smooth(&fit, in_register, &prior) &&
-        solve_walls(&prior, &fit, x, covariance)) {
-        const double left = misfit_of(&fit, displaced);
+    collect_walls(fit);
+    average_walls(prior.before, fit);
+    if (fit->count >= LEAST_READINGS && expect_smooth(fit, in_register, &prior) &&
+        solve_walls(&prior, fit, x, covariance)) {
+        const double left = misfit_of(fit, displaced);
         take_smooth(evidence, x, covariance, all, displaced);
-        const double gained = fmin(likelihood_gained(&fit, in_register), likelihood_gained(&fit, displaced));
+        const double gained = fmin(likelihood_gained(fit, in_register), likelihood_gained(fit, displaced));
         learn_geometry(x, covariance, all, left, gained, registration);
     }
+    give_maps(fit);
+    return true;
 }

@@ -124,10 +124,9 @@ bool take_scan(const ScanEvidence *evidence) {
     Registration *registration = &known->registration;
     const bool is_registered = evidence->options->register_scans && !evidence->is_unknown;
     InkFit in_register = {.droplets = 0}, displaced = in_register;
-    if (!fit_in_register(evidence, &in_register))
+    if (!fit_in_register(evidence, &in_register) ||
+        (is_registered && !fit_displaced(evidence, &in_register, registration, &displaced)))
         return false;
-    if (is_registered)
-        fit_displaced(evidence, &in_register, registration, &displaced);
     const bool is_displaced = registration->is_displaced;
     const bool may_be = is_registered && registration->fits > 0 && may_be_displaced(registration);
     const InkFit *fit = is_displaced && is_registered ? &displaced : &in_register;

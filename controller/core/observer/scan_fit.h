@@ -217,14 +217,14 @@ double misfit_of(WallFit *fit, InkFit *displaced);
 double likelihood_gained(const WallFit *fit, const InkFit *in_register);
 
 /* Marks the walls, and fits the displaced scan: the registration after it, and `displaced`. It is compared with the fit
- * `in_register`. */
-void fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
+ * `in_register`. False if there is no memory. */
+bool fit_displaced(const ScanEvidence *evidence, const InkFit *in_register, Registration *registration,
                    InkFit *displaced);
 
 /* Whether a displacement can be the truth, by the residuals that displaced fits of the last scans left. */
 bool may_be_displaced(const Registration *registration);
 
-/* Updates the estimate by the scan. False if the fit is singular. */
+/* Updates the estimate by the scan. False if the fit is singular, or there is no memory. */
 bool take_scan(const ScanEvidence *evidence);
 
 typedef struct {
