@@ -17,7 +17,7 @@ from inkloop_controller.gpu.plan_on_device import BETWEEN_LAYERS, GROUP, IN_A_LA
 from inkloop_controller.problem.horizon_problem import IntPlan
 
 FIRST = 4
-"""Sweeps of moves in a layer before droplets move between layers: all moves from the first on end 2 to 6 % higher."""
+"""Sweeps of moves in a layer before droplets move between layers: all moves from the first on end 1 to 4 % higher."""
 FORM = ("LAYERS", "KINDS", "CEILING", "WEIGHT", "DEVIATION")
 
 
