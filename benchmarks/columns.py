@@ -7,7 +7,6 @@ import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
 from rich.console import Group
@@ -17,10 +16,10 @@ from benchmarks.timing import least, scaled, table_of
 from inkloop.geometry import Columns, load
 from inkloop.geometry.body import Body
 from inkloop.geometry.mesh_columns import mesh_columns
-from inkloop.limits import KIB
 from inkloop.units import GIGA, MM_PER_M
 from support import meshes
 from support.meshes import Triangles
+from support.peak_memory import of_this_process
 
 ROUNDS = 3
 SAMPLED = 200
@@ -41,7 +40,7 @@ def measure() -> Group:
         folder = Path(place)
         torus, volume = _meshes()["torus"]
         (folder / "torus.stl").write_bytes(meshes.binary_stl(torus * MM_PER_M))
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:  # first: it inherits the peak so far
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
             peak = process.submit(_peak, folder / "torus.stl", 6000).result()
         for name, (triangles, exact) in _meshes().items():
             (folder / f"{name}.stl").write_bytes(meshes.binary_stl(triangles * MM_PER_M))
@@ -107,4 +106,4 @@ def _trimesh(triangles: Triangles, columns: Columns, z: np.ndarray) -> float:
 def _peak(path: Path, cells: int) -> float:
     """Most memory that this process held while it read a mesh to columns [GB]."""
     load(path, cells, cells, EDGE / cells, unit="mm")
-    return getrusage(RUSAGE_SELF).ru_maxrss * KIB / GIGA
+    return of_this_process() / GIGA

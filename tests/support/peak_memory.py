@@ -1,4 +1,4 @@
-"""Peak memory of a whole print, in the process that prints it."""
+"""Peak memory of a process, and of one that prints a part."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def peak(side: int, controller: str, **options: Any) -> int:
         folder = Path(place) / "run"
         Result.begin(folder, scenario.text, {})
         print_part(scenario, folder=folder)
-    return _of_this_process()
+    return of_this_process()
 
 
-def _of_this_process() -> int:
-    """VmHWM, since ru_maxrss begins with the memory of the process that started this one."""
+def of_this_process() -> int:
+    """Most memory that this process has held: VmHWM, as ru_maxrss begins with that of its parent."""
     kibibytes = re.search(r"^VmHWM:\s+(\d+) kB$", Path("/proc/self/status").read_text(), re.MULTILINE)
     assert kibibytes
     return int(kibibytes[1]) * KIB
