@@ -56,14 +56,19 @@ static uint8_t kind_for(const HorizonProblem *problem, const Levels *levels, uin
     return best;
 }
 
-/* Jets `amount` droplets on a cell, in the last layers first; returns the number jetted. */
+/* Jets `amount` droplets on a cell, and returns the number jetted: one in each layer, the last ones first; what exceeds
+ * that evenly, as small drops leave the repair more than large ones in few layers. */
 static double fill_layers(const HorizonProblem *problem, const Levels *levels, size_t cell, double amount,
                           int32_t *plan) {
     const size_t cells = problem->nx * problem->ny;
-    double left = amount;
+    double left = amount, layers = 0.0; /* layers that may still get droplets */
+    for (size_t layer = 0; layer < problem->layers; layer++)
+        layers += problem->choices[layer * cells + cell] > 0;
     for (size_t layer = problem->layers; layer-- > 0;) {
         const uint16_t choices = problem->choices[layer * cells + cell];
-        const uint8_t kind = kind_for(problem, levels, choices, left);
+        const double even = choices > 0 ? fmin(left, fmax(1.0, floor(left / layers))) : 0.0;
+        const uint8_t kind = kind_for(problem, levels, choices, even);
+        layers -= choices > 0;
         plan[layer * cells + cell] = kind == NO_KIND ? 0 : 1 + kind;
         if (kind != NO_KIND)
             left -= levels->level[first_kind(problem, choices)][kind];

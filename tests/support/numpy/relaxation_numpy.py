@@ -73,8 +73,9 @@ def relaxed(problem: HorizonProblem, start: FloatMap, iterations: int, cost: Cos
 def diffused(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:
     """Floyd and Steinberg's error diffusion over the sum of the layers, row by row, every other one backwards.
 
-    A cell takes the nearest whole number that its layers can hold, the last layers first; what is left of its wish
-    goes to the cells to come that may have droplets at all, in proportion to the four shares.
+    A cell takes the nearest whole number that its layers can hold: one droplet in each layer, the last ones first, and
+    what exceeds that evenly; what is left of its wish goes to the cells to come that may have droplets at all, in
+    proportion to the four shares.
     """
     limit, plan = most(problem), np.zeros(problem.choices.shape, np.int32)
     wish, room = np.minimum(droplets, limit).sum(axis=0), limit.sum(axis=0)
@@ -84,8 +85,10 @@ def diffused(problem: HorizonProblem, droplets: FloatMap) -> IntPlan:
         for j in range(ny)[::way]:
             left = float(np.clip(np.floor(wish[i, j] + 0.5), 0.0, room[i, j]))
             rest = wish[i, j]
-            for layer in reversed(range(len(plan))):
-                fitting = {value: size for value, size in levels(problem, layer, i, j).items() if size <= left}
+            usable = [layer for layer in range(len(plan)) if problem.choices[layer, i, j]]
+            for before, layer in reversed(list(enumerate(usable))):
+                even = min(left, max(1.0, left // (before + 1)))
+                fitting = {value: size for value, size in levels(problem, layer, i, j).items() if size <= even}
                 if fitting:
                     plan[layer, i, j] = max(fitting, key=lambda value: (fitting[value], -value))
                     left, rest = (amount - fitting[int(plan[layer, i, j])] for amount in (left, rest))
