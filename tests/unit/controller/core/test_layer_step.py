@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from ctypes import Structure, c_double, c_int64
 from math import nan
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from inkloop.component import Ink, Job, Status
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.estimate_figures import UntrustedReason
+from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model import LayerModel
 from support.closed_loop import block
 
@@ -174,3 +176,89 @@ def test_print_that_is_to_continue_is_never_stopped() -> None:
     step = LayerStep(JOB, on_doubt="continue")
     with pytest.raises(AssertionError, match="never stopped"):
         stopped(step)
+
+
+class Registration(Structure):
+    """`Registration` of surface_estimate.h."""
+
+    _fields_: ClassVar = [
+        *(("estimate", c_double * 7), ("covariance", c_double * 49), ("steps", c_double * 2), ("odds", c_double)),
+        *(("misfits", c_double * 3), ("fits", c_int64), ("is_displaced", c_int64), ("is_shifted", c_int64)),
+    ]
+
+
+class LoopTrust(Structure):
+    """`LoopTrust` of surface_estimate.h."""
+
+    _fields_: ClassVar = [
+        ("ground", c_double * 3),
+        *((name, c_double) for name in ("early", "surprise", "spill", "blind_share", "excess", "rise")),
+        *(("doubts", c_double * 9), ("volume_doubt", c_double)),
+        *((name, c_int64) for name in ("excess_cell", "rise_cell", "layers", "capped_cells", "unseen_cells")),
+        *((name, c_int64) for name in ("high_cells", "blind_layers", "ground_wrong", "stop", "stop_layer")),
+        *((name, c_int64) for name in ("is_looked_at", "is_volume_believed", "transform")),
+        ("stop_figure", c_double),
+    ]
+
+
+class Knowledge(Structure):
+    """The first numbers of `Knowledge` of surface_estimate.h."""
+
+    _fields_: ClassVar = [("registration", Registration), ("trust", LoopTrust), ("share", c_double * 6)]
+
+
+def test_every_figure_of_the_estimate_has_its_output() -> None:
+    """The grid has 12 x 11 cells: u and w change by 1 over 5.5 and over 5 cells. Lengths of the geometry are in cells
+    of the estimate, and in metres of an output."""
+    step = LayerStep(JOB)
+    state, _ = printed(step, 1)
+    block = step.estimate_in(state)
+    known = Knowledge.from_buffer(block)
+    known.registration.estimate[:] = (0.5, -0.25, 0.03, -0.04, 0.05, 0.06, 4.0)
+    known.registration.covariance[0], known.registration.covariance[8], known.registration.covariance[48] = (
+        0.01,
+        0.04,
+        25.0,
+    )
+    known.registration.fits = known.registration.is_displaced = 1
+    known.share[0] = 0.9
+    for name, value in {
+        "surprise": 1.44, "blind_share": 0.125, "excess": 2e-6, "rise": 3e-6, "excess_cell": 3 * 11 + 7,
+        "rise_cell": 5 * 11 + 2, "capped_cells": 4, "unseen_cells": 6, "stop_layer": 8, "transform": 5,
+        "stop_figure": 1.75, "stop": UntrustedReason.TURNED,
+    }.items():  # fmt: skip
+        setattr(known.trust, name, value)
+    known.trust.ground[:] = (1e-6, -2e-6, 4e-6)
+    HeightEstimator(JOB).estimate(block).state["dead_evidence"][:2, 0] = 20.0
+    found, reasons = step.outputs(state), UntrustedReason
+    expected = {
+        "volume_scale": 0.9, "scan_surprise": 1.2, "blind_share": 0.125, "ink_excess": 2e-6, "height_excess": 3e-6,
+        "ink_excess_i": 3, "ink_excess_j": 7, "height_excess_i": 5, "height_excess_j": 2, "dead_cells": 2,
+        "capped_cells": 4, "untrusted_cells": 6, "stop_layer": 8, "stop_transform": 5, "stop_figure": 1.75,
+        "stop_reason": int(reasons.TURNED), "untrusted_reasons": int(reasons.TURNED | reasons.UNSEEN | reasons.INK),
+        "ground_offset": 1e-6, "ground_rise_x": -2e-6, "ground_rise_y": 4e-6, "scan_corrected": 1,
+        "scan_shift_x": 0.5 * JOB.pitch, "scan_shift_y": -0.25 * JOB.pitch, "scan_shift_std": 0.2 * JOB.pitch,
+        "scan_spot_radius": 2.0 * JOB.pitch, "scan_spot_std": 1.0 * JOB.pitch,
+        "scan_rotation": (0.05 / 5.5 + 0.04 / 5.0) / 2.0, "scan_magnification": (0.03 / 5.5 + 0.06 / 5.0) / 2.0,
+    }  # fmt: skip
+    assert {name: float(found[name]) for name in expected} == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+def test_every_figure_of_the_plan_has_its_output() -> None:
+    step = LayerStep(JOB)
+    figures = PlanFiguresStruct(
+        status=3,
+        left_out=5,
+        sweeps=17,
+        objective=(2e-6, 3e-6, 4e-6, 1e-6),
+        bound=1.5e-6,
+        bound_confidence=0.9,
+        seconds=0.5,
+    )
+    state, _ = printed(step, 1)
+    found = step.outputs(step.take(state, full(), figures))
+    expected = {
+        "objective": 2e-6, "objective_error": 3e-6, "objective_deviation": 1e-6, "bound": 1.5e-6, "bound_valid": 1,
+        "plan_status": 3, "left_out": 5, "sweeps": 17, "solve_time": 0.5, "status": Status.IDLE,
+    }  # fmt: skip
+    assert {name: float(found[name]) for name in expected} == pytest.approx(expected, rel=1e-12, abs=0.0)
