@@ -402,8 +402,10 @@ def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
 
 def test_last_plan_that_no_plan_can_be_is_refused() -> None:
     job, height = rough_job(8)
-    with pytest.raises(ValueError, match="last holds 0 to 99; needs 0 to 16"):
-        planned(job, height, last=np.where(job.mask, 99, 0)[None].astype(np.int32))
+    for wrong in (17, -1):
+        with pytest.raises(ValueError, match=f"last holds {min(wrong, 0)} to {max(wrong, 0)}; needs 0 to 16"):
+            planned(job, height, last=np.where(job.mask, wrong, 0)[None].astype(np.int32))
+    planned(job, height, last=np.where(job.mask, 16, 0)[None].astype(np.int32))
 
 
 def test_last_plan_of_another_grid_is_not_used() -> None:
@@ -431,6 +433,11 @@ def test_last_plan_of_another_grid_is_not_used() -> None:
         (lambda job: Work(time_limit=0.0), "time_limit is 0"),
         (lambda job: StochasticGreedy(job, alpha=2.0), "alpha is 2.0"),
         (lambda job: StochasticGreedy(job, batch=0), "batch is 0"),
+        (lambda job: StochasticGreedy(job, iterations_max=0), "batch is 20 and iterations_max 0"),
+        (
+            lambda job: LayerMpc(replace(job, passes=4), criterion=Criterion(alpha=1.0), horizon=1, relaxation="highs"),
+            r"relaxation is 'highs' with horizon 1, alpha 1.0 and 4 pass",
+        ),
         (lambda job: StochasticGreedy(block(passes=4)), "passes is 4; this controller plans layers of 1 pass"),
         (lambda job: OpenLoop(job, layers=-1), "layers is -1"),
     ],
@@ -440,13 +447,19 @@ def test_impossible_option_is_refused(make: Any, message: str) -> None:
         make(block())
 
 
-def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
-    job = block(height=30.4e-6)  # four layers of 7.6 um
-    planner = OpenLoop(job)
+@pytest.mark.parametrize(
+    ("height_um", "given", "layers"), [(30.4, None, 4), (26.5, None, 3), (26.7, None, 4), (30.4, 2, 2), (30.4, 0, 0)]
+)
+def test_open_loop_prints_full_layers_up_to_the_nominal_height(
+    height_um: float, given: int | None, layers: int
+) -> None:
+    """A layer has 7.6 um; their number is rounded."""
+    job = block(height=height_um * 1e-6)
+    planner = OpenLoop(job, layers=given)
     flat = Estimate.exact(np.zeros((job.nx, job.ny)), job.inks)
-    plans = [planner.plan(flat, layer, none(job)) for layer in range(5)]
-    assert [plan.status for plan in plans] == [PlanStatus.FIXED] * 4 + [PlanStatus.DONE]
-    for plan in plans[:4]:
+    plans = [planner.plan(flat, layer, none(job)) for layer in range(layers + 1)]
+    assert [plan.status for plan in plans] == [PlanStatus.FIXED] * layers + [PlanStatus.DONE]
+    for plan in plans[:layers]:
         np.testing.assert_array_equal(plan.pattern, job.mask)
 
 
