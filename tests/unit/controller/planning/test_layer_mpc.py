@@ -24,6 +24,9 @@ from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import Criterion, Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
+from inkloop_controller.program import certificate
+from inkloop_controller.program.certificate import Certificate
+from inkloop_controller.program.program import HorizonProgram, RelaxedPlan
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
@@ -322,6 +325,87 @@ def test_exact_plan_is_optimal_by_its_bound() -> None:
     plan = planned(job, np.zeros((8, 8)), alpha=1.0, horizon=1, relaxation="highs")
     assert plan.status is PlanStatus.OPTIMAL
     np.testing.assert_array_equal(plan.pattern, job.mask)
+
+
+def test_plan_is_optimal_only_if_nothing_but_rounding_is_between_it_and_its_bound() -> None:
+    """Ten nanometres on one of 16 cells are 8e-5 of a layer. A droplet that is a little smaller would do with less."""
+    job = block(8, 8, 0.0)
+    target = LayerModel.of(job).layer(np.zeros((8, 8)), job.mask.astype(np.int32))
+    target[4, 4] -= 10e-9
+    plan = planned(replace(job, target_height=target), np.zeros((8, 8)), alpha=1.0, horizon=1, relaxation="highs")
+    assert plan.status is PlanStatus.REPAIRED
+    assert plan.objective.value == pytest.approx(10e-9 / 16, rel=1e-3, abs=0.0)
+
+
+def test_finished_part_is_done_and_not_optimal_with_any_bound() -> None:
+    job = block()
+    for options in ({"certified": True}, {"relaxation": "highs"}):
+        plan = planned(job, job.target_height, alpha=1.0, horizon=1, **options)
+        assert plan.status is PlanStatus.DONE
+        assert np.isnan(plan.bound) == ("certified" in options)
+        assert "certificate" not in plan.seconds
+
+
+@pytest.mark.parametrize(("certified_um", "expected"), [(0.0, 1.0), (90.0, 0.95)])
+def test_bound_is_the_higher_one_of_the_certificate_and_the_relaxation(
+    certified_um: float, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, height = rough_job(5)
+    alone = planned(job, height, alpha=1.0, horizon=1, relaxation="highs")
+    found = Certificate(1e-6, certified_um * 1e-6, 0.95, 4, 3, 2, 0.1)
+    monkeypatch.setattr(certificate, "certify", lambda *_, **__: found)
+    plan = planned(job, height, alpha=1.0, horizon=1, relaxation="highs", certified=True)
+    assert plan.bound == pytest.approx(max(alone.bound, found.bound), rel=1e-9, abs=0.0)
+    assert plan.bound_confidence == expected
+
+
+def test_certificate_that_there_is_no_time_for_is_reported() -> None:
+    job, height = rough_job(5)
+    criterion, work = Criterion(alpha=1.0), Work(time_limit=1e9)
+    mpc = LayerMpc(job, criterion=criterion, horizon=1, certified=True, work=work)
+    assert LeftOut.CERTIFICATE in mpc.plan(known(height), 0, none(job), elapsed=2e9).left_out
+    assert mpc.plan(known(height), 0, none(job)).left_out == LeftOut.NOTHING
+
+
+def test_without_a_relaxation_nothing_is_rounded() -> None:
+    job, height = rough_job(2)
+    plain, usual = (planned(job, height, relaxation=name, horizon=2) for name in ("none", "gradient"))
+    assert plain.seconds["relaxation"] == 0.0 < usual.seconds["relaxation"]
+    assert "relaxation" not in plain.start
+
+
+def test_solver_that_fails_leaves_its_droplets_out_and_no_time_limit_is_said_to_have_done_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job, height = rough_job(1)
+    rounded: list[Any] = []
+
+    def watched(*given: Any, relaxed: Any, **options: Any) -> Any:
+        rounded.append(relaxed)
+        return best(*given, relaxed=relaxed, **options)
+
+    best = layer_mpc.best_plan
+    monkeypatch.setattr(layer_mpc, "best_plan", watched)
+    monkeypatch.setattr(SequentialProgram, "solve", lambda self, problem, start: failed(start))
+    monkeypatch.setattr(HorizonProgram, "solve", lambda self, problem, start: failed(start))
+    for relaxation, is_kept in (("slp", True), ("ipopt", False)):
+        plan = planned(job, height, horizon=1, relaxation=relaxation)
+        assert (rounded.pop() is not None) == is_kept
+        assert plan.left_out == LeftOut.NOTHING
+
+
+def failed(start: Any) -> RelaxedPlan:
+    return RelaxedPlan(start, 1.0, np.nan, False, "failed")
+
+
+def test_solver_serves_every_alpha_and_horizon_of_a_print() -> None:
+    job, height = rough_job(1, 7)
+    criterion = Criterion(alpha=[(1, 1.0), (2, 0.8)])
+    mpc = LayerMpc(job, criterion=criterion, finish="fast", relaxation="ipopt", work=Work(annealing_sweeps=0, sweeps=1))
+    foreign = replace(known(height), figures=EstimateFigures(is_foreign=True))
+    for layer in (0, 1):
+        for estimate in (known(height), foreign):
+            assert mpc.plan(estimate, layer, none(job)).plan.shape == (4, *height.shape)
 
 
 def test_dead_nozzle_jets_nothing_and_does_not_keep_the_print_from_ending() -> None:
