@@ -415,6 +415,10 @@ def test_arrays_in_any_order_or_read_only_and_of_any_size_of_number_are_the_same
     plan[0, 1:3, 4:] = 0
     turned = replace(straight, **given)
     assert value(turned, np.asfortranarray(plan)) == value(straight, plan)
+    before = value(straight, plan)
+    for array in (straight.height, straight.target, straight.part, straight.choices):
+        array.flags.writeable = False
+    assert value(straight, plan) == before
     assert is_finite(np.full((2, 2), 1e308))
     assert not is_finite(np.array([[1.0, np.inf], [-np.inf, 0.0]]))
 

@@ -16,6 +16,7 @@ from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.model import LayerModel
 from support.closed_loop import block
+from support.half_spaces import Above
 
 REPAIRED, DONE = 1, 7
 JOB = block(12, 11)
@@ -131,6 +132,60 @@ def test_layer_of_several_drops_is_estimated_with_their_volume() -> None:
     assert step.is_due(numbers(1, 1), state)
     unseen, _ = step.begin(FLAT, ~SEEN, state)
     np.testing.assert_allclose(step.outputs(unseen)["estimated_height"], height, rtol=1e-12, atol=1e-18)
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+def test_layer_is_predicted_with_its_inks_its_drops_and_the_order_of_its_passes(passes: int) -> None:
+    """The order of layer 1 is not that of its neighbours."""
+    job = block(12, 11, inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), passes=passes, pass_order=2, pass_rotation=1)
+    step, model, rng = LayerStep(job, drop_levels=2), LayerModel.of(job), np.random.default_rng(3)
+    pattern, level = rng.integers(0, 3, (12, 11), dtype=np.int32), rng.integers(1, 3, (12, 11), dtype=np.int32)
+    plan = np.where(pattern > 0, 2 * (level - 1) + pattern, 0).astype(np.int32)[None]
+    assert (model.colours(1) == model.colours(2)) == (passes == 1)
+    state = taken(step, step.new_state(1, 0), 0, FLAT, plan)
+    assert step.is_due(numbers(1, 1), state)
+    unseen, _ = step.begin(FLAT, ~SEEN, state)
+    height = model.layer(FLAT, pattern, 1, level.astype(np.float64))
+    np.testing.assert_allclose(step.outputs(unseen)["estimated_height"], height, rtol=1e-12, atol=1e-18)
+
+
+def test_nothing_is_learnt_from_a_layer_that_is_unknown() -> None:
+    step = LayerStep(JOB)
+    state, height = printed(step, 2)
+    volumes = []
+    for is_unknown in (False, True):
+        assert step.is_due(numbers(2, 2, layer_unknown=is_unknown), state)
+        after, _ = step.begin(0.7 * height, SEEN, state)
+        volumes.append(float(step.outputs(after)["volume_scale"]))
+    before = float(step.outputs(state)["volume_scale"])
+    assert volumes[0] < before - 0.001
+    assert volumes[1] == before
+
+
+@pytest.mark.parametrize(("status", "shown"), [(DONE, Status.DONE), (REPAIRED, Status.UNTRUSTED)])
+def test_print_that_is_not_trusted_ends_when_it_is_done(status: int, shown: Status) -> None:
+    step = LayerStep(JOB)
+    state = taken(step, step.new_state(1, 0), 0, FLAT, full(), status)
+    Knowledge.from_buffer(step.estimate_in(state)).trust.unseen_cells = 1
+    assert step.outputs(state)["status"] == shown
+
+
+@pytest.mark.parametrize(("region", "layer"), [(Above(1.0), 7.15e-6), (None, 7.6e-6)])
+def test_height_that_was_not_measured_is_known_within_a_nominal_layer(region: Any, layer: float) -> None:
+    """The mean over the inks where there is a region, or that of the first ink."""
+    job = block(12, 11, inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), region=region)
+    valid = SEEN.copy()
+    valid[5, 5] = False
+    found = HeightEstimator(job, flat_ground=False).first(FLAT, valid)
+    assert found.height_variance[5, 5] == pytest.approx(layer**2, rel=1e-12, abs=0.0)
+    assert found.height_variance[6, 5] < 0.5 * layer**2
+
+
+@pytest.mark.parametrize(("std", "variance"), [(1e-6, 1.03e-12), (0.0, 0.03e-12), (None, 0.03e-12)])
+def test_noise_of_a_reading_is_that_of_the_sensor_and_of_its_steps(std: float | None, variance: float) -> None:
+    """Steps of 0.6 um have a variance of a twelfth of their square. What is not known is that of the steps at least."""
+    found = HeightEstimator(JOB, sensor_noise_std=std, sensor_resolution=0.6e-6).first(FLAT, SEEN)
+    assert found.figures.noise_std == pytest.approx(np.sqrt(variance), rel=1e-12, abs=0.0)
 
 
 def stopped(step: LayerStep) -> Block:
