@@ -62,6 +62,18 @@ def test_step_is_due_for_a_new_scan_of_the_layer_commanded_and_for_no_other(scan
     assert step.is_due(numbers(scanned, layers_printed), state) == (scanned == layers_printed == 2)
 
 
+def test_no_step_is_due_without_inputs() -> None:
+    step = LayerStep(JOB)
+    assert not step.is_due({}, step.new_state(1, 0))
+
+
+@pytest.mark.parametrize("status", range(8))
+def test_every_plan_commands_a_layer_but_the_one_that_ends_the_print(status: int) -> None:
+    step = LayerStep(JOB)
+    found = step.outputs(taken(step, step.new_state(1, 0), 0, FLAT, full(), status))
+    assert found["layer_command"] == (0 if status == DONE else 1)
+
+
 def test_state_before_is_left_as_it_was() -> None:
     step = LayerStep(JOB)
     before, height = printed(step, 2)

@@ -201,17 +201,19 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
     gain = planned(job, surface, alpha=1.0, finish="even")
     assert np.argwhere(gain.pattern).tolist() == [[5, 5]]
     lost = LayerMpc(job, criterion=Criterion(alpha=1.0, layer_worth=0.02)).plan(known(surface), 0, none(job))
-    assert lost.status is PlanStatus.DONE
+    assert (lost.status, lost.start) == (PlanStatus.DONE, "nothing")
     assert not lost.plan.any()
     assert lost.objective.error == pytest.approx(5e-6 / 49, rel=1e-9, abs=0.0)
 
 
-@pytest.mark.parametrize(("worth", "is_done"), [(0.7, False), (1.5, True)])
-def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: bool) -> None:
-    """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers."""
+@pytest.mark.parametrize(("worth", "levels", "is_done"), [(0.7, 1, False), (1.5, 1, True), (1.2, 2, False)])
+def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, levels: int, is_done: bool) -> None:
+    """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers. With
+    drops of two sizes one layer does, whose price goes by the smallest drops."""
     job = block(13, 13)
     job = replace(job, target_height=np.where(job.mask, 2.0 * job.inks[0].layer_height, 0.0))
-    mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth))
+    choices = DropletChoices(job, drop_levels=levels)
+    mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth), choices=choices)
     plan = mpc.plan(known(np.zeros_like(job.target_height)), 0, none(job))
     assert (plan.status is PlanStatus.DONE) == is_done
     assert plan.plan.any() == (not is_done)
@@ -219,12 +221,12 @@ def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: b
 
 def test_given_horizon_and_worth_stand_instead_of_those_of_the_finish() -> None:
     job, height = rough_job(2)
-    endings: dict[Finish, int] = {"even": 5, "fast": 4}
-    for finish, horizon in endings.items():
+    endings: dict[Finish, tuple[int, float]] = {"even": (5, 0.0015), "fast": (4, 0.007)}
+    for finish, (horizon, worth) in endings.items():
+        assert ending_of(finish).layer_worth == worth
         chosen = LayerMpc(job, finish=finish)
         assert chosen.problem(known(height), 0).layers == horizon
         assert LayerMpc(job, finish=finish, horizon=2).problem(known(height), 0).layers == 2
-        worth = ending_of(finish).layer_worth
         given = LayerMpc(job, finish="even", horizon=horizon, criterion=Criterion(layer_worth=worth))
         np.testing.assert_array_equal(
             chosen.plan(known(height), 0, none(job)).plan, given.plan(known(height), 0, none(job)).plan
