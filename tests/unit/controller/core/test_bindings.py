@@ -408,7 +408,9 @@ def test_arrays_in_any_order_or_read_only_and_of_any_size_of_number_are_the_same
     """In memory that C cannot take as it is."""
     height, target = rough(5, 6, 9)
     straight = problem(height, target, 0.7, layers=2)
-    given = {name: np.asfortranarray(getattr(straight, name)) for name in ("height", "target", "part", "choices")}
+    given: dict[str, Any] = {
+        name: np.asfortranarray(getattr(straight, name)) for name in ("height", "target", "part", "choices")
+    }
     for array in given.values():
         array.flags.writeable = False
     plan = everything(6, 2, 9)

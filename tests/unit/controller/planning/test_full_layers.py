@@ -112,6 +112,14 @@ def test_cell_that_counts_for_nothing_may_be_higher_than_its_target() -> None:
     assert planned(replace(far, part=part | True)).sweeps > 0
 
 
+def test_full_layers_that_gain_nothing_are_not_printed() -> None:
+    """A single cell is even whatever its height."""
+    one = np.ones((1, 1), np.bool_)
+    even = HorizonProblem(np.zeros((1, 1)), np.full((1, 1), 1e-4), one, one[None].astype(np.uint16), (INK,), 0.0)
+    assert planned(even).status is PlanStatus.DONE
+    assert planned(replace(even, alpha=0.1)).start == "full layers"
+
+
 @pytest.mark.parametrize(
     ("shape", "layers", "columns", "sweeps"),
     [

@@ -206,6 +206,16 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
     assert lost.objective.error == pytest.approx(5e-6 / 49, rel=1e-9, abs=0.0)
 
 
+def test_print_that_is_done_is_not_said_to_be_annealed() -> None:
+    starts = []
+    for seed in range(4):
+        job, height = rough_job(seed)
+        starts.append(planned(job, height, horizon=1).start)
+        dear = LayerMpc(job, horizon=1, criterion=Criterion(layer_worth=1.0)).plan(known(height), 0, none(job))
+        assert (dear.status, dear.start) == (PlanStatus.DONE, "nothing")
+    assert any(start.endswith(", annealed") for start in starts)
+
+
 @pytest.mark.parametrize(("worth", "levels", "is_done"), [(0.7, 1, False), (1.5, 1, True), (1.2, 2, False)])
 def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, levels: int, is_done: bool) -> None:
     """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers. With
