@@ -268,7 +268,7 @@ def test_papers_search_goes_by_the_predicted_surface_alone() -> None:
     job = block()
     estimate = replace(Estimate.exact(rough(job, 5), job.inks), figures=EstimateFigures(droplet_std=0.3))
     for horizon, options in ((1, {}), (2, {"horizon": 2})):
-        problem = StochasticGreedy(job, **options)._problems.problem(estimate, 0)  # type: ignore[arg-type]
+        problem = StochasticGreedy(job, **options)._problems.problem(estimate, 0)
         assert (problem.layers, problem.droplet_std, problem.overshoot) == (horizon, 0.0, 1.0)
 
 

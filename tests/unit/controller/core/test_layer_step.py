@@ -178,7 +178,7 @@ def test_nothing_is_learnt_from_a_layer_that_is_unknown() -> None:
 def test_print_that_is_not_trusted_ends_when_it_is_done(status: int, shown: Status) -> None:
     step = LayerStep(JOB)
     state = taken(step, step.new_state(1, 0), 0, FLAT, full(), status)
-    Knowledge.from_buffer(step.estimate_in(state)).trust.unseen_cells = 1
+    known_in(step.estimate_in(state)).trust.unseen_cells = 1
     assert step.outputs(state)["status"] == shown
 
 
@@ -274,13 +274,18 @@ class Knowledge(Structure):
     _fields_: ClassVar = [("registration", Registration), ("trust", LoopTrust), ("share", c_double * 6)]
 
 
+def known_in(block: Any) -> Knowledge:
+    """Where it lies in an estimate."""
+    return Knowledge.from_buffer(block)
+
+
 def test_every_figure_of_the_estimate_has_its_output() -> None:
     """The grid has 12 x 11 cells: u and w change by 1 over 5.5 and over 5 cells. Lengths of the geometry are in cells
     of the estimate, and in metres of an output."""
     step = LayerStep(JOB)
     state, _ = printed(step, 1)
     block = step.estimate_in(state)
-    known = Knowledge.from_buffer(block)
+    known = known_in(block)
     known.registration.estimate[:] = (0.5, -0.25, 0.03, -0.04, 0.05, 0.06, 4.0)
     known.registration.covariance[0], known.registration.covariance[8], known.registration.covariance[48] = (
         0.01,

@@ -396,7 +396,7 @@ def test_solver_that_fails_leaves_its_droplets_out_and_no_time_limit_is_said_to_
         rounded.append(relaxed)
         return best(*given, relaxed=relaxed, **options)
 
-    best = layer_mpc.best_plan
+    best = vars(layer_mpc)["best_plan"]
     monkeypatch.setattr(layer_mpc, "best_plan", watched)
     monkeypatch.setattr(SequentialProgram, "solve", lambda self, problem, start: failed(start))
     monkeypatch.setattr(HorizonProgram, "solve", lambda self, problem, start: failed(start))
