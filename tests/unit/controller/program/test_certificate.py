@@ -142,7 +142,7 @@ def test_problems_that_are_not_linear_are_refused() -> None:
         certify(problem, plan, tiles_max=1)
     for wrong in ({"confidence": 1.0}, {"confidence": 0.49}, {"tile": 0}):
         with pytest.raises(ValueError, match=r"needs a confidence from 0.5 to below 1, .* tiles of at least 1 cell"):
-            certify(problem, plan, **wrong)  # type: ignore[arg-type]
+            certify(problem, plan, **wrong)
 
 
 @pytest.mark.parametrize(("objective", "bound", "gap"), [(4e-6, 3e-6, 0.25), (0.0, 0.0, 0.0)])
