@@ -24,9 +24,9 @@ static inline double drop_height(const Ink *ink) {
     return ink->h1 + 4.0 * ink->h2 + 4.0 * ink->h3;
 }
 
-/* Number of droplets of the kind `first` in one of `kind`: 1 or more. */
+/* Number of droplets of the kind `first` in one of `kind`. */
 static inline double drop_level(const HorizonProblem *problem, size_t first, size_t kind) {
-    return fmax(1.0, round(drop_height(&problem->kind[kind]) / drop_height(&problem->kind[first])));
+    return round(drop_height(&problem->kind[kind]) / drop_height(&problem->kind[first]));
 }
 
 /* The largest level that `choices` allows; 0 if it allows nothing. */

@@ -142,7 +142,7 @@ def first_kinds(problem: HorizonProblem) -> Any:
 def drop_limits(problem: HorizonProblem) -> FloatMap:
     """(layers, nx, ny) the largest droplet that may fall on a cell, counted in whole droplets of the first kind."""
     heights = np.array([kind.layer_height for kind in problem.kinds])
-    levels = np.maximum(1.0, np.round(heights / heights[first_kinds(problem)][..., None]))
+    levels = np.round(heights / heights[first_kinds(problem)][..., None])
     allowed = problem.choices[..., None] >> np.arange(len(problem.kinds)) & 1
     return np.asarray((levels * allowed).max(axis=-1), np.float64)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model import LayerModel
-from inkloop_controller.planning.layer_plan import LayerPlan
-from inkloop_controller.problem.horizon_problem import IntPlan
+from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus
+from inkloop_controller.problem.horizon_problem import IntPlan, Objective
 from support.closed_loop import SECOND, block, inputs_of, print_part
 from support.half_spaces import Below
 
@@ -117,6 +118,65 @@ def test_outputs_of_a_step_stay_as_they_are_in_later_steps() -> None:
         np.testing.assert_array_equal(shown[name], copies[name], err_msg=name)
 
 
+class Bounded:
+    """A planner that knows a bound."""
+
+    def __init__(self, bound: float, horizon: int) -> None:
+        self.bound, self.horizon = bound, horizon
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
+        plan = np.zeros((self.horizon, *FLAT.shape), np.int32)
+        plan[:, 4, 4] = plan[0, 5, 4] = plan[-1, 4, 5] = 1
+        pattern = LayerPlan.of_pattern(plan[0], Objective(4e-6, 5e-6, 7e-6, 3e-6), FLAT, PlanStatus.BUDGET, "rule", 17)
+        left_out = LeftOut.STARTS | LeftOut.CERTIFICATE
+        return replace(pattern, plan=plan, bound=self.bound, bound_confidence=0.95, left_out=left_out)
+
+
+@pytest.mark.parametrize(("bound", "valid", "gap"), [(3e-6, 1.0, 0.25), (-np.inf, 0.0, np.nan)])
+def test_outputs_tell_what_the_planner_says_of_its_plan(bound: float, valid: float, gap: float) -> None:
+    found = answer(started(LayerController(JOB, Bounded(bound, 2), HeightEstimator(JOB))), FLAT, 0, 0)
+    shown = [float(found[name]) for name in ("bound_valid", "bound", "gap", "bound_confidence")]
+    assert shown == pytest.approx([valid, bound if valid else np.nan, gap, 0.95], rel=1e-12, abs=0.0, nan_ok=True)
+    figures = [float(found[name]) for name in ("objective", "objective_error", "objective_deviation")]
+    assert figures == [4e-6, 5e-6, 3e-6]
+    assert [int(found[name]) for name in ("plan_status", "left_out", "sweeps")] == [2, 18, 17]
+    planned = found["planned_droplets"]
+    assert (planned[4, 4], planned[5, 4], planned[4, 5], planned.sum()) == (2, 1, 1, 4)
+
+
+def test_droplets_of_later_layers_are_an_output_of_planners_of_several_layers_alone() -> None:
+    for horizon, is_there in ((1, False), (2, True)):
+        controller = LayerController(JOB, Bounded(0.0, horizon), HeightEstimator(JOB))
+        found = answer(started(controller), FLAT, 0, 0)
+        assert found.keys() == {port.name for port in controller.outputs}
+        assert ("planned_droplets" in found) == is_there
+
+
+def test_scans_and_ink_are_taken_as_they_are_where_nothing_is_estimated() -> None:
+    controller = started(OpenLoopController(JOB))
+    plant, height = LayerModel.of(JOB), FLAT
+    for layer in range(3):
+        scan = height + np.random.default_rng(layer).normal(0.0, 0.5e-6, FLAT.shape)
+        found = answer(controller, scan, layer, layer)
+        np.testing.assert_array_equal(found["estimated_height"], scan)
+        height = plant.layer(height, found["pattern"], layer + 1, np.full(FLAT.shape, 0.6))
+    assert found["volume_scale"] == 1.0
+
+
+def test_estimator_knows_the_drop_sizes_and_threads_of_the_planner() -> None:
+    for options, levels, threads in (({"threads": 1}, 1, 1), ({"drop_levels": 3, "threads": 2}, 3, 2)):
+        controller = LayerMpcController(JOB, **options)
+        assert (controller._estimator.options["drop_levels"], controller._estimator.options["threads"]) == (
+            levels,
+            threads,
+        )
+
+
+def test_error_of_the_criterion_brings_no_error_of_others() -> None:
+    with pytest.raises(ValueError, match=r"^alpha is 2\.0; [^;]*$"):
+        LayerMpcController(JOB, alpha=2.0, horizon=1, certified=True)
+
+
 class Watched:
     """A planner that looks at what is in memory, and fails in the plans of these numbers."""
 
@@ -159,8 +219,8 @@ def test_plan_that_failed_is_made_from_the_same_estimate() -> None:
 
 
 def test_state_of_another_grid_is_refused() -> None:
-    other = LayerMpcController(block(7, 7))
-    with pytest.raises(ComponentError, match=r"of a grid \(7, 7\); needs \(10, 9\)"):
+    other = LayerMpcController(block(7, 8))
+    with pytest.raises(ComponentError, match=r"of a grid \(7, 8\); needs \(10, 9\)"):
         LayerMpcController(JOB).restore(other.save())
     damaged = bytearray(LayerMpcController(JOB).save())
     damaged[-1] ^= 1

@@ -62,6 +62,16 @@ def test_symbolic_map_is_the_layer_map(shape: tuple[int, int]) -> None:
     np.testing.assert_allclose(found, reference(height, pattern), rtol=1e-12, atol=0)
 
 
+def test_symbolic_map_is_of_the_first_ink_without_materials_and_for_one_pass_alone() -> None:
+    height, pattern, _ = case((5, 8))
+    H, U = ca.MX.sym("H", 5, 8), ca.MX.sym("U", 5, 8)
+    symbolic = ca.Function("layer", [H, U], [LayerModel(INKS).symbolic(H, U)])
+    found = np.asarray(symbolic(height, (pattern > 0).astype(float)))
+    np.testing.assert_allclose(found, reference(height, np.minimum(pattern, 1)), rtol=1e-12, atol=0)
+    with pytest.raises(ValueError, match="passes is 4; the symbolic map is written for one pass"):
+        LayerModel(INKS, passes=4).symbolic(H, U)
+
+
 def test_scale_of_the_ink_scales_every_droplet() -> None:
     height, pattern, _ = case((5, 8))
     scaled = LayerModel(INKS).scaled(0.9).layer(height, pattern)
@@ -141,10 +151,12 @@ def test_grey_kinds_are_multiples_of_the_inks() -> None:
     assert level.tolist() == [[1, 1, 1, 3, 3]]
 
 
-def test_dead_nozzles_jet_nothing_in_any_layer() -> None:
-    job = block(8, 9)
-    allowed = problem_of_bare_ground(job, 2, dead_nozzles=(1,), nozzle_pitch=4).choices
-    dead = np.arange(9) % 4 == 1
+@pytest.mark.parametrize(("nozzle", "pitch", "columns"), [(1, 4, [1, 5]), (6, 0, [6]), (0, 3, [0, 3, 6])])
+def test_dead_nozzles_jet_nothing_in_any_layer(nozzle: int, pitch: int, columns: list[int]) -> None:
+    """Without a pitch there is a nozzle for each column."""
+    job = block(6, 9)
+    allowed = problem_of_bare_ground(job, 2, dead_nozzles=(nozzle,), nozzle_pitch=pitch).choices
+    dead = np.isin(np.arange(9), columns)
     assert not allowed[:, :, dead].any()
     assert (allowed[:, :, ~dead] == job.mask[:, ~dead]).all()
 
@@ -156,8 +168,22 @@ def test_dead_nozzles_jet_nothing_in_any_layer() -> None:
         ({"drop_levels": 17}, "needs 1 to 16"),
         ({"nozzle_pitch": -1}, "nozzle_pitch is -1"),
         ({"dead_nozzles": (4,), "nozzle_pitch": 4}, "dead_nozzles has 4; needs nozzles 0 to 3"),
+        ({"dead_nozzles": (8, -1)}, "^dead_nozzles has -1; needs nozzles 0 to 8$"),
     ],
 )
 def test_what_no_head_has_is_refused(options: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         DropletChoices(block(), **options)
+
+
+@pytest.mark.parametrize(("inks", "most"), [(1, 16), (2, 8)])
+def test_sizes_of_all_inks_together_are_sixteen_kinds_at_most(inks: int, most: int) -> None:
+    job = block(inks=INKS[:inks])
+    assert len(problem_of_bare_ground(job, 1, INKS[:inks], drop_levels=most).kinds) == 16
+    with pytest.raises(ValueError, match=f"^drop_levels is {most + 1} with {inks} inks; needs 1 to {most}$"):
+        DropletChoices(job, drop_levels=most + 1)
+
+
+def test_nominal_layer_is_of_the_first_ink_and_where_there_is_a_region_the_mean_over_the_inks() -> None:
+    assert nominal_layer_height(two_inks(1.0)) == pytest.approx(7.15e-6, rel=1e-12, abs=0.0)
+    assert nominal_layer_height(block(inks=INKS)) == pytest.approx(7.6e-6, rel=1e-12, abs=0.0)

@@ -160,6 +160,7 @@ def test_schedule_of_alpha_holds_from_its_layer_on() -> None:
     criterion = Criterion(alpha=[(1, 0.5), (10, 0.9)])
     assert [criterion.alpha_of(layer) for layer in (1, 9, 10, 99)] == [0.5, 0.5, 0.9, 0.9]
     assert Criterion(alpha=0.3).alpha_of(7) == 0.3
+    assert Criterion(alpha=[(3, 0.5), (5, 0.9)]).alpha_of(1) == 0.5
 
 
 def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
@@ -200,6 +201,8 @@ def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells(prints: int
         ({"alpha": nan}, "alpha is nan"),
         ({"alpha": [(1, 0.5), (3, -0.5)]}, "alpha is -0.5"),
         ({"alpha": [(3, 0.5), (1, 0.5)]}, "rising layers"),
+        ({"alpha": [(0, 0.5)]}, "rising layers from 1 on"),
+        ({"alpha": [(2, 0.5), (2, 0.6)]}, "rising layers"),
         ({"alpha": []}, "rising layers"),
         ({"overshoot": 0.0}, "overshoot is 0.0"),
         ({"overshoot_limit": -1e-6}, "overshoot_limit is -1e-06"),

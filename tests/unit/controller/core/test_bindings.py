@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
+from inkloop_controller.core.library import CORE_NO_MEMORY, ReportStruct
+from inkloop_controller.problem.arrays import is_finite
 from inkloop_controller.problem.horizon_problem import HorizonProblem, SearchProgress
 from support.core_search import Moves, SearchStatus, search
 from support.long_proofs import rest_is_long
@@ -19,7 +22,7 @@ ONE_MICROMETRE = 1e-6
 
 def problem(height: Any, target: Any, alpha: float = 1.0, *, layers: int = 1, **fields: Any) -> HorizonProblem:
     kinds = fields.pop("kinds", (INK,))
-    choices = np.full((layers, *height.shape), 2 ** len(kinds) - 1, np.uint16)
+    choices = np.full((layers, *height.shape), (2 ** len(kinds) - 1) % 2**16, np.uint16)
     values = {"part": np.ones(height.shape, np.bool_), "choices": choices, "kinds": kinds, **fields}
     return HorizonProblem(height=height, target=target, alpha=alpha, **values)
 
@@ -315,19 +318,48 @@ def test_only_the_moves_asked_for_are_made() -> None:
     [
         ({"target": np.zeros((3, 4))}, r"target has shape \(3, 4\); needs \(4, 4\)"),
         ({"height": np.full((4, 4), np.nan)}, r"height is nan at cell \(0, 0\)"),
+        (
+            {"height": np.zeros((4,)), "choices": np.zeros((1, 4), np.uint16)},
+            r"height has shape \(4,\); a layer problem",
+        ),
+        ({"height": np.zeros((4, 0)), "target": np.zeros((4, 0))}, r"shape \(4, 0\); .* with at least one cell"),
+        ({"height": np.full((4, 4), -0.7)}, "height reaches 0.7 m with 1 layers to come; needs heights within 0.5 m"),
+        ({"target": np.full((4, 4), 0.7)}, "target reaches 0.7 m"),
+        ({"ceiling": np.full((4, 4), 0.7)}, "ceiling reaches 0.7 m"),
+        (
+            {"height": np.full((4, 4), 0.47), "kinds": (Ink(), Ink(6e-3, 5e-4, 5e-4)), "layers": 2},
+            "height reaches 0.47 m with 2 layers to come; needs heights within 0.46 m",
+        ),
         ({"height": np.full((4, 4), 0.7)}, "height reaches 0.7 m"),
         ({"choices": np.zeros((1, 4, 4))}, "choices has dtype float64; needs uint16"),
         ({"choices": np.zeros((0, 4, 4), np.uint16)}, "horizon of 1 to 5"),
         ({"choices": np.zeros((6, 4, 4), np.uint16)}, "choices holds 6 layers; needs a horizon of 1 to 5"),
         ({"choices": np.full((1, 4, 4), 2, np.uint16)}, r"layer 0 is 2 at cell \(0, 0\); needs bits of the 1 kinds"),
+        (
+            {
+                "choices": np.array([[[1, 0]] * 2, [[1, 5]] * 2], np.uint16),
+                "kinds": (INK, INK),
+                **dict.fromkeys(("height", "target"), np.zeros((2, 2))),
+            },
+            r"choices of layer 1 is 5 at cell \(0, 1\); needs bits of the 2 kinds given",
+        ),
         ({"kinds": (), "choices": np.zeros((1, 4, 4), np.uint16)}, "kinds holds 0 kinds"),
+        ({"kinds": (INK,) * 17, "choices": np.ones((1, 4, 4), np.uint16)}, "kinds holds 17 kinds of .* needs 1 to 16"),
+        ({"kinds": (Ink(0.0, 1e-6, 0.0),)}, "kind 0 is .*; needs h1 > 0"),
+        ({"kinds": (Ink(4e-6, 1e-6, np.inf),)}, "kind 0 is .*; needs h1 > 0"),
         ({"kinds": (Ink(4.4e-6, -1e-6, 0.0),)}, "kind 0 is .* neither h2 nor h3 below 0"),
         ({"part": np.zeros((4, 4), np.bool_)}, "part marks no cell"),
         ({"alpha": 1.5}, "alpha is 1.5; needs a weight between 0 and 1"),
         ({"alpha": np.nan, "overshoot": 0.0}, "alpha is nan.*; overshoot is 0.0; needs a cost above 0"),
         ({"weight": np.full((4, 4), -1.0)}, r"weight is -1.0 at cell \(0, 0\)"),
         ({"ceiling": np.full((4, 4), np.inf)}, r"ceiling is inf at cell \(0, 0\)"),
+        ({"weight": np.full((3, 4), 1.0)}, r"weight has shape \(3, 4\)"),
         ({"ceiling_cost": -1.0}, "ceiling_cost is -1.0"),
+        ({"ceiling_cost": np.inf}, "ceiling_cost is inf"),
+        ({"overshoot": np.inf}, "overshoot is inf"),
+        ({"droplet_std": -0.1}, "droplet_std is -0.1; needs a share of a droplet of at least 0"),
+        ({"droplet_std": np.inf}, "droplet_std is inf"),
+        ({"colours": ((0, 1, 2, 3),), "layers": 2}, "for each of 2 layers the colours 0 to 3 once"),
         ({"colours": ((0, 1, 2, 2),)}, "for each of 1 layers the colours 0 to 3 once"),
     ],
 )
@@ -342,6 +374,7 @@ def test_invalid_problem_is_refused(fields: dict[str, Any], message: str) -> Non
     [
         (np.ones((1, 2, 2), np.int32), r"kind 0 at cell \(0, 1\) of layer 0, where the choices do not allow it"),
         (np.full((1, 2, 2), 2, np.int32), "plan holds 2 to 2; needs 0 to 1"),
+        (np.full((1, 2, 2), -1, np.int32), "plan holds -1 to -1; needs 0 to 1"),
         (np.zeros((2, 2, 2), np.int32), r"plan has shape \(2, 2, 2\); needs \(1, 2, 2\)"),
     ],
 )
@@ -354,3 +387,50 @@ def test_plan_that_cannot_be_printed_is_refused(plan: Any, message: str) -> None
 def test_papers_search_is_for_one_kind() -> None:
     with pytest.raises(ValueError, match="up to 2 kinds on a cell; the paper's search needs at most 1"):
         bindings.paper_search(problem(*rough(0), kinds=(INK, INK)), everything(), 20, 100, 0)
+
+
+@pytest.mark.parametrize(("batch", "seed"), [(0, 1), (1, -1)])
+def test_batch_without_cells_and_negative_seed_are_refused(batch: int, seed: int) -> None:
+    message = f"batch is {batch} and seed {seed}; needs a batch of at least 1 cell and a seed >= 0"
+    with pytest.raises(ValueError, match=message):
+        bindings.paper_search(problem(*rough(0)), everything(), batch, 100, seed)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 1, 2, 2), (1, 2, 3, 4)])
+def test_passes_that_are_not_the_four_colours_are_refused(order: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"order is .*; needs each of the colours 0 to 3 once"):
+        bindings.layer(np.zeros((2, 3)), np.zeros((2, 3), np.int32), (INK,), order)
+    with pytest.raises(ValueError, match="pattern holds -1 to -1; needs 0 to 1"):
+        bindings.layer(np.zeros((2, 3)), np.full((2, 3), -1, np.int32), (INK,))
+
+
+def test_arrays_in_any_order_or_read_only_and_of_any_size_of_number_are_the_same_problem() -> None:
+    """In memory that C cannot take as it is."""
+    height, target = rough(5, 6, 9)
+    straight = problem(height, target, 0.7, layers=2)
+    given: dict[str, Any] = {
+        name: np.asfortranarray(getattr(straight, name)) for name in ("height", "target", "part", "choices")
+    }
+    for array in given.values():
+        array.flags.writeable = False
+    plan = everything(6, 2, 9)
+    plan[0, 1:3, 4:] = 0
+    turned = replace(straight, **given)
+    assert value(turned, np.asfortranarray(plan)) == value(straight, plan)
+    before = value(straight, plan)
+    for array in (straight.height, straight.target, straight.part, straight.choices):
+        array.flags.writeable = False
+    assert value(straight, plan) == before
+    assert is_finite(np.full((2, 2), 1e308))
+    assert not is_finite(np.array([[1.0, np.inf], [-np.inf, 0.0]]))
+
+
+def test_reports_of_a_search_name_what_was_done() -> None:
+    report = ReportStruct(sweeps=2, evaluations=3, flips=4, swaps=5, shifts=6)
+    report.objective.value = 7e-6
+    assert bindings.progress_of(report) == SearchProgress(7e-6, 2, 3, 4, 5, 6)
+
+
+def test_missing_memory_is_an_error_of_python() -> None:
+    with pytest.raises(MemoryError, match="no memory for the search of a plan"):
+        bindings.answered(CORE_NO_MEMORY)

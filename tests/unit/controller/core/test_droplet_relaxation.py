@@ -99,7 +99,8 @@ def test_descent_is_that_of_its_numpy_statement(layers: int, passes: int) -> Non
 def test_error_diffusion_is_that_of_its_numpy_statement(seed: int) -> None:
     rng = np.random.default_rng(seed)
     grey = rough((9, 8), 2, kinds=GREY, choices=rng.integers(0, 8, (2, 9, 8)).astype(np.uint16))
-    for problem in (uneven(3, 1, seed), grey, rough((12, 11), 1)):
+    odd = replace(grey, kinds=(Ink(), Ink(1e-6, 0.1e-6, 0.05e-6), Ink(7.4e-6, 1e-6, 0.3e-6)))  # of 1, 1 and 2 droplets
+    for problem in (uneven(3, 1, seed), grey, odd, rough((12, 11), 1)):
         droplets = rng.uniform(0.0, 1.2, problem.choices.shape) * relaxation_numpy.most(problem)
         np.testing.assert_array_equal(diffuse(problem, droplets), relaxation_numpy.diffused(problem, droplets))
 
@@ -120,6 +121,12 @@ def test_start_beyond_the_choices_is_brought_within_them_before_the_first_step()
         found = relax(problem, np.full(problem.choices.shape, start), iterations_max=0)
         np.testing.assert_array_equal(found.droplets, np.clip(start, 0.0, limits))
     assert set(limits.flat) == {0.0, 1.0}
+    kinds = (Ink(), Ink(1e-6, 0.1e-6, 0.05e-6), Ink(7.4e-6, 1e-6, 0.3e-6))  # of 7.6, 1.6 and 12.6 um in all
+    choices = np.array([[[1, 2, 3, 4, 5, 6, 0]]], np.uint16)
+    of = rough((1, 7), 1, kinds=kinds, choices=choices)
+    most = relax(of, np.full((1, 1, 7), 99.0), iterations_max=0).droplets
+    np.testing.assert_array_equal(most[0, 0], [1, 1, 1, 1, 2, 8, 0])
+    np.testing.assert_array_equal(drop_limits(of), most)
 
 
 def test_relaxation_stops_with_its_budget() -> None:

@@ -117,6 +117,39 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_u
     assert not again.figures.unseen_cells
 
 
+def test_ground_is_flat_unless_the_job_has_a_start_surface_or_it_is_told_to_be() -> None:
+    printed_on = replace(block(), height_start=np.full((10, 9), 1e-4))
+    for job, options, is_flat in (
+        (block(), {}, True), (printed_on, {}, False), (printed_on, {"flat_ground": True}, True),
+        (block(), {"flat_ground": False}, False),
+    ):  # fmt: skip
+        assert HeightEstimator(job, **options).options["flat_ground"] is is_flat  # type: ignore[arg-type]
+
+
+def test_surface_that_is_known_for_sure_has_no_variance_and_no_doubt() -> None:
+    estimator, exact = HeightEstimator(block()), Estimate.exact(np.zeros((10, 9)), (Ink(),))
+    assert not exact.height_variance.any()
+    assert (exact.ink_scale, exact.figures.surprise, exact.state) == (1.0, 1.0, {})
+    assert estimator.trust_again(exact) is exact
+    other = Estimate.exact(np.zeros((9, 10)), (Ink(),))
+    scan = np.zeros((10, 9)), np.zeros((10, 9), np.int32), 1, np.zeros((10, 9)), np.ones((10, 9), np.bool_)
+    with pytest.raises(ValueError, match=r"height has shape \(9, 10\); needs \(10, 9\)"):
+        estimator.next(other, *scan[1:])
+    with pytest.raises(ValueError, match="the estimate before has no state"):
+        estimator.next(exact, *scan[1:])
+
+
+def test_trust_after_a_look_is_another_estimate() -> None:
+    estimator, flat = HeightEstimator(block()), np.zeros((10, 9))
+    before = estimator.first(flat, np.ones((10, 9), np.bool_))
+    assert before.block is not None
+    copy = before.block.copy()
+    after = estimator.trust_again(before)
+    np.testing.assert_array_equal(before.block, copy)
+    assert after.block is not None
+    assert (after.block != copy).any()
+
+
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
     job = replace(block(), height_start=np.full((block().nx, block().ny), 2e-6))
     valid = np.zeros((job.nx, job.ny), np.bool_)

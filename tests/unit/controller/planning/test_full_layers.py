@@ -102,6 +102,51 @@ def test_where_a_droplet_can_do_harm_the_plan_is_searched(near: dict[str, Any]) 
     assert planned(replace(far, **near)).sweeps > 0
 
 
+def test_cell_that_counts_for_nothing_may_be_higher_than_its_target() -> None:
+    height, part = np.zeros((5, 5)), np.ones((5, 5), np.bool_)
+    height[0, 0], part[0, 0] = 2e-4, False
+    far = HorizonProblem(height, np.full((5, 5), 1e-4), part, part[None].astype(np.uint16), (INK,), 0.8)
+    found = planned(far)
+    assert (found.sweeps, found.start) == (0, "full layers")
+    np.testing.assert_array_equal(found.plan[0], part)
+    assert planned(replace(far, part=part | True)).sweeps > 0
+
+
+def test_full_layers_that_gain_nothing_are_not_printed() -> None:
+    """A single cell is even whatever its height."""
+    one = np.ones((1, 1), np.bool_)
+    even = HorizonProblem(np.zeros((1, 1)), np.full((1, 1), 1e-4), one, one[None].astype(np.uint16), (INK,), 0.0)
+    assert planned(even).status is PlanStatus.DONE
+    assert planned(replace(even, alpha=0.1)).start == "full layers"
+
+
+@pytest.mark.parametrize(
+    ("shape", "layers", "columns", "sweeps"),
+    [
+        ((17, 15), 1, 15, 50),
+        ((17, 15), 2, 5, 200),  # 170 places
+        ((17, 15), 2, 10, 117),  # 340: 40,000 values are drawn
+        ((17, 15), 2, 15, 78),
+        ((30, 20), 2, 20, 0),  # more than 1,000
+        ((30, 20), 2, 8, 83),
+    ],
+)
+def test_annealing_takes_the_sweeps_that_a_plan_of_so_many_places_is_worth(
+    shape: tuple[int, int], layers: int, columns: int, sweeps: int
+) -> None:
+    """Of the places those count where a droplet may fall."""
+    choices = np.zeros((layers, *shape), np.uint16)
+    choices[..., :columns] = 1
+    of, last = rough(shape, layers, choices=choices), np.zeros((0, *shape), np.int32)
+    usual, given = (
+        best_plan(of, work, relaxed=None, last=last, layer_worth=0.0, seed=3, seconds_max=inf)
+        for work in (Work(), Work(annealing_sweeps=sweeps))
+    )
+    assert usual.sweeps == given.sweeps
+    assert usual.sweeps > sweeps
+    np.testing.assert_array_equal(usual.plan, given.plan)
+
+
 THREE_SHARES = (190, 131)  # three shares of rows, of different lengths
 
 

@@ -24,6 +24,9 @@ from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import Criterion, Work
 from inkloop_controller.problem.horizon_problem import HorizonProblem, even_droplets
+from inkloop_controller.program import certificate
+from inkloop_controller.program.certificate import Certificate
+from inkloop_controller.program.program import HorizonProgram, RelaxedPlan
 from inkloop_controller.program.sequential_program import SequentialProgram
 from support.closed_loop import block
 from support.half_spaces import Above
@@ -198,17 +201,29 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
     gain = planned(job, surface, alpha=1.0, finish="even")
     assert np.argwhere(gain.pattern).tolist() == [[5, 5]]
     lost = LayerMpc(job, criterion=Criterion(alpha=1.0, layer_worth=0.02)).plan(known(surface), 0, none(job))
-    assert lost.status is PlanStatus.DONE
+    assert (lost.status, lost.start) == (PlanStatus.DONE, "nothing")
     assert not lost.plan.any()
     assert lost.objective.error == pytest.approx(5e-6 / 49, rel=1e-9, abs=0.0)
 
 
-@pytest.mark.parametrize(("worth", "is_done"), [(0.7, False), (1.5, True)])
-def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: bool) -> None:
-    """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers."""
+def test_print_that_is_done_is_not_said_to_be_annealed() -> None:
+    starts = []
+    for seed in range(4):
+        job, height = rough_job(seed)
+        starts.append(planned(job, height, horizon=1).start)
+        dear = LayerMpc(job, horizon=1, criterion=Criterion(layer_worth=1.0)).plan(known(height), 0, none(job))
+        assert (dear.status, dear.start) == (PlanStatus.DONE, "nothing")
+    assert any(start.endswith(", annealed") for start in starts)
+
+
+@pytest.mark.parametrize(("worth", "levels", "is_done"), [(0.7, 1, False), (1.5, 1, True), (1.2, 2, False)])
+def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, levels: int, is_done: bool) -> None:
+    """Two layers lower the mean error by nearly two layers, which is more than the price of one of 1.5 layers. With
+    drops of two sizes one layer does, whose price goes by the smallest drops."""
     job = block(13, 13)
     job = replace(job, target_height=np.where(job.mask, 2.0 * job.inks[0].layer_height, 0.0))
-    mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth))
+    choices = DropletChoices(job, drop_levels=levels)
+    mpc = LayerMpc(job, horizon=2, criterion=Criterion(alpha=1.0, layer_worth=worth), choices=choices)
     plan = mpc.plan(known(np.zeros_like(job.target_height)), 0, none(job))
     assert (plan.status is PlanStatus.DONE) == is_done
     assert plan.plan.any() == (not is_done)
@@ -216,12 +231,12 @@ def test_each_layer_of_a_plan_has_to_be_worth_its_price(worth: float, is_done: b
 
 def test_given_horizon_and_worth_stand_instead_of_those_of_the_finish() -> None:
     job, height = rough_job(2)
-    endings: dict[Finish, int] = {"even": 5, "fast": 4}
-    for finish, horizon in endings.items():
+    endings: dict[Finish, tuple[int, float]] = {"even": (5, 0.0015), "fast": (4, 0.007)}
+    for finish, (horizon, worth) in endings.items():
+        assert ending_of(finish).layer_worth == worth
         chosen = LayerMpc(job, finish=finish)
         assert chosen.problem(known(height), 0).layers == horizon
         assert LayerMpc(job, finish=finish, horizon=2).problem(known(height), 0).layers == 2
-        worth = ending_of(finish).layer_worth
         given = LayerMpc(job, finish="even", horizon=horizon, criterion=Criterion(layer_worth=worth))
         np.testing.assert_array_equal(
             chosen.plan(known(height), 0, none(job)).plan, given.plan(known(height), 0, none(job)).plan
@@ -324,6 +339,87 @@ def test_exact_plan_is_optimal_by_its_bound() -> None:
     np.testing.assert_array_equal(plan.pattern, job.mask)
 
 
+def test_plan_is_optimal_only_if_nothing_but_rounding_is_between_it_and_its_bound() -> None:
+    """Ten nanometres on one of 16 cells are 8e-5 of a layer. A droplet that is a little smaller would do with less."""
+    job = block(8, 8, 0.0)
+    target = LayerModel.of(job).layer(np.zeros((8, 8)), job.mask.astype(np.int32))
+    target[4, 4] -= 10e-9
+    plan = planned(replace(job, target_height=target), np.zeros((8, 8)), alpha=1.0, horizon=1, relaxation="highs")
+    assert plan.status is PlanStatus.REPAIRED
+    assert plan.objective.value == pytest.approx(10e-9 / 16, rel=1e-3, abs=0.0)
+
+
+def test_finished_part_is_done_and_not_optimal_with_any_bound() -> None:
+    job = block()
+    for options in ({"certified": True}, {"relaxation": "highs"}):
+        plan = planned(job, job.target_height, alpha=1.0, horizon=1, **options)
+        assert plan.status is PlanStatus.DONE
+        assert np.isnan(plan.bound) == ("certified" in options)
+        assert "certificate" not in plan.seconds
+
+
+@pytest.mark.parametrize(("certified_um", "expected"), [(0.0, 1.0), (90.0, 0.95)])
+def test_bound_is_the_higher_one_of_the_certificate_and_the_relaxation(
+    certified_um: float, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job, height = rough_job(5)
+    alone = planned(job, height, alpha=1.0, horizon=1, relaxation="highs")
+    found = Certificate(1e-6, certified_um * 1e-6, 0.95, 4, 3, 2, 0.1)
+    monkeypatch.setattr(certificate, "certify", lambda *_, **__: found)
+    plan = planned(job, height, alpha=1.0, horizon=1, relaxation="highs", certified=True)
+    assert plan.bound == pytest.approx(max(alone.bound, found.bound), rel=1e-9, abs=0.0)
+    assert plan.bound_confidence == expected
+
+
+def test_certificate_that_there_is_no_time_for_is_reported() -> None:
+    job, height = rough_job(5)
+    criterion, work = Criterion(alpha=1.0), Work(time_limit=1e9)
+    mpc = LayerMpc(job, criterion=criterion, horizon=1, certified=True, work=work)
+    assert LeftOut.CERTIFICATE in mpc.plan(known(height), 0, none(job), elapsed=2e9).left_out
+    assert mpc.plan(known(height), 0, none(job)).left_out == LeftOut.NOTHING
+
+
+def test_without_a_relaxation_nothing_is_rounded() -> None:
+    job, height = rough_job(2)
+    plain, usual = (planned(job, height, relaxation=name, horizon=2) for name in ("none", "gradient"))
+    assert plain.seconds["relaxation"] == 0.0 < usual.seconds["relaxation"]
+    assert "relaxation" not in plain.start
+
+
+def test_solver_that_fails_leaves_its_droplets_out_and_no_time_limit_is_said_to_have_done_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job, height = rough_job(1)
+    rounded: list[Any] = []
+
+    def watched(*given: Any, relaxed: Any, **options: Any) -> Any:
+        rounded.append(relaxed)
+        return best(*given, relaxed=relaxed, **options)
+
+    best = vars(layer_mpc)["best_plan"]
+    monkeypatch.setattr(layer_mpc, "best_plan", watched)
+    monkeypatch.setattr(SequentialProgram, "solve", lambda self, problem, start: failed(start))
+    monkeypatch.setattr(HorizonProgram, "solve", lambda self, problem, start: failed(start))
+    for relaxation, is_kept in (("slp", True), ("ipopt", False)):
+        plan = planned(job, height, horizon=1, relaxation=relaxation)
+        assert (rounded.pop() is not None) == is_kept
+        assert plan.left_out == LeftOut.NOTHING
+
+
+def failed(start: Any) -> RelaxedPlan:
+    return RelaxedPlan(start, 1.0, np.nan, False, "failed")
+
+
+def test_solver_serves_every_alpha_and_horizon_of_a_print() -> None:
+    job, height = rough_job(1, 7)
+    criterion = Criterion(alpha=[(1, 1.0), (2, 0.8)])
+    mpc = LayerMpc(job, criterion=criterion, finish="fast", relaxation="ipopt", work=Work(annealing_sweeps=0, sweeps=1))
+    foreign = replace(known(height), figures=EstimateFigures(is_foreign=True))
+    for layer in (0, 1):
+        for estimate in (known(height), foreign):
+            assert mpc.plan(estimate, layer, none(job)).plan.shape == (4, *height.shape)
+
+
 def test_dead_nozzle_jets_nothing_and_does_not_keep_the_print_from_ending() -> None:
     job = block(9, 9, 0.0)
     choices = DropletChoices(job, dead_nozzles=(4,))
@@ -402,8 +498,10 @@ def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
 
 def test_last_plan_that_no_plan_can_be_is_refused() -> None:
     job, height = rough_job(8)
-    with pytest.raises(ValueError, match="last holds 0 to 99; needs 0 to 16"):
-        planned(job, height, last=np.where(job.mask, 99, 0)[None].astype(np.int32))
+    for wrong in (17, -1):
+        with pytest.raises(ValueError, match=f"last holds {min(wrong, 0)} to {max(wrong, 0)}; needs 0 to 16"):
+            planned(job, height, last=np.where(job.mask, wrong, 0)[None].astype(np.int32))
+    planned(job, height, last=np.where(job.mask, 16, 0)[None].astype(np.int32))
 
 
 def test_last_plan_of_another_grid_is_not_used() -> None:
@@ -431,6 +529,11 @@ def test_last_plan_of_another_grid_is_not_used() -> None:
         (lambda job: Work(time_limit=0.0), "time_limit is 0"),
         (lambda job: StochasticGreedy(job, alpha=2.0), "alpha is 2.0"),
         (lambda job: StochasticGreedy(job, batch=0), "batch is 0"),
+        (lambda job: StochasticGreedy(job, iterations_max=0), "batch is 20 and iterations_max 0"),
+        (
+            lambda job: LayerMpc(replace(job, passes=4), criterion=Criterion(alpha=1.0), horizon=1, relaxation="highs"),
+            r"relaxation is 'highs' with horizon 1, alpha 1.0 and 4 pass",
+        ),
         (lambda job: StochasticGreedy(block(passes=4)), "passes is 4; this controller plans layers of 1 pass"),
         (lambda job: OpenLoop(job, layers=-1), "layers is -1"),
     ],
@@ -440,13 +543,19 @@ def test_impossible_option_is_refused(make: Any, message: str) -> None:
         make(block())
 
 
-def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
-    job = block(height=30.4e-6)  # four layers of 7.6 um
-    planner = OpenLoop(job)
+@pytest.mark.parametrize(
+    ("height_um", "given", "layers"), [(30.4, None, 4), (26.5, None, 3), (26.7, None, 4), (30.4, 2, 2), (30.4, 0, 0)]
+)
+def test_open_loop_prints_full_layers_up_to_the_nominal_height(
+    height_um: float, given: int | None, layers: int
+) -> None:
+    """A layer has 7.6 um; their number is rounded."""
+    job = block(height=height_um * 1e-6)
+    planner = OpenLoop(job, layers=given)
     flat = Estimate.exact(np.zeros((job.nx, job.ny)), job.inks)
-    plans = [planner.plan(flat, layer, none(job)) for layer in range(5)]
-    assert [plan.status for plan in plans] == [PlanStatus.FIXED] * 4 + [PlanStatus.DONE]
-    for plan in plans[:4]:
+    plans = [planner.plan(flat, layer, none(job)) for layer in range(layers + 1)]
+    assert [plan.status for plan in plans] == [PlanStatus.FIXED] * layers + [PlanStatus.DONE]
+    for plan in plans[:layers]:
         np.testing.assert_array_equal(plan.pattern, job.mask)
 
 

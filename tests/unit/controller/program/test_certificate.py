@@ -140,3 +140,21 @@ def test_problems_that_are_not_linear_are_refused() -> None:
         certify(replace(problem, kinds=(Ink(), Ink()), choices=np.full((1, 4, 4), 3, np.uint16)), plan)
     with pytest.raises(ValueError, match="tiles_max 1"):
         certify(problem, plan, tiles_max=1)
+    for wrong in ({"confidence": 1.0}, {"confidence": 0.49}, {"tile": 0}):
+        with pytest.raises(ValueError, match=r"needs a confidence from 0.5 to below 1, .* tiles of at least 1 cell"):
+            certify(problem, plan, **wrong)
+
+
+@pytest.mark.parametrize(("objective", "bound", "gap"), [(4e-6, 3e-6, 0.25), (0.0, 0.0, 0.0)])
+def test_gap_is_a_share_of_the_objective(objective: float, bound: float, gap: float) -> None:
+    assert Certificate(objective, bound, 1.0, 1, 1, 1, 0.0).gap == pytest.approx(gap, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(("fringe", "tiles"), [(0.3, 2), (0.0, 1)])
+def test_tile_counts_where_a_cell_has_a_weight(fringe: float, tiles: int) -> None:
+    """Also beside the part."""
+    columns = np.broadcast_to(np.arange(6), (3, 6))
+    part, weight = columns < 3, np.where(columns < 3, 1.0, np.where(columns == 3, fringe, 0.0))
+    problem = replace(rough((3, 6)), part=part, weight=weight, choices=part[None].astype(np.uint16))
+    found = certify(problem, np.zeros((1, 3, 6), np.int32), whole_max=0, tile=3)
+    assert (found.tiles, found.tiles_solved, found.tiles_proven) == (tiles, tiles, tiles)
