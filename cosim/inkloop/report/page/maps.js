@@ -46,6 +46,15 @@ class Run {
     return this.heights(layer).map((height, cell) => (this.part[cell] ? this.target[cell] - height : NaN));
   }
 
+  /* The cell of the part that is next to the middle of the grid. */
+  middleCell() {
+    const middle = { i: Math.floor(this.nx / 2), j: Math.floor(this.ny / 2) };
+    const far = ({ i, j }) => Math.hypot(i - middle.i, j - middle.j);
+    const cells = [...this.part.keys()].filter((cell) => this.part[cell]);
+    const places = cells.map((cell) => ({ i: cell % this.nx, j: Math.floor(cell / this.nx) }));
+    return places.reduce((best, place) => (far(place) < far(best) ? place : best), places[0] ?? middle);
+  }
+
   /* Middles of blocks along an axis [mm]. */
   middles(axis) {
     const edges = this.edges[axis];

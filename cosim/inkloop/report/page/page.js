@@ -71,7 +71,7 @@ async function showRuns() {
 async function showLayer() {
   const run = page.runs[page.run], last = run.layers - 1;
   page.layer = Math.min(page.layer, last);
-  page.cell ??= { i: Math.floor(run.nx / 2), j: Math.floor(run.ny / 2) };
+  page.cell ??= run.middleCell();
   const { layer, cell: { i, j } } = page, errors = run.errors(layer);
   find("run").value = String(page.run);
   Object.assign(find("layer"), { max: last, value: layer });
