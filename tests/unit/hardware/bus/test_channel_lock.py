@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -92,3 +93,29 @@ def test_link_that_lies_at_the_place_of_a_lock_is_not_followed(folder: Path) -> 
 def test_fmu_is_another_bench_for_each_print_and_needs_no_lock(folder: Path) -> None:
     lock_channel(BusSettings("inkloop_fmu", "bench.fmu"))()
     assert list(folder.iterdir()) == []
+
+
+def test_lock_is_that_of_interface_channel_and_options_whatever_the_bit_rate(folder: Path) -> None:
+    others = ({"interface": "kvaser"}, {"channel": "can1"}, {"options": {"app": 1}}, {"options": {"app": 2}})
+    for one in (CAN0, *(replace(CAN0, **other) for other in others)):
+        lock_channel(one)()
+    count = len(list(folder.iterdir()))
+    assert count == 1 + len(others)
+    for same in ({"bitrate": 500_000}, {"fd": True, "data_bitrate": 2_000_000}, {"reopen_s": 1.0}):
+        lock_channel(replace(CAN0, **same))()
+    two = {"app": 1, "speed": 2}
+    for options in (two, dict(reversed(two.items()))):
+        lock_channel(replace(CAN0, options=options))()
+    assert len(list(folder.iterdir())) == count + 1
+
+
+def test_options_of_an_interface_are_handed_on_and_what_is_not_given_is_left_to_it() -> None:
+    assert BusSettings("pcan", 3, options={"app": 1, "fd": False}).arguments() == {
+        "interface": "pcan",
+        "channel": 3,
+        "app": 1,
+        "fd": False,
+    }
+    given = BusSettings("pcan", "a", 500_000, fd=True, data_bitrate=2_000_000).arguments()
+    assert (given["bitrate"], given["fd"], given["data_bitrate"]) == (500_000, True, 2_000_000)
+    assert BusSettings().arguments() == {}

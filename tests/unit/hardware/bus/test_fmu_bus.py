@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -83,8 +83,8 @@ def test_time_of_our_own_bus_passes_while_it_is_waited_for(clock: Clock) -> None
 
 
 @contextmanager
-def opened(log: Path) -> Iterator[FmuConnection]:
-    bus = connected(BusSettings("inkloop_fmu", BENCH, traffic_log=log), 5, 7, [HEAD_ANSWER])
+def opened(log: Path | None, *kept: Container[int]) -> Iterator[FmuConnection]:
+    bus = connected(BusSettings("inkloop_fmu", BENCH, traffic_log=log), 5, 7, [HEAD_ANSWER], *kept)
     assert isinstance(bus, FmuConnection)
     with closing(bus):
         yield bus
@@ -111,3 +111,24 @@ def test_fmu_that_fails_in_a_step_is_an_error_of_the_bus(tmp_path: Path, monkeyp
         monkeypatch.setattr(inner._node, "step", Mock(side_effect=FmuError("the FMU is on fire")))
         with pytest.raises(BusError, match="the FMU is on fire"):
             bus.sleep(1.0)
+
+
+def test_only_the_frames_that_somebody_watches_wait() -> None:
+    with opened(None, {HEAD_STATUS}) as bus:
+        bus.sleep(0.3)
+        assert {frame.arbitration_id for _, frame in bus.others} == {HEAD_STATUS}
+
+
+def test_change_of_the_loop_is_sent_at_once_and_logged_after_what_came_before_it(tmp_path: Path) -> None:
+    with opened(tmp_path / "it.blf") as bus:
+        bus.send_keep_alive(Enables.NONE)
+        bus.sleep(0.25)
+        changed = bus.now()
+        bus.send_job(8)
+        bus.sleep(0.005)
+        enabled = bus.now()
+        bus.send_keep_alive(Enables.GATE)
+    beats = [frame for frame in can.BLFReader(tmp_path / "it.blf") if frame.arbitration_id == MASTER_ALIVE]
+    found = [(frame.timestamp, frame.data[1] >> 4, frame.data[4]) for frame in beats if frame.timestamp >= changed]
+    moments = [(changed, 0, 8), (enabled, 2, 8), (enabled, 0, 8)]
+    assert found == [pytest.approx((at + 1e-6, enables, job), rel=0.0, abs=1e-7) for at, enables, job in moments]

@@ -212,6 +212,11 @@ def test_cells_lie_as_the_table_specifies() -> None:
 def test_material_that_the_bits_do_not_hold_is_refused() -> None:
     with pytest.raises(ValueError, match="the pattern has material 2, too much for 1 bit per cell; set bits = 2"):
         pattern_bytes(np.full((6, 5), 2), PatternTable(), FIELDS)
+    for bits, highest in ((1, 1), (2, 3)):
+        pattern_bytes(np.full((6, 5), highest), PatternTable(bits=bits), FIELDS)  # type: ignore[arg-type]
+        for material in (-1, highest + 1):
+            with pytest.raises(ValueError, match=f"{bits} bit per cell"):
+                pattern_bytes(np.full((6, 5), material), PatternTable(bits=bits), FIELDS)  # type: ignore[arg-type]
 
 
 @given(
