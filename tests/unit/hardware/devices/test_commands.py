@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.devices import commands
-from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
+from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready, missing
 from inkloop_hardware.doctor.status import NodeReport, status
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
@@ -71,6 +71,7 @@ def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any
         ({"cause": Fault.STOP_REQUEST}, "head     IDLE; v1"),
         ({"state": State.SAFE, "cause": Fault.STOP_REQUEST}, "head     SAFE because of STOP_REQUEST; v1"),
         ({"state": State.FAULT, "cause": Fault.NONE}, "head     FAULT; v1"),
+        ({"state": State.FAULT, "cause": Fault.LAMP_TIME}, "head     FAULT because of LAMP_TIME; v1"),
         (
             {"passes": 4, "done": 0b0101, "unknown": 0b1000},
             "head     IDLE, layer 3 of job 4: 2 of 4 passes done, 1 unknown; v1",
@@ -232,6 +233,33 @@ def test_all_nodes_that_need_a_person_are_named_at_once() -> None:
     assert [line.split(":")[0] for line in str(refused.value).split("\n")] == NAMES
 
 
+CLOSED = {"ready": True, "gate_closed": True, "gate_open": False}
+
+
+@pytest.mark.parametrize(
+    ("node", "status", "found"),
+    [
+        *((node, CLOSED, []) for node in Node),
+        (Node.HEAD, CLOSED | {"ready": False}, ["not ready: ink temperature or back pressure; wait for them, or"]),
+        (Node.STAGE, CLOSED | {"ready": False}, []),  # a run homes it
+        (Node.CURE, CLOSED | {"ready": False}, ["not ready: lamp or gate; check both"]),
+        (Node.PROFILER, CLOSED | {"ready": False}, ["not ready: its sensor; check its supply"]),
+        *((node, CLOSED | {"gate_closed": False, "gate_open": True}, []) for node in Node),
+        (Node.HEAD, CLOSED | {"gate_closed": False}, ["the gate is not confirmed closed; check"]),
+        (Node.CURE, CLOSED | {"gate_closed": False}, ["the gate is not confirmed closed; check"]),
+        (Node.STAGE, CLOSED | {"gate_closed": False}, []),
+        (Node.PROFILER, CLOSED | {"gate_closed": False}, []),
+    ],
+)
+def test_what_a_node_lacks_is_named_for_those_that_need_it(
+    node: Node, status: dict[str, bool], found: list[str]
+) -> None:
+    lacks = missing(node, SimpleNamespace(**status))  # type: ignore[arg-type]
+    assert len(lacks) == len(found)
+    assert all(one.startswith(words) for one, words in zip(lacks, found, strict=True))
+    assert missing(node, None) == []
+
+
 class ClosingGate(Rig):
     """Nodes whose gate is confirmed closed after so many looks."""
 
@@ -253,6 +281,12 @@ def test_gate_that_is_still_closing_after_a_stop_is_waited_for() -> None:
     rig: Any = ClosingGate(3)
     make_ready(rig, [Node.HEAD, Node.CURE])
     assert rig.looks == 0
+    last: Any = ClosingGate(99)
+    make_ready(last, [Node.HEAD])
+    assert last.looks == 0, "it is looked at for two seconds"
+    late: Any = ClosingGate(100)
+    with pytest.raises(NotReady):
+        make_ready(late, [Node.HEAD])
     stuck: Any = ClosingGate(math.inf)
     with pytest.raises(NotReady) as raised:
         make_ready(stuck, list(Node))
