@@ -67,9 +67,9 @@ size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_
     return accepted(answer, UDS_UPLOAD);
 }
 
+/* Ends a download. */
 static size_t give_up(Node *node, uint8_t *answer, uint8_t service, uint8_t code) {
-    if (!node->transfer.upload)
-        node->state = node->transfer.before;
+    node->state = node->transfer.before;
     node->transfer.active = false;
     return uds_refusal(answer, service, code);
 }
