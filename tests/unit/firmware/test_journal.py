@@ -143,7 +143,10 @@ def test_altered_record_is_not_believed(bench: NodeBench) -> None:
     assert bench.state().unknown == 1
 
 
-@pytest.mark.parametrize(("where", "byte"), [(4, 0), (4, 99), (5, 7), (6, 255), (20, 255), (20, 2), (21, 16)])
+@pytest.mark.parametrize(
+    ("where", "byte"),
+    [(4, 0), (4, 8), (5, 7), (6, 4), (6, 255), (20, 255), (20, 2), (20, 3), (21, 16), (22, 16), (23, 16)],
+)
 def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int, byte: int) -> None:
     """Its checksum may be right and its kinds, passes and masks impossible."""
     before = bench.state()

@@ -42,6 +42,7 @@ def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_no
     assert bench.clear(HEAD, 1) == DONE
     bench.power_up()
     assert not bench.state().by_watchdog, "the next one has another cause"
+    assert bench.state().boots == 3
 
 
 def test_head_without_power_has_its_gate_closed(bench: NodeBench) -> None:
