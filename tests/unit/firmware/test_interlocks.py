@@ -667,3 +667,24 @@ def test_self_test_may_take_the_way_of_the_gate_twice() -> None:
         for node in range(4):
             assert bench.clear(node) == DONE
         assert bench.run(Routine.SELF_TEST, HEAD, option=b"\0\0") == DONE
+
+
+def test_lamp_and_gate_exclude_each_other_also_where_one_is_driven_without_a_step(bench: NodeBench) -> None:
+    """By a flipped bit of the memory, between the request and the switching."""
+    request = bench.routine(Routine.CURE, 1, option=b"\x01\x00")
+    assert bench.raw(request, CURE) == b"\x7f\x31\x78"
+    bench.c.probe_drive_gate(bench.bench, CURE)
+    bench.tick(10)
+    assert bench.state_and_cause(CURE) == ("FAULT", Fault.GATE_NOT_CONFIRMED)
+    bench.c.probe_drive_lamp(bench.bench, HEAD)
+    assert bench.run(Routine.SELF_TEST, HEAD, option=OF_THE_GATE) == -Nrc.CONDITIONS
+    bench.stop(True)
+    bench.stop(False)
+    bench.tick(100)
+    assert bench.clear(HEAD, 1) == DONE
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.raw(bench.routine(Routine.PASS, 1, option=b"\0")) == b"\x7f\x31\x78"
+    bench.c.probe_drive_lamp(bench.bench, HEAD)
+    bench.tick(10)
+    assert bench.state().state == "FAULT"
+    assert bench.gate_openings == bench.lamp_pulses == 0

@@ -10,7 +10,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from inkloop_hardware.bus.settings import BusSettings, holder, lock_channel
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings, holder, interface_of, lock_channel
 from inkloop_hardware.doctor.doctor import examine
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.doctor.status import check_second_reader
@@ -119,3 +120,20 @@ def test_options_of_an_interface_are_handed_on_and_what_is_not_given_is_left_to_
     given = BusSettings("pcan", "a", 500_000, fd=True, data_bitrate=2_000_000).arguments()
     assert (given["bitrate"], given["fd"], given["data_bitrate"]) == (500_000, True, 2_000_000)
     assert BusSettings().arguments() == {}
+
+
+@pytest.mark.parametrize(("own", "expected"), [("virtual", "virtual"), ("slcam", "slcam"), ("", None)])
+def test_interface_that_a_scenario_leaves_out_is_that_of_python_can_s_own_configuration(
+    own: str, expected: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one that it does not know, for a message with its name."""
+    monkeypatch.setenv("HOME", str(folder))
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    if own:
+        monkeypatch.setenv("CAN_INTERFACE", own)
+    assert interface_of(BusSettings()) == expected
+    assert interface_of(BusSettings("pcan")) == "pcan"
+    if expected is None:
+        with pytest.raises(BusError, match=r"cannot be opened: it names none\. Set interface and channel of \[bench\]"):
+            Adapter(BusSettings())

@@ -157,6 +157,19 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_frames_are_written_once_a_second_and_those_of_the_last_one_wait(tmp_path: Path, suffix: str) -> None:
+    path, copy, counts = tmp_path / f"traffic{suffix}", tmp_path / f"copy{suffix}", []
+    log = TrafficLog(path, float)
+    for number, now in enumerate((5.0, 5.9, 6.0, 6.9, 7.0)):
+        log.take(message(number))
+        log.flush(now)
+        copy.write_bytes(path.read_bytes())
+        counts.append(len(logged(copy)))
+    log.close()
+    assert counts == [0, 0, 1, 1, 3]
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
 def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
     """Frames of one cycle are put in order; one that comes too late gets the time of the frame before it."""
     path = tmp_path / f"traffic{suffix}"
