@@ -672,6 +672,12 @@ def test_self_test_may_take_the_way_of_the_gate_twice() -> None:
 def test_lamp_and_gate_exclude_each_other_also_where_one_is_driven_without_a_step(bench: NodeBench) -> None:
     """By a flipped bit of the memory, between the request and the switching."""
     request = bench.routine(Routine.CURE, 1, option=b"\x01\x00")
+    bench.c.probe_drive_gate(bench.bench, CURE)
+    assert bench.raw(request, CURE) == bytes((0x7F, 0x31, Nrc.CONDITIONS))
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(CURE, 1) == DONE
+    assert bench.state_and_cause(CURE) == ("IDLE", 0), "what was cleared has no cause"
     assert bench.raw(request, CURE) == b"\x7f\x31\x78"
     bench.c.probe_drive_gate(bench.bench, CURE)
     bench.tick(10)

@@ -117,7 +117,9 @@ def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, 
     jet_pass_0(bench)
     bench.decay(lost)
     restart(bench)
+    boots = bench.state().boots
     assert bench.clear(option=3) == DONE
+    assert bench.state().boots == boots
     for again in range(3):
         for layer in (1, 2, 3, 65535):
             assert bench.download(PATTERN, layer) == -Nrc.SEQUENCE, (again, layer)
