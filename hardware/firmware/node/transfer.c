@@ -157,7 +157,7 @@ static uint8_t adopt_pattern(Node *node, Cause *cause) {
         progress->job == transfer->job && progress->layer == transfer->layer && layer_is_begun(progress);
     if (!pattern_is_complete(&node->pattern) || !pattern_is_printable(&node->pattern))
         return UDS_OUT_OF_RANGE;
-    if (resumed && (transfer->crc != progress->pattern_crc || node->pattern.passes != progress->passes))
+    if (resumed && transfer->crc != progress->pattern_crc) /* of its head, too */
         return UDS_CHECKSUM;
     if (!resumed)
         *progress = (LayerProgress){.job = transfer->job,

@@ -456,8 +456,10 @@ def test_dry_run_needs_motion_alone(one_node: int) -> None:
         bench.tick(100)
         assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
         assert bench.raw(bench.routine(Routine.PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+        bench.broken(Broken.GATE_STAYS_OPEN)
         bench.tick(LONG + 100)
         assert bench.late()[4] == DONE
+        bench.broken(0)
         assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\x01\xf4"), cure) == b"\x7f\x31\x78"
         bench.tick(1000)
         assert bench.late(cure)[4] == DONE

@@ -336,6 +336,8 @@ def test_nothing_is_transferred_during_a_step(bench: NodeBench) -> None:
     bench.tick(100)
     assert bench.late()[4] == DONE
     assert bench.raw(exit_)[0] == 0x77
+    assert bench.cure(1) == DONE
+    assert bench.raw(exit_)[0] == 0x77
 
 
 def test_routine_without_a_record_is_done_before_by_its_whole_key_alone(bench: NodeBench) -> None:

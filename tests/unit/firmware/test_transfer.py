@@ -112,6 +112,7 @@ def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
 
 def test_layer_beyond_16_bits_is_refused_and_not_taken_for_a_low_one(bench: NodeBench) -> None:
     assert bench.raw(begin(26, layer=0x10001)) == bytes((0x7F, 0x34, RANGE))
+    assert bench.raw(begin(26, layer=0xFFFF))[0] == 0x74
     assert bench.download(BLOB, 1) == 0
 
 

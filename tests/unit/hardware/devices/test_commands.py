@@ -6,17 +6,22 @@ import math
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices import commands
 from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready, missing
+from inkloop_hardware.doctor import status as bench_status
+from inkloop_hardware.doctor.listening import Heard
 from inkloop_hardware.doctor.status import NodeReport, status
+from inkloop_hardware.errors import AnotherMaster
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
-from inkloop_hardware.protocol.records import Fault, Node, State
+from inkloop_hardware.protocol.records import Fault, Node, State, pack
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
-from support.benches.node_status import node_state
+from support.benches.node_status import IDLE_HEAD, node_state
 
 
 def state(**changes: Any) -> NodeState:
@@ -98,6 +103,43 @@ def test_report_of_a_node_is_one_line(changes: dict[str, Any], line: str) -> Non
     layer = (4, 3) if changes.get("passes") else (0, 0)
     assert (found.job, found.layer) == layer
     assert (rig.log[0], rig.log[-1]) == ("attached", "detached")
+
+
+def test_report_names_what_the_node_lacks_by_its_status() -> None:
+    rig: Any = Rig(Node.HEAD, flags=Flags.DRY_RUN)
+    right = rig.status(Node.HEAD)
+    right.ready = right.gate_closed = right.gate_open = False
+    rig.status = lambda node: right
+    lines = [str(found) for found in status(rig)]
+    assert lines[0] == (
+        "head     IDLE, in a dry run, not ready: ink temperature or back pressure, the gate is not confirmed closed; v1"
+    )
+    assert lines[1] == "stage    IDLE; v1"
+
+
+def test_print_of_another_program_is_only_listened_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = Heard(lasted=1.5)
+    for number in range(3):
+        heard.take(0.1 * number, pack(Codec(), IDLE_HEAD, number), Codec())
+    heard.monitors[Node.STAGE].damaged = 2
+    adapter = Mock()
+    monkeypatch.setattr(bench_status, "Adapter", lambda settings: adapter)
+    monkeypatch.setattr(bench_status, "listen", lambda adapter, codec: heard)
+
+    def lines() -> list[Any]:
+        refusing = Mock(side_effect=AnotherMaster("another one"))
+        rig: Any = SimpleNamespace(attach=refusing, settings=BusSettings("virtual", "heard"))
+        return list(status(rig))
+
+    nodes = ["head: idle, 3 statuses", "stage: 2 damaged statuses", "cure: no status", "profiler: no status"]
+    assert lines() == ["a print has the channel: nothing was sent, this was heard in 1.5 s", *nodes]
+    heard.sessions, heard.stopped = {5: 9, 6: 10}, True
+    assert lines() == [
+        "session 5 prints job 9, session 6 prints job 10: nothing was sent, this was heard in 1.5 s",
+        "a stop request is active",
+        *nodes,
+    ]
+    assert adapter.close.call_count == 2
 
 
 class Rig(SimpleNamespace):

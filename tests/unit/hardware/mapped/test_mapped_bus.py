@@ -23,7 +23,8 @@ from inkloop_hardware.bus.adapter import message_of
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal
-from inkloop_hardware.doctor.findings import Grade
+from inkloop_hardware.doctor import status as bench_status
+from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.status import judge_rig
 from inkloop_hardware.errors import BusError, HardwareError, LinkTimeout, TransferError
 from inkloop_hardware.mapped import mapped_bus
@@ -238,11 +239,11 @@ def test_value_that_does_not_come_is_reported_with_the_last_one_or_why_there_is_
     missed(r"; its frames were dropped: .* has 2 bytes, expected 8$", "State", "READY", *short)
 
 
-def examined(folder: Path, *frames: Frame) -> dict[Grade, list[str]]:
+def examined(folder: Path, *frames: Frame, silence_s: float = 0.3) -> dict[Grade, list[str]]:
     """Findings about the frames that the mapping waits for, when these come on its bus."""
     of_rig = iter([[message_of(frame) for frame in frames]])
     adapter: Any = SimpleNamespace(
-        settings=BusSettings("virtual", "rig"),
+        settings=BusSettings("virtual", "rig", silence_s=silence_s),
         receive=lambda wait_s: next(of_rig, []),
         complaints=dict[str, int],
         now=itertools.count(0.0, 0.25).__next__,
@@ -262,6 +263,31 @@ def test_doctor_looks_for_every_frame_that_the_mapping_waits_for(tmp_path: Path)
     assert "1 in 1.5 s, but its frames were dropped: frame 0x220 [2] 02 03 of PlcState has 2 bytes" in short
     (there,) = examined(tmp_path, state(BUSY), state(READY, 4, 12.5))[Grade.OK]
     assert there.endswith("2 in 1.5 s; State: it is READY, LayersDone: it is 4, BedPosition: it is 12.5; ")
+    (missing,) = examined(tmp_path, silence_s=1.5)[Grade.ERROR]
+    assert missing.startswith("PlcState (0x220): none came in 3."), "two silences"
+
+
+def test_doctor_warns_of_a_value_beyond_its_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foreign_rig, "DBC", foreign_rig.DBC.replace("[0|655.35]", "[0|100]"))
+    (found,) = examined(tmp_path, state(READY, 4, 100.5))[Grade.WARNING]
+    assert "State: it is READY, LayersDone: it is 4, BedPosition: its value was dropped: " in found
+    assert found.endswith("; compare limits and value tables with the rig")
+
+
+def test_status_of_a_rig_is_a_line_for_each_finding_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    adapter = Mock()
+    findings = [Finding.ok("bus", "a"), Finding.warning("frames", "b", "c"), Finding.error("frames", "d", "e")]
+    monkeypatch.setattr(bench_status, "Adapter", adapter)
+    monkeypatch.setattr(bench_status, "judge_rig", lambda adapter, mapping: iter(findings))
+    mapping = load(written(tmp_path), JOB)
+    settings = BusSettings("virtual", "rig", fd=True)
+    assert list(bench_status.rig_status(settings, mapping)) == ["a", "b; c", "d; e"]
+    assert adapter.mock_calls[0].args == (settings,), "its frames of CAN FD are read as well"
+    assert not bench_status.bus_of(BusSettings("virtual", "rig"), mapping).fd
+    wide = load(written(tmp_path, "answer = 0x7B8", "answer = 0x7B8\nfd = true"), JOB)
+    assert bench_status.bus_of(BusSettings("virtual", "rig"), wide).fd
 
 
 def test_doctor_listens_for_three_cycles_of_the_slowest_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
