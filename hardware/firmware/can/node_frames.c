@@ -43,10 +43,8 @@ static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_
     frames->releases = signals.active ? 0 : follows ? (uint8_t)(frames->releases + 1) : 1;
     if (signals.active && verdict != E2E_DAMAGED)
         node_stop_request(frames->node, now, true);
-    if (frames->releases >= RELEASES_NEEDED) {
-        frames->releases = 0;
+    if (frames->releases >= RELEASES_NEEDED)
         node_stop_request(frames->node, now, false);
-    }
 }
 
 static MasterAlive master_of(const CanFrame *frame) {
