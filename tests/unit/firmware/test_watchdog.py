@@ -110,3 +110,12 @@ def test_node_that_drives_lamp_and_gate_at_once_does_not_kick() -> None:
         bench.c.probe_drive_gate(bench.bench, CURE)
         bench.tick(PERIOD_MS)
         assert (bench.state(CURE).boots, bench.state(CURE).by_watchdog) == (2, True)
+
+
+def test_watchdog_of_a_bench_that_says_nothing_of_it_bites_after_300_ms() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        for passed, boots in ((299, 1), (300, 2)):
+            bench.clock += passed - 5
+            bench.tick(5)
+            assert [bench.state(node).boots for node in range(4)] == [boots] * 4
