@@ -372,3 +372,18 @@ def test_devices_get_station_colour_and_layer_of_their_step(bench: NodeBench) ->
         assert bench.run(Routine.DRY_RUN, stage, option=b"\1") == DONE
         assert bench.run(Routine.MOVE, stage, layer=4, attempt=2, option=b"\2") == DONE
         assert bench.work(stage) == (MOVE, 1, 0, 2, 4)
+
+
+def test_work_lasts_as_long_as_is_said_of_its_kind() -> None:
+    with NodeBench(gate_ms=0, home_ms=200, move_ms=250, purge_ms=300, pass_ms=350, scan_ms=400) as bench:
+        assert bench.ready().download(pattern_blob(FULL), 1) == 0
+        for routine, node, option, milliseconds in (
+            (Routine.HOME, STAGE, b"", 200),
+            (Routine.MOVE, STAGE, b"\1", 250),
+            (Routine.PURGE, HEAD, b"", 300),
+            (Routine.PASS, HEAD, b"\0", 350),
+            (Routine.SCAN, PROFILER, b"", 400),
+        ):
+            began = bench.clock
+            assert bench.run(routine, node, layer=1, attempt=2, option=option) == DONE
+            assert milliseconds < bench.clock - began <= milliseconds + 20
