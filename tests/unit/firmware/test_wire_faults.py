@@ -181,6 +181,8 @@ def test_burst_that_begins_within_another_one_does_not_lengthen_it() -> None:
     [
         ("loss:probability=0.1,nth=3", "give probability or nth, not both"),
         ("loss:probability=1.5", "the key does not take this value"),
+        ("loss:probability=0", "the key does not take this value"),
+        ("loss:service=0xC0", "the key does not take this value"),
         ("loss:byte=8", "the key does not take this value"),
         ("loss:id=0x800", "the key does not take this value"),
         ("loss:pass=4", "the key does not take this value"),
@@ -310,6 +312,7 @@ def test_armed_fault_stays_so() -> None:
         ("late-answer:service=0x31", [True, False, False]),
         ("late-answer:service=0x31,count=2", [True, True, False]),
         ("late-answer:nth=2", [False, True, False]),
+        ("late-answer:service=0xBF", [False, False, False]),
         ("late-answer:node=cure", [True, False, False]),
         ("late-answer:node=head,count=3", [False, False, False]),
     ],

@@ -405,6 +405,16 @@ def test_what_comes_after_an_action_is_waited_for_also_behind_a_read(tmp_path: P
         steps.do("a layer", (Send(**GO), IS_READY), 3)
 
 
+def test_wait_of_a_step_ends_with_the_value_that_must_not_come(tmp_path: Path, clock: Clock) -> None:
+    """Both may be templates."""
+    steps, wire, _ = steps_of(tmp_path, clock)
+    for change in ({"unless": "FAULT"}, {"signal": "LayersDone", "expected": "{layer}", "unless": "0x1{layer}"}):
+        wire.others.append((0.0, state(FAULT, 0x13)))
+        with pytest.raises(HardwareError, match="expected (READY|3); check the rig"):
+            steps.do("a layer", (IS_READY.model_copy(update=change),), 3)
+        assert clock.now == 100.0
+
+
 def test_steps_that_act_are_recorded_with_their_numbers_and_enabled_as_long_as_they_last(
     tmp_path: Path, clock: Clock
 ) -> None:
