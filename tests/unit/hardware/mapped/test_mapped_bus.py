@@ -410,7 +410,7 @@ def test_wait_of_a_step_ends_with_the_value_that_must_not_come(tmp_path: Path, c
     steps, wire, _ = steps_of(tmp_path, clock)
     for change in ({"unless": "FAULT"}, {"signal": "LayersDone", "expected": "{layer}", "unless": "0x1{layer}"}):
         wire.others.append((0.0, state(FAULT, 0x13)))
-        with pytest.raises(HardwareError, match="expected (READY|3); check the rig"):
+        with pytest.raises(HardwareError, match=r"expected (READY|3); check the rig"):
             steps.do("a layer", (IS_READY.model_copy(update=change),), 3)
         assert clock.now == 100.0
 
