@@ -78,8 +78,14 @@ def test_colours_share_a_layer_out(bench: NodeBench) -> None:
 
 
 def test_droplets_vary_by_cell_layer_and_nozzle_as_those_of_the_models() -> None:
-    own = {"variation": 0.4, "nozzle_variation": 0.3, "nozzle_pitch": 2, "printer_seed": 7, "sensor_seed": 8}
-    ink = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0}
+    own: dict[str, Any] = {
+        "variation": 0.4,
+        "nozzle_variation": 0.3,
+        "nozzle_pitch": 2,
+        "printer_seed": 7,
+        "sensor_seed": 8,
+    }
+    ink: dict[str, Any] = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0}
     nozzles = 1.0 - 0.3 * np.array([uniforms(7, NOZZLE, number, 0)[0] for number in (0, 1, 0)])
     with NodeBench(nx=5, ny=3, **own, **ink) as bench:
         bench.ready()

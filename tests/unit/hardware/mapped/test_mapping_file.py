@@ -169,7 +169,7 @@ def test_ids_beyond_0x7ff_have_29_bits(tmp_path: Path) -> None:
 
 def test_address_has_as_many_bytes_as_are_said(tmp_path: Path) -> None:
     path = written(tmp_path, ("address = 0x20", "address = 0xFF"), ('address = "{layer}"', "address = 0xFFFFFFFF"))
-    assert load(path, JOB).tables.profiler[2].address == 0xFF  # type: ignore[union-attr]
+    assert load(path, JOB).tables.profiler[2].address == 0xFF
     assert errors(tmp_path, ('address = "{layer}"', "address = 0x100000000")) == (
         "printer step 1 (download): address is 0x100000000; expected 0 to 0xFFFFFFFF by address_bytes",
     )
