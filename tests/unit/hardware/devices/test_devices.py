@@ -5,6 +5,7 @@ The nodes are those of the firmware, without a wire between; `tests/system/test_
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -279,6 +280,29 @@ def test_unknown_layer_is_forgotten_by_a_new_run() -> None:
         printer.restore(saved)
         assert printer._outputs()["layer_unknown"]
         assert not printer.initialize(0, {"layer_command": np.int32(0)})["layer_unknown"]
+
+
+def test_first_scan_of_a_profiler_is_checked_and_no_later_one() -> None:
+    with bench(dropout_rate=0.5, sensor_seed=1) as nodes:
+        rig = NodeRig(nodes)
+        profiler = started(Profiler(FOUR, rig))
+        rig.valid_share = 0.9
+        with pytest.raises(FirstScanError, match=r"^the first scan: "):
+            profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})
+        rig.valid_share = 0.0
+        assert profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})["layers_scanned"] == 0
+        rig.valid_share = 0.9
+        assert profiler.do_step(0, SECOND, {"layers_printed": np.int32(1)})["layers_scanned"] == 1
+
+
+def test_zero_of_the_stage_is_logged_where_it_was_looked_for(caplog: pytest.LogCaptureFixture) -> None:
+    """The second device of a rig finds it homed."""
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        for device in (Printer(FOUR, rig), Profiler(FOUR, rig)):
+            started(device)
+    assert caplog.messages == ["stage: at its zero"]
 
 
 def test_first_step_of_a_new_run_scans_again() -> None:

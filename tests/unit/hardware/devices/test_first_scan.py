@@ -48,7 +48,9 @@ def test_profiler_that_sees_too_little_is_refused(share: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "where", [np.s_[2:6, 3:9], np.s_[:14, 10:], np.s_[:, :14]], ids=["4 %", "half, at a corner", "half, one side"]
+    "where",
+    [np.s_[2:6, 3:9], np.s_[:14, 10:], np.s_[:, :14], np.s_[:, :21]],
+    ids=["4 %", "half, at a corner", "half, one side", "seven tenths"],
 )
 def test_bed_with_a_part_is_refused_with_its_height_unless_it_may_carry_one(where: Any) -> None:
     height, valid = scan(where=where, height=60e-6)
