@@ -26,7 +26,7 @@ from inkloop_hardware.doctor.doctor import try_gate_and_lamp
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import ClockReading, Expected, NodeReport, assess, clock_rates
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
-from inkloop_hardware.errors import NodeRefused
+from inkloop_hardware.errors import BusError, LinkTimeout, NodeRefused
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import (
     Flags,
@@ -96,7 +96,9 @@ def test_frames_of_others_are_counted_and_the_most_frequent_ids_named() -> None:
 
 def test_bus_that_is_silent_has_no_power_and_one_without_nodes_other_ids() -> None:
     silent, foreign = Heard(lasted=1.0), Heard(lasted=1.0)
-    foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
+    for number in (0x7DF, 1, 2, 3, 4):
+        foreign.take(0.0, Frame(number, b"\1\2"), CODEC)
+    assert "5 frames were received, none of the protocol (0x7DF, 0x001, 0x002, 0x003)" in heard_errors(foreign)["bus"]
     advice = [next(one.advice for one in judge(each, CODEC) if one.check == "nodes") for each in (silent, foreign)]
     assert [words.partition(",")[0] for words in advice] == ["is the bench powered", "is it powered"]
 
@@ -108,6 +110,8 @@ def test_cycles_of_all_regular_nodes_are_one_finding() -> None:
             found.take(cycle * number, pack(CODEC, status(node), number), CODEC)
     words = [one.found for one in judge(found, CODEC) if one.check == "heartbeat"]
     assert words == ["4 nodes, a status every 90 to 110 ms"]
+    two = heard(without=(Node.HEAD, Node.STAGE))
+    assert "2 nodes, a status every 100 to 100 ms" in [one.found for one in judge(two, CODEC)]
 
 
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
@@ -167,13 +171,14 @@ def test_cycle_of_a_status_is_judged_by_what_a_run_bears(seconds: Any, grade: Gr
 def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = [
         SimpleNamespace(device="/dev/ttyACM7", description="CANable 2.0", hwid="USB VID:PID=16D0:117E"),
-        SimpleNamespace(device="/dev/ttyS0", description="n/a", hwid="n/a"),
+        SimpleNamespace(device="/dev/ttyS0", description="ttyS0", hwid="n/a"),
+        SimpleNamespace(device="/dev/ttyUSB0", description="n/a", hwid="USB VID:PID=0403:6001"),
     ]
     known = SimpleNamespace(comports=lambda: ports)
     monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
     settings = BusSettings("slcan", "/dev/ttyACM8", 500_000)
     (found,) = (finding for finding in before_opening(settings) if finding.grade is Grade.ERROR)
-    assert found.advice.endswith("the serial ports of this machine: /dev/ttyACM7 (CANable 2.0)")
+    assert found.advice.endswith("machine: /dev/ttyACM7 (CANable 2.0), /dev/ttyUSB0 (n/a)")
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
@@ -589,3 +594,43 @@ def test_second_reading_of_a_clock_comes_a_quarter_of_a_second_after_the_first(m
     assert link.pause.mock_calls == [call(pytest.approx(0.15, rel=1e-9, abs=0.0))]
     assert (found.map_shape, found.status) == (None, status(Node.STAGE))
     assert [reading.node for reading in found.clock] == [5.0, 5.3]
+
+
+def test_bus_is_listened_to_for_twelve_statuses_and_what_is_well_is_no_complaint() -> None:
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "quiet"),
+        receive=lambda wait_s: [],
+        complaints=lambda: {"frames sent again": 0, "malformed lines of the adapter": 2},
+        now=count(0.0, 0.0625).__next__,
+    )
+    found = listen(adapter, CODEC)
+    assert 1.2 <= found.lasted < 1.5
+    assert found.complaints == {"malformed lines of the adapter": 2}
+
+
+@pytest.mark.parametrize("flag", [Flags.JOURNAL_DAMAGED, Flags.JOURNAL_UNREADABLE])
+def test_journal_that_cannot_be_used_is_reported_once(flag: Flags) -> None:
+    one = replace(of_state(flags=flag), journal=())
+    assert [finding.check for finding in assess([one], None)] == ["services", "states", "clock", "limits"]
+
+
+def test_nodes_are_judged_by_answers_and_statuses_and_one_that_does_not_answer_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An adapter that is gone ends the examination."""
+    failures: dict[Node, Exception] = {Node.CURE: LinkTimeout("no answer of cure")}
+
+    def read_node(link: Any, status: NodeStatus | None) -> NodeReport:
+        if link.node in failures:
+            raise failures[link.node]
+        return replace(report(link.node), status=status)
+
+    monkeypatch.setattr(inquiry, "read_node", read_node)
+    links: Any = [SimpleNamespace(node=node) for node in (Node.HEAD, Node.STAGE, Node.CURE)]
+    statuses = {Node.HEAD: replace(status(Node.HEAD), ready=False)}
+    found = errors(list(inquiry.ask(links, None, statuses)))
+    assert found == {"services": "no answer of cure", "states": "head: not ready: ink temperature or back pressure"}
+    assert errors(list(inquiry.ask(links[:2], None))) == {}
+    failures[Node.STAGE] = BusError("the adapter is gone")
+    with pytest.raises(BusError, match="is gone"):
+        list(inquiry.ask(links, None))
