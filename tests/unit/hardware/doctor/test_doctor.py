@@ -634,3 +634,35 @@ def test_nodes_are_judged_by_answers_and_statuses_and_one_that_does_not_answer_i
     failures[Node.STAGE] = BusError("the adapter is gone")
     with pytest.raises(BusError, match="is gone"):
         list(inquiry.ask(links, None))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found", "heard_again", "expected"),
+    [
+        (
+            False,
+            [],
+            {},
+            (Grade.SKIPPED, "gate and lamp were not tried (the gate opens and closes, then the lamp lights"),
+        ),
+        (False, [Finding.error("bus", "a", "b")], {}, (Grade.SKIPPED, "gate and lamp were not tried")),
+        (True, [Finding.error("bus", "a", "b")], {}, (Grade.SKIPPED, "there are errors: nothing is energised")),
+        (True, [], {"sessions": {5: 9}}, (Grade.ERROR, "another master is active: nothing is energised")),
+        (True, [], {"stopped": True}, (Grade.ERROR, "a stop request is active: nothing is energised")),
+        (True, [], {}, None),
+    ],
+)
+def test_gate_and_lamp_are_tried_only_if_that_is_wanted_and_nothing_speaks_against_it(
+    wanted: bool,
+    found: list[Finding],
+    heard_again: dict[str, Any],
+    expected: tuple[Grade, str] | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(doctor, "listen", lambda adapter, codec, seconds: Heard(lasted=seconds, **heard_again))
+    reason = doctor._why_not(wanted, found, Mock(), CODEC)
+    if expected is None:
+        assert reason is None
+    else:
+        assert reason is not None
+        assert (reason.grade, reason.found.startswith(expected[1])) == (expected[0], True)

@@ -232,3 +232,9 @@ def test_status_is_a_sentence_and_a_fault_a_warning(status: dict[str, Any], word
 @pytest.mark.parametrize(("attempt", "text"), [(1, "layer 7, pass 2"), (2, "layer 7, pass 2, attempt 2")])
 def test_key_is_named_by_its_layer_and_pass_and_a_repeat_by_its_attempt(attempt: int, text: str) -> None:
     assert str(Key(9, 7, 2, attempt)) == text
+
+
+def test_numbers_of_a_record_have_no_sign() -> None:
+    found = TransferState.of(bytes.fromhex("03 ff ffff ffffffff 80000000 fffffffe"))
+    assert found == TransferState(TransferFlags(3), 255, 65535, 2**32 - 1, 2**31, 2**32 - 2)
+    assert Key.of(bytes.fromhex("ffffffff fffe fd fc")) == Key(2**32 - 1, 65534, 253, 252)
