@@ -23,7 +23,7 @@ from inkloop_hardware.protocol.node_state import (
     TransferState,
 )
 from inkloop_hardware.protocol.records import Fault, Node, NodeFault, State
-from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
+from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine, is_answer
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import HEAD, PROFILER, NodeBench, pattern_blob
 from support.benches.node_status import IDLE_HEAD, node_state
@@ -238,3 +238,28 @@ def test_numbers_of_a_record_have_no_sign() -> None:
     found = TransferState.of(bytes.fromhex("03 ff ffff ffffffff 80000000 fffffffe"))
     assert found == TransferState(TransferFlags(3), 255, 65535, 2**32 - 1, 2**31, 2**32 - 2)
     assert Key.of(bytes.fromhex("ffffffff fffe fd fc")) == Key(2**32 - 1, 65534, 253, 252)
+
+
+START = "31 01 0203 00000007 0001 02 03"
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ("71 01 0203 00 00000007 0001 02 03", True),
+        ("71 01 0203 01 00000007 0001 02 03", True),
+        ("71 03 0203 00 00000007 0001 02 03", False),
+        ("71 01 0204 00 00000007 0001 02 03", False),
+        ("71 01 0203 00 00000008 0001 02 03", False),
+        ("71 01 0203 00 00000007 0002 02 03", False),
+        ("71 01 0203 00 00000007 0001 01 03", False),
+        ("71 01 0203 00 00000007 0001 02 02", False),
+        ("71 01 0203 00 00000007 0001 02", False),
+        ("7f 31 78", True),
+        ("7f 22 78", False),
+        ("62 01 00", False),
+        ("", False),
+    ],
+)
+def test_answer_of_a_routine_has_its_kind_number_and_key(message: str, expected: bool) -> None:
+    assert is_answer(bytes.fromhex(START) + b"\1", bytes.fromhex(message)) is expected
