@@ -168,6 +168,15 @@ def test_restored_profiler_repeats_the_last_scan_without_scanning() -> None:
         assert Routine.SCAN not in [routine for routine, *_ in other.link(Node.PROFILER).asked]
 
 
+def test_profiler_saved_before_its_first_scan_has_none_when_restored() -> None:
+    with bench() as nodes:
+        profiler = started(Profiler(FOUR, NodeRig(nodes)))
+        saved = profiler.save()
+        profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})
+        profiler.restore(saved)
+        assert profiler._outputs()["layers_scanned"] == -1
+
+
 def test_profiler_scans_the_newest_layer_however_many_there_are_since() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
