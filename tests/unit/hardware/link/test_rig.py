@@ -330,8 +330,9 @@ def test_only_the_nodes_of_a_request_are_missed(bus: Bus, watching: Supervision)
 
 def test_node_is_lost_after_the_silence_that_was_set(bus: Bus, watching: Supervision) -> None:
     bus.bring(pack(CODEC, IDLE_HEAD, 0))
+    bus.clock += 0.5 * SILENCE_S
     watching.check((Node.HEAD,))
-    bus.clock += 0.9 * SILENCE_S
+    bus.clock += 0.4 * SILENCE_S
     watching.check((Node.HEAD,))
     bus.clock += 0.2 * SILENCE_S
     with pytest.raises(NodeLost, match="the head"):
@@ -444,7 +445,7 @@ def test_each_request_gives_a_fallen_node_its_own_moment(bus: Bus, watching: Sup
     lamp = Lamp(bus, watching)
     for _ in range(2):
         lamp.status(FALLEN)
-        lamp.wait(0.2)
+        lamp.wait(ANSWER_GRACE_S + 0.01)
         lamp.status(LAMP)
         lamp.wire.begin()
     lamp.status(FALLEN)
