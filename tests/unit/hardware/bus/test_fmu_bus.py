@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -66,6 +67,20 @@ def test_bus_of_another_program_runs_with_the_clock(clock: Clock) -> None:
         assert bus.now() - before == pytest.approx(0.2, abs=0.002)  # type: ignore[attr-defined]
         with pytest.raises(can.CanOperationError, match=r"classic CAN; set bench\.fd = false"):
             bus.send(can.Message(is_fd=True))
+
+
+def test_frame_is_of_the_same_kind_behind_the_bus(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = [(0x10640, True, False), (HEAD, False, True), (HEAD, False, False)]
+    names = "identifier", "data", "is_extended", "is_remote"
+    with can.Bus(interface="inkloop_fmu", channel=BENCH) as bus:
+        echo = Mock(
+            side_effect=lambda *step: [SimpleNamespace(**dict(zip(names, one, strict=True))) for one in step[2]]
+        )
+        monkeypatch.setattr(bus._node, "step", echo)  # type: ignore[attr-defined]
+        for identifier, extended, remote in kinds:
+            bus.send(can.Message(0.0, identifier, extended, remote))
+        found = [message for _ in kinds if (message := bus.recv(0.1))]
+    assert [(one.arbitration_id, one.is_extended_id, one.is_remote_frame) for one in found] == kinds
 
 
 def test_time_of_our_own_bus_passes_while_it_is_waited_for(clock: Clock) -> None:

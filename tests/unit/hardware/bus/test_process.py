@@ -82,6 +82,7 @@ def test_frame_is_the_same_for_python_can(frame: Frame, switch: bool) -> None:
     message = message_of(frame, bit_rate_switch=switch)
     assert message.arbitration_id < (1 << (29 if message.is_extended_id else 11))
     assert message.bitrate_switch == (frame.is_fd and switch)
+    assert not message.is_rx, "a log of it would take it for one that was received"
     assert data_frame(message) == frame
 
 
