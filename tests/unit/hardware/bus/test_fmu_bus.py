@@ -140,10 +140,13 @@ def test_change_of_the_loop_is_sent_at_once_and_logged_after_what_came_before_it
         bus.sleep(0.25)
         changed = bus.now()
         bus.send_job(8)
+        bus.send([Frame(HEAD, ARE_YOU_THERE)])
         bus.sleep(0.005)
         enabled = bus.now()
         bus.send_keep_alive(Enables.GATE)
-    beats = [frame for frame in can.BLFReader(tmp_path / "it.blf") if frame.arbitration_id == MASTER_ALIVE]
+    logged = [frame for frame in can.BLFReader(tmp_path / "it.blf") if frame.arbitration_id in (MASTER_ALIVE, HEAD)]
+    beats = [frame for frame in logged if frame.arbitration_id == MASTER_ALIVE]
+    assert [frame.arbitration_id for frame in logged if frame.timestamp >= changed][:2] == [MASTER_ALIVE, HEAD]
     found = [(frame.timestamp, frame.data[1] >> 4, frame.data[4]) for frame in beats if frame.timestamp >= changed]
     moments = [(changed, 0, 8), (enabled, 2, 8), (enabled, 0, 8)]
     assert found == [pytest.approx((at + 1e-6, enables, job), rel=0.0, abs=1e-7) for at, enables, job in moments]
