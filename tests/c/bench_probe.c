@@ -24,6 +24,8 @@ void probe_refuse_work(Bench *bench, int node);
 void probe_light_while_recording(Bench *bench, int node);
 void probe_roles(Bench *bench, int node, int roles);
 void probe_drive_gate(Bench *bench, int node);
+void probe_drive_lamp(Bench *bench, int node);
+void probe_work(Bench *bench, int node, uint32_t numbers[5]);
 void probe_join(Bench *bench, int node);
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now);
 int probe_next(int node, uint32_t now, uint32_t *id, uint8_t *data);
@@ -188,6 +190,18 @@ void probe_roles(Bench *bench, int node, int roles) {
 /* Effect of a flipped bit of the memory: the node assumes that its gate is driven. */
 void probe_drive_gate(Bench *bench, int node) {
     bench->node[node].gate_driven = true;
+}
+
+/* The same of its lamp. */
+void probe_drive_lamp(Bench *bench, int node) {
+    bench->node[node].lamp_driven = true;
+}
+
+/* The work that the devices of a node were given last: kind, dry, colour, station, layer. */
+void probe_work(Bench *bench, int node, uint32_t numbers[5]) {
+    const Work *work = &bench->board[node].work;
+    const uint32_t found[] = {work->kind, work->dry, work->colour, work->station, work->layer};
+    memcpy(numbers, found, sizeof found);
 }
 
 /* Puts a node on a bus of its own. */

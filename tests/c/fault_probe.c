@@ -83,6 +83,30 @@ uint32_t probe_broken(void) {
     return broken;
 }
 
+/* Whether the first fault hits an answer of a node. */
+int probe_hits_answer(int node, const uint8_t *answer, int length) {
+    return fault_hits_answer(&faults.fault[0], node, answer, (size_t)length);
+}
+
+/* Whether the first fault happens with a frame of this id; -1: in a turn without. */
+int probe_happens(int id) {
+    const CanFrame frame = {.id = (uint32_t)id};
+    return fault_happens(&faults.fault[0], id < 0 ? NULL : &frame);
+}
+
+/* Whether the first fault is armed by a step of the cure node, or by a transfer: 0 none, 1 download, 2 upload. */
+int probe_arms(int step, int layer, int pass, int transfer) {
+    static Bench bench;
+    Node *node = &bench.node[BENCH_CURE];
+    node->step.kind = (StepKind)step;
+    node->step.key.layer = node->transfer.layer = (uint16_t)layer;
+    node->step.key.pass = (uint8_t)pass;
+    node->transfer.active = transfer > 0;
+    node->transfer.upload = transfer == 2;
+    faults_arm(&faults, &bench);
+    return faults.fault[0].armed;
+}
+
 /* Frames of one id that find no place at the head before it ticks; after the tick there is room again. */
 uint32_t probe_overruns(uint32_t id, uint32_t count) {
     static NodeFrames frames[BENCH_NODES];

@@ -40,7 +40,6 @@ static bool may_begin(Isotp *end) {
     }
     if (end->receiving.state == ISOTP_RECEIVE_FRAMES)
         end->count.replaced++;
-    end->receiving.flow = ISOTP_FLOW_NONE;
     return true;
 }
 

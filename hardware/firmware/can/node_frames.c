@@ -27,17 +27,14 @@ void node_frames_init(NodeFrames *frames, Node *node, uint8_t number) {
     e2e_monitor_init(&frames->stop_monitor);
 }
 
-static bool is_checked(NodeFrames *frames, const CanFrame *frame, size_t length, uint16_t data_id) {
-    if (frame->length == length && e2e_check(frame->data, length, data_id))
-        return true;
-    frames->damaged++;
-    return false;
+static bool is_checked(const CanFrame *frame, size_t length, uint16_t data_id) {
+    return frame->length == length && e2e_check(frame->data, length, data_id);
 }
 
 /* One intact frame stops. A release needs RELEASES_NEEDED of them in a row with consecutive counters: neither a damaged
  * frame that passes its check by chance, nor a repeated old one, releases a stop. */
 static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
-    const bool checked = is_checked(frames, frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID);
+    const bool checked = is_checked(frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID);
     const E2eVerdict verdict = e2e_monitor_take(&frames->stop_monitor, checked, e2e_counter(frame->data));
     struct inkloop_stop_request_t signals = {.active = 1};
     if (verdict != E2E_DAMAGED)
@@ -46,10 +43,8 @@ static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_
     frames->releases = signals.active ? 0 : follows ? (uint8_t)(frames->releases + 1) : 1;
     if (signals.active && verdict != E2E_DAMAGED)
         node_stop_request(frames->node, now, true);
-    if (frames->releases >= RELEASES_NEEDED) {
-        frames->releases = 0;
+    if (frames->releases >= RELEASES_NEEDED)
         node_stop_request(frames->node, now, false);
-    }
 }
 
 static MasterAlive master_of(const CanFrame *frame) {
@@ -64,7 +59,7 @@ static MasterAlive master_of(const CanFrame *frame) {
  * is reset if the node accepts the new master. */
 static void take_master_alive(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
     Node *node = frames->node;
-    const bool checked = is_checked(frames, frame, INKLOOP_MASTER_ALIVE_LENGTH, INKLOOP_MASTER_ALIVE_DATA_ID);
+    const bool checked = is_checked(frame, INKLOOP_MASTER_ALIVE_LENGTH, INKLOOP_MASTER_ALIVE_DATA_ID);
     const MasterAlive master = checked ? master_of(frame) : node->master;
     const bool other = !node->master_seen || master.session != node->master.session;
     if (checked && other) {

@@ -35,7 +35,6 @@ typedef struct {
     bool status_sent;
     uint32_t status_at, fault_at; /* time of the last one [ms] */
     Cause cause_sent;
-    uint32_t damaged; /* supervised frames whose check byte was wrong */
     uint8_t answer[ISOTP_LENGTH_MAX];
 } NodeFrames;
 

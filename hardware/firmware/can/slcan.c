@@ -2,7 +2,7 @@
 
 #include "slcan.h"
 
-enum { CR = '\r', LF = '\n', BEL = '\a', ID_DIGITS = 3, EXTENDED_ID_DIGITS = 8, OWN_BIT_RATE = 255, NO_DIGIT = 16 };
+enum { CR = '\r', LF = '\n', BEL = '\a', ID_DIGITS = 3, EXTENDED_ID_DIGITS = 8, NO_DIGIT = 16 };
 
 static const char DIGITS[] = "0123456789ABCDEF";
 
@@ -88,7 +88,6 @@ static bool take_bit_rate(Slcan *slcan, SlcanEvent *event) {
         return malformed(slcan, event);
     if (slcan->open)
         return refuse(slcan, event);
-    slcan->bit_rate = own ? OWN_BIT_RATE : (uint8_t)value;
     answer(event, "\r");
     return true;
 }
@@ -105,7 +104,7 @@ static bool take_command(Slcan *slcan, SlcanEvent *event) {
         answer(event, "\r");
         return true;
     case 'C':
-        slcan->open = slcan->listen_only = false;
+        slcan->open = false;
         answer(event, "\r");
         return true;
     case 'V':

@@ -25,7 +25,6 @@ typedef struct {
     uint8_t used;
     bool overlong; /* the present line did not fit; it is dropped at its CR */
     bool open, listen_only;
-    uint8_t bit_rate; /* the number after S; 255 after s */
     uint32_t frames, malformed, refused;
 } Slcan;
 

@@ -175,12 +175,11 @@ Hal board_hal(Board *board) {
 
 bool board_open_file(Board *board, const char *path) {
     board->file = fopen(path, "r+b");
-    const bool found = board->file != NULL;
-    if (!found)
+    if (!board->file)
         board->file = fopen(path, "w+b");
     if (!board->file)
         return false;
-    if (found && fread(board->storage, 1, BOARD_STORAGE_BYTES, board->file) == BOARD_STORAGE_BYTES)
+    if (fread(board->storage, 1, BOARD_STORAGE_BYTES, board->file) == BOARD_STORAGE_BYTES)
         return true;
     memset(board->storage, 0xFF, BOARD_STORAGE_BYTES); /* new, or its first writing was interrupted */
     return write_through(board, 0, BOARD_STORAGE_BYTES);

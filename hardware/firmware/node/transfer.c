@@ -67,9 +67,9 @@ size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_
     return accepted(answer, UDS_UPLOAD);
 }
 
+/* Ends a download. */
 static size_t give_up(Node *node, uint8_t *answer, uint8_t service, uint8_t code) {
-    if (!node->transfer.upload)
-        node->state = node->transfer.before;
+    node->state = node->transfer.before;
     node->transfer.active = false;
     return uds_refusal(answer, service, code);
 }
@@ -157,7 +157,7 @@ static uint8_t adopt_pattern(Node *node, Cause *cause) {
         progress->job == transfer->job && progress->layer == transfer->layer && layer_is_begun(progress);
     if (!pattern_is_complete(&node->pattern) || !pattern_is_printable(&node->pattern))
         return UDS_OUT_OF_RANGE;
-    if (resumed && (transfer->crc != progress->pattern_crc || node->pattern.passes != progress->passes))
+    if (resumed && transfer->crc != progress->pattern_crc) /* of its head, too */
         return UDS_CHECKSUM;
     if (!resumed)
         *progress = (LayerProgress){.job = transfer->job,

@@ -120,10 +120,9 @@ def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeSt
     arrive meanwhile."""
     codec = Codec()
     sender, cycle = Supervised(codec), codec.cycle_time(StopRequest.message) or 0.05
-    began, sent, least = adapter.now(), 0, max(FRAMES_MIN, math.ceil(within_s / cycle))
-    while sent < least or adapter.now() < began + within_s:
+    began = adapter.now()
+    for sent in range(1, 1 + max(FRAMES_MIN, math.ceil(within_s / cycle))):
         adapter.send(sender.frame(StopRequest(active, Source.OPERATOR)))
-        sent += 1
         while (left := began + sent * cycle - adapter.now()) > 0:
             yield from _statuses(adapter, codec, left)
 

@@ -164,7 +164,7 @@ def _seconds(settings: BusSettings, mapping: RigMapping) -> float:
 
 def _judged(message: str, signals: dict[str, str], readings: Readings, mapping: RigMapping, heard: Heard) -> Finding:
     name = f"{message} ({id_text(id_of(mapping.codec.message(message)))})"
-    waiting = " and ".join(dict.fromkeys(signals.values()))
+    waiting = " and ".join(signals.values())
     if not readings.counts[message]:
         advice = f"{waiting} waits for it: is the rig powered, on this bus, at this bit rate, and is this its id?"
         return Finding.error("frames", f"{name}: none came in {heard.lasted:.1f} s", advice)

@@ -179,9 +179,8 @@ class _Transfer:
         elif one.request[0] == BLOCK and _is_good(one):
             self.found += (one.answer or b"")[2:]
         elif one.request[:3] == b"\x22\x01\x04" and one.answer and self.unsure:
-            if TransferState.of(one.answer[3:]).done == len(self.found) + len(self.unsure):
-                self.found += self.unsure
-            self.unsure = b""
+            arrived = TransferState.of(one.answer[3:]).done == len(self.found) + len(self.unsure)
+            self.found += self.unsure if arrived else b""
 
     def ended(self, one: Asked) -> Exchange | None:
         """The whole transfer, if its end was confirmed."""

@@ -423,6 +423,12 @@ class NodeBench:
         """From now on the devices of a node cannot begin anything."""
         self.c.probe_refuse_work(self.bench, node)
 
+    def work(self, node: int = HEAD) -> tuple[int, ...]:
+        """What its devices were given to do last: kind, whether dry, colour, station, layer."""
+        found = (ctypes.c_uint32 * 5)()
+        self.c.probe_work(self.bench, node, found)
+        return tuple(found)
+
     def light_while_recording(self, node: int = HEAD) -> None:
         """From now on the lamp comes on by itself while a node writes a record, and stays on."""
         self.c.probe_light_while_recording(self.bench, node)

@@ -163,6 +163,29 @@ def test_separation_is_that_of_two_frames_of_one_block() -> None:
         assert node.next(began + 22) is None, "the block is over"
 
 
+@pytest.mark.parametrize(
+    ("on_wire", "gap"),
+    [(0, 0), (1, 1), (127, 127), (0x80, 127), (0xF0, 127), (0xF1, 1), (0xF9, 1), (0xFA, 127), (0xFF, 127)],
+)
+def test_separation_of_less_than_a_millisecond_is_one_and_a_reserved_one_the_longest(on_wire: int, gap: int) -> None:
+    node = IsotpEnd()
+    assert node.send(payload(30))
+    assert node.next(0) is not None
+    node.take(Frame(REQUEST_ID, bytes([0x30, 0, on_wire])), 1)
+    assert node.next(1) is not None
+    assert (node.next(1 + gap) is None) is (gap > 0)
+    assert node.next(2 + gap) is not None
+
+
+@pytest.mark.parametrize("separation", [0, 7])
+def test_flow_control_asks_for_the_blocks_and_gaps_of_its_node(separation: int) -> None:
+    node = IsotpEnd(5, separation)
+    node.take(segments(payload(100))[0], 0)
+    flow = node.next(0)
+    assert flow is not None
+    assert flow.data[:3] == bytes([0x30, 5, separation])
+
+
 def test_missing_flow_control_is_given_up_after_a_second_and_sending_is_free_again() -> None:
     node = IsotpEnd()
     assert node.send(payload(100))

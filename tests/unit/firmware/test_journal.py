@@ -143,7 +143,10 @@ def test_altered_record_is_not_believed(bench: NodeBench) -> None:
     assert bench.state().unknown == 1
 
 
-@pytest.mark.parametrize(("where", "byte"), [(4, 0), (4, 99), (5, 7), (6, 255), (20, 255), (20, 2), (21, 16)])
+@pytest.mark.parametrize(
+    ("where", "byte"),
+    [(4, 0), (4, 8), (5, 7), (6, 4), (6, 255), (20, 255), (20, 2), (20, 3), (21, 16), (22, 16), (23, 16)],
+)
 def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int, byte: int) -> None:
     """Its checksum may be right and its kinds, passes and masks impossible."""
     before = bench.state()
@@ -281,6 +284,34 @@ def test_node_without_a_pattern_counts_its_boots_through_its_layers(bench: NodeB
     assert bench.state(CURE).boots == 3
     reboot(bench, CURE)
     assert (bench.state(CURE).boots, bench.state(CURE).layer) == (4, 2)
+
+
+def test_layer_of_one_pass_and_a_scan_are_known_after_a_power_failure() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.jet(1, colour=255) == DONE
+        assert bench.scan(3) == DONE
+        assert bench.journal(PROFILER)[-2:] == [(INTENT, 6, 0), (DONE_RECORD, 6, 0)]
+        for node in (HEAD, PROFILER):
+            reboot(bench, node)
+        assert (bench.state().passes, bench.state().done) == (1, 1)
+        assert bench.state(PROFILER).layer == 3
+
+
+def test_interrupted_cure_leaves_its_layer_unknown_until_one_is_repeated(bench: NodeBench) -> None:
+    def cures() -> list[int]:
+        return [bench.raw(bench.routine(Routine.CURE, 1, number, kind=3), CURE)[4] for number in (0, 1, 2)]
+
+    assert bench.cure(1, 0) == DONE
+    assert cures() == [DONE_BEFORE, NEVER, NEVER]
+    bench.raw(bench.routine(Routine.CURE, 1, 1, option=b"\x01\x00"), CURE)
+    bench.tick(50)
+    reboot(bench, CURE)
+    assert cures() == [UNKNOWN, UNKNOWN, UNKNOWN], "the flag is one of the layer"
+    assert bench.clear(CURE, 1) == DONE
+    assert bench.cure(1, 1) == DONE
+    assert cures() == [DONE_BEFORE, DONE_BEFORE, NEVER]
 
 
 def test_surface_keeps_its_shape_and_the_number_of_its_scans(tmp_path) -> None:

@@ -336,3 +336,54 @@ def test_nothing_is_transferred_during_a_step(bench: NodeBench) -> None:
     bench.tick(100)
     assert bench.late()[4] == DONE
     assert bench.raw(exit_)[0] == 0x77
+    assert bench.cure(1) == DONE
+    assert bench.raw(exit_)[0] == 0x77
+
+
+def test_routine_without_a_record_is_done_before_by_its_whole_key_alone(bench: NodeBench) -> None:
+    stage = STAGE if bench.count == 4 else HEAD
+    key: dict[str, Any] = {"job": 7, "layer": 3, "which": 2, "attempt": 5}
+    assert bench.ready().run(Routine.HOME, stage, **key) == DONE
+    for change in ({"job": 8}, {"layer": 2}, {"which": 1}, {"attempt": 6}):
+        assert bench.raw(bench.routine(Routine.HOME, **(key | change), kind=3), stage)[4] == NEVER, change
+    assert bench.raw(bench.routine(Routine.MOVE, **key, kind=3), stage)[4] == NEVER
+    assert bench.raw(bench.routine(Routine.HOME, **key, kind=3), stage)[4] == DONE_BEFORE
+    assert bench.run(Routine.HOME, stage, **key) == DONE_BEFORE
+
+
+HOME, MOVE, PURGE, JET, SCAN = range(5)
+
+
+def test_devices_get_station_colour_and_layer_of_their_step(bench: NodeBench) -> None:
+    """Of other work they are 0."""
+    stage, profiler = (STAGE, PROFILER) if bench.count == 4 else (HEAD, HEAD)
+    bench.ready()
+    assert bench.work(stage) == (HOME, 0, 0, 0, 0)
+    assert bench.run(Routine.MOVE, stage, layer=4, option=b"\3") == DONE
+    assert bench.work(stage) == (MOVE, 0, 0, 3, 4)
+    assert bench.run(Routine.PURGE, layer=5) == DONE
+    assert bench.work() == (PURGE, 0, 0, 0, 5)
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.jet(1, 0, 2) == DONE
+    assert bench.work() == (JET, 0, 2, 0, 1)
+    if bench.count == 4:
+        assert bench.scan(7) == DONE
+        assert bench.work(profiler) == (SCAN, 0, 0, 0, 7)
+        assert bench.run(Routine.DRY_RUN, stage, option=b"\1") == DONE
+        assert bench.run(Routine.MOVE, stage, layer=4, attempt=2, option=b"\2") == DONE
+        assert bench.work(stage) == (MOVE, 1, 0, 2, 4)
+
+
+def test_work_lasts_as_long_as_is_said_of_its_kind() -> None:
+    with NodeBench(gate_ms=0, home_ms=200, move_ms=250, purge_ms=300, pass_ms=350, scan_ms=400) as bench:
+        assert bench.ready().download(pattern_blob(FULL), 1) == 0
+        for routine, node, option, milliseconds in (
+            (Routine.HOME, STAGE, b"", 200),
+            (Routine.MOVE, STAGE, b"\1", 250),
+            (Routine.PURGE, HEAD, b"", 300),
+            (Routine.PASS, HEAD, b"\0", 350),
+            (Routine.SCAN, PROFILER, b"", 400),
+        ):
+            began = bench.clock
+            assert bench.run(routine, node, layer=1, attempt=2, option=option) == DONE
+            assert milliseconds < bench.clock - began <= milliseconds + 20

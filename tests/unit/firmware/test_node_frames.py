@@ -129,7 +129,7 @@ def test_fault_is_sent_at_once_then_every_second_until_it_is_over(bench: NodeBen
     bench.stop(True)
     began = bench.clock
     faults: list[tuple[int, NodeFault]] = []
-    for now in range(2600):
+    for now in range(3500):
         if now == 2300:
             bench.stop(False)
             assert bench.clear(option=1) == DONE
@@ -180,6 +180,15 @@ def test_block_of_a_request_has_16_frames(bench: NodeBench) -> None:
         asked.append(answers(bench))
     flow = bytes.fromhex("301000cccccccccc")
     assert [number for number, sent in enumerate(asked) if flow in sent] == [0, 16, 32]
+
+
+@pytest.mark.parametrize(("passed", "arrives"), [(999, True), (1000, False)])
+def test_frame_of_a_request_may_come_within_a_second(bench: NodeBench, passed: int, arrives: bool) -> None:
+    bench.give(Frame(REQUEST_ID, bytes.fromhex("100836010203ffff")))
+    assert [sent[0] for sent in answers(bench)] == [0x30]
+    bench.tick(passed, step=1)
+    bench.give(Frame(REQUEST_ID, bytes.fromhex("21ffff")))
+    assert (bytes([3, 0x7F, 0x36, Nrc.SEQUENCE]) in [sent[:4] for sent in answers(bench)]) == arrives
 
 
 @pytest.mark.parametrize(("waits", "heard"), [(8, True), (9, False)])

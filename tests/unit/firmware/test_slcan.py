@@ -118,6 +118,8 @@ def test_frames_are_refused_while_closed_or_listening() -> None:
     assert end.take(b"L\rt0200\r") == ([], b"\r\a")
     assert end.take(b"C\rO\r") == ([], b"\r\r")
     assert list(end.counts) == [0, 0, 2]
+    assert end.take(b"t0200\r")[1] == b"z\r"
+    assert end.take(b"L\rO\rt0200\r")[1] == b"\r\rz\r", "it does not only listen any more"
 
 
 @pytest.mark.parametrize(("line", "answer"), list(COMMANDS.items()))

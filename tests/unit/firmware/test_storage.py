@@ -101,6 +101,15 @@ def test_records_that_cannot_be_read_are_not_taken_for_none(bench: NodeBench, lo
     assert bench.gate_openings == 1
 
 
+def test_what_older_records_hold_is_known_although_newer_ones_cannot_be_read(bench: NodeBench) -> None:
+    jet_pass_0(bench)
+    assert bench.jet(1, 1) == DONE
+    bench.decay(2)
+    restart(bench)
+    outcomes = [bench.raw(bench.routine(Routine.PASS, 1, number, kind=3))[4] for number in range(3)]
+    assert outcomes == [DONE_BEFORE, UNKNOWN, UNKNOWN]
+
+
 @pytest.mark.parametrize("lost", [1, 2])
 @pytest.mark.parametrize("comes_back", [False, True])
 def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, comes_back: bool) -> None:
@@ -108,7 +117,9 @@ def test_job_of_a_journal_that_is_given_up_is_over(bench: NodeBench, lost: int, 
     jet_pass_0(bench)
     bench.decay(lost)
     restart(bench)
+    boots = bench.state().boots
     assert bench.clear(option=3) == DONE
+    assert bench.state().boots == boots
     for again in range(3):
         for layer in (1, 2, 3, 65535):
             assert bench.download(PATTERN, layer) == -Nrc.SEQUENCE, (again, layer)

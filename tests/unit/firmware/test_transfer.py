@@ -14,12 +14,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from support.benches.node_bench import DONE, PROFILER, NodeBench, heights, pattern_blob, run_length
+from support.numpy.philox_numpy import uniform_map, uniforms
 
 PATTERNS = st.tuples(st.integers(1, 12), st.integers(1, 12)).flatmap(
     lambda shape: arrays.arrays(np.uint8, shape, elements=st.integers(0, 2))
 )
 BLOB = pattern_blob(np.ones((9, 8)))
 RANGE, SEQUENCE, LENGTH, SUSPENDED, CHECKSUM, COUNTER = 0x31, 0x24, 0x13, 0x71, 0x72, 0x73
+
+
+DROPLET, NOZZLE = 1, 4
+"""Random streams of the printer."""
 
 
 @pytest.fixture
@@ -72,6 +77,26 @@ def test_colours_share_a_layer_out(bench: NodeBench) -> None:
         np.testing.assert_array_equal(grown, 2 * (i % 2) + j % 2 == colour)
 
 
+def test_droplets_vary_by_cell_layer_and_nozzle_as_those_of_the_models() -> None:
+    own: dict[str, Any] = {
+        "variation": 0.4,
+        "nozzle_variation": 0.3,
+        "nozzle_pitch": 2,
+        "printer_seed": 7,
+        "sensor_seed": 8,
+    }
+    ink: dict[str, Any] = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0}
+    nozzles = 1.0 - 0.3 * np.array([uniforms(7, NOZZLE, number, 0)[0] for number in (0, 1, 0)])
+    with NodeBench(nx=5, ny=3, **own, **ink) as bench:
+        bench.ready()
+        for layer in (1, 2):
+            before = bench.surface.copy()
+            assert bench.download(pattern_blob(np.ones((5, 3)), passes=1), layer) == 0
+            assert bench.jet(layer, colour=255) == DONE
+            factors = (1.0 - 0.4 * uniform_map(7, DROPLET, (5, 3), layer)) * nozzles
+            np.testing.assert_allclose(bench.surface - before, factors, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("head", "code"),
     [
@@ -112,6 +137,7 @@ def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
 
 def test_layer_beyond_16_bits_is_refused_and_not_taken_for_a_low_one(bench: NodeBench) -> None:
     assert bench.raw(begin(26, layer=0x10001)) == bytes((0x7F, 0x34, RANGE))
+    assert bench.raw(begin(26, layer=0xFFFF))[0] == 0x74
     assert bench.download(BLOB, 1) == 0
 
 
@@ -183,6 +209,9 @@ def test_large_map_is_whole() -> None:
         found, valid = heights(bench.upload(0), 1e-7)
         assert valid.all()
         assert found.std() == pytest.approx(1e-6, rel=0.02, abs=0.0)
+        assert bench.scan(0, attempt=2) == DONE
+        again, _ = heights(bench.upload(0), 1e-7)
+        assert abs(np.corrcoef(found.ravel(), again.ravel())[0, 1]) < 0.02, "each scan has its own noise"
 
 
 @pytest.mark.parametrize(("size", "accepted"), [(8, False), (9, True), (44, True), (45, False)])

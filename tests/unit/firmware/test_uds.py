@@ -143,6 +143,15 @@ def test_flags_of_the_state_are_told_apart(bench: NodeBench) -> None:
     assert flags_of(bench) == {"needs operator", "stopped"}
 
 
+def test_map_of_a_dry_run_is_gone_with_it(bench: NodeBench) -> None:
+    assert bench.run(Routine.DRY_RUN, PROFILER, option=b"\1") == DONE
+    assert bench.scan(0) == DONE
+    assert flags_of(bench, PROFILER) == {"dry run", "scanned"}
+    assert bench.run(Routine.DRY_RUN, PROFILER, attempt=2, option=b"\0") == DONE
+    assert flags_of(bench, PROFILER) == set()
+    assert bench.raw(b"\x22\1\3", PROFILER)[3:7] == bytes(4)
+
+
 def test_limits_and_times_of_a_session_are_those_of_the_page(bench: NodeBench) -> None:
     """Bytes of a pattern (two bits a cell), alive, lamp, gate, pass, motion, scan [ms], bytes of a block."""
     found = unpack(">7IH", bench.raw(b"\x22\x01\x02")[3:])

@@ -10,7 +10,7 @@ import pytest
 
 from inkloop_hardware.protocol.records import Fault
 from inkloop_hardware.protocol.services import Routine
-from support.benches.node_bench import CURE, DONE, HEAD, NodeBench, Nrc, pattern_blob
+from support.benches.node_bench import CURE, DONE, HEAD, Broken, NodeBench, Nrc, pattern_blob
 
 FULL = np.ones((9, 8), np.uint8)
 PASS_MS, PERIOD_MS = 900, 300
@@ -42,6 +42,7 @@ def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_no
     assert bench.clear(HEAD, 1) == DONE
     bench.power_up()
     assert not bench.state().by_watchdog, "the next one has another cause"
+    assert bench.state().boots == 3
 
 
 def test_head_without_power_has_its_gate_closed(bench: NodeBench) -> None:
@@ -97,3 +98,24 @@ def test_node_that_ticks_is_never_reset_even_where_the_clock_wraps() -> None:
         bench.power_up()
         assert bench.journal()[-1][0] == BOOT
         assert not bench.state().by_watchdog
+
+
+def test_node_that_drives_lamp_and_gate_at_once_does_not_kick() -> None:
+    """Although no line shows it: the lamp takes no current, and the gate is driven by a flipped bit alone."""
+    with NodeBench(watchdog_ms=PERIOD_MS) as bench:
+        bench.ready().broken(Broken.LAMP_STAYS_OFF)
+        assert bench.raw(bench.routine(Routine.CURE, 1, option=b"\x13\x88"), CURE) == b"\x7f\x31\x78"
+        bench.tick(PERIOD_MS + 50)
+        assert (bench.state(CURE).state, bench.state(CURE).boots) == ("CURING", 1)
+        bench.c.probe_drive_gate(bench.bench, CURE)
+        bench.tick(PERIOD_MS)
+        assert (bench.state(CURE).boots, bench.state(CURE).by_watchdog) == (2, True)
+
+
+def test_watchdog_of_a_bench_that_says_nothing_of_it_bites_after_300_ms() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        for passed, boots in ((299, 1), (300, 2)):
+            bench.clock += passed - 5
+            bench.tick(5)
+            assert [bench.state(node).boots for node in range(4)] == [boots] * 4

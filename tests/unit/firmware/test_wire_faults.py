@@ -181,6 +181,8 @@ def test_burst_that_begins_within_another_one_does_not_lengthen_it() -> None:
     [
         ("loss:probability=0.1,nth=3", "give probability or nth, not both"),
         ("loss:probability=1.5", "the key does not take this value"),
+        ("loss:probability=0", "the key does not take this value"),
+        ("loss:service=0xC0", "the key does not take this value"),
         ("loss:byte=8", "the key does not take this value"),
         ("loss:id=0x800", "the key does not take this value"),
         ("loss:pass=4", "the key does not take this value"),
@@ -266,3 +268,127 @@ def test_parts_that_break_one_after_the_other_are_all_broken() -> None:
         wire.c.probe_broken()
         == Broken.LAMP_STAYS_ON | Broken.NOT_READY | Broken.GATE_STAYS_OPEN | Broken.GATE_STAYS_CLOSED
     )
+
+
+def armed(fault: str, step: int, layer: int = 0, number: int = 0, transfer: int = 0) -> bool:
+    return bool(FaultyWire(fault).c.probe_arms(step, layer, number, transfer))
+
+
+PASS, CURE, DOWNLOAD, UPLOAD = 4, 5, 1, 2
+
+
+def test_fault_is_armed_by_the_step_layer_and_pass_that_it_names() -> None:
+    assert armed("loss", 0), "one that names none is armed from the start"
+    for fault, step in (("loss:step=pass", PASS), ("loss:step=cure", CURE)):
+        assert [armed(fault, kind) for kind in (0, PASS, CURE)] == [kind == step for kind in (0, PASS, CURE)]
+    for fault in ("loss:layer=2", "loss:step=cure,layer=2", "loss:layer=2,pass=1", "loss:step=cure,layer=2,pass=1"):
+        assert armed(fault, CURE, 2, 1)
+        assert not armed(fault, CURE, 3, 1)
+        assert not armed(fault, 0, 2, 1)
+    assert [armed("loss:pass=1", CURE, 2, number) for number in (0, 1, 2)] == [False, True, False]
+
+
+def test_fault_is_armed_by_a_transfer_of_its_layer_unless_it_names_a_pass() -> None:
+    ways = (0, DOWNLOAD, UPLOAD)
+    assert [armed("loss:step=download", 0, 2, transfer=way) for way in ways] == [False, True, False]
+    assert [armed("loss:step=upload", 0, 2, transfer=way) for way in ways] == [False, False, True]
+    assert [armed("loss:layer=2", 0, 2, transfer=way) for way in ways] == [False, True, True]
+    assert not any(armed("loss:layer=3", 0, 2, transfer=way) for way in ways)
+    assert not any(armed("loss:pass=0", 0, 2, transfer=way) for way in ways)
+    assert not any(armed("loss:step=cure", 0, 2, transfer=way) for way in ways)
+
+
+def test_armed_fault_stays_so() -> None:
+    wire = FaultyWire("loss:step=pass")
+    assert [wire.c.probe_arms(kind, 1, 0, 0) for kind in (0, PASS, 0)] == [0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("fault", "hit"),
+    [
+        ("late-answer", [True, False, False]),
+        ("late-answer:count=3", [True, True, True]),
+        ("late-answer:service=0x36", [False, False, True]),
+        ("late-answer:service=0x31", [True, False, False]),
+        ("late-answer:service=0x31,count=2", [True, True, False]),
+        ("late-answer:nth=2", [False, True, False]),
+        ("late-answer:service=0xBF", [False, False, False]),
+        ("late-answer:node=cure", [True, False, False]),
+        ("late-answer:node=head,count=3", [False, False, False]),
+    ],
+)
+def test_answer_belongs_to_its_service_also_if_it_refuses(fault: str, hit: list[bool]) -> None:
+    wire, cure = FaultyWire(fault), 2
+    answers = (b"\x71\x01\x02", b"\x7f\x31\x22", b"\x76\x01")
+    assert [bool(wire.c.probe_hits_answer(cure, answer, len(answer))) for answer in answers] == hit
+
+
+@pytest.mark.parametrize(
+    ("fault", "frames", "happens"),
+    [
+        ("second-master", (-1, -1), [True, False]),
+        ("second-master", (0x20, 0x640), [False, False]),
+        ("second-master:nth=2", (-1, 0x20, 0x640, 0x20), [False, False, True, False]),
+        ("second-master:nth=2,id=0x20", (0x20, 0x640, 0x20, 0x20), [False, False, True, False]),
+        ("second-master:probability=1", (-1, 0x20, 0x640), [False, True, True]),
+        ("second-master:step=pass", (-1, -1), [False, False]),
+        ("loss", (-1, 0x20), [False, False]),
+    ],
+)
+def test_event_happens_once_at_once_or_with_the_frame_that_it_names(
+    fault: str, frames: tuple[int, ...], happens: list[bool]
+) -> None:
+    wire = FaultyWire(fault)
+    assert [bool(wire.c.probe_happens(frame)) for frame in frames] == happens
+
+
+def test_faults_of_one_seed_hit_frames_of_their_own() -> None:
+    """Which are altered says nothing of which are doubled."""
+    wire, frames = FaultyWire("corruption:probability=0.3,byte=7", "duplication:probability=0.3"), 200
+    for number in range(frames):
+        wire.send(Frame(0x640, number.to_bytes(4, "big") + bytes(4)))
+    found = Counter(frame.data for frame in wire.taken() if isinstance(frame, Frame))
+    altered = {data[3] for data in found if data[7]}
+    doubled = {data[3] for data, count in found.items() if count == 2}
+    assert 0.2 * frames < len(altered) < 0.4 * frames
+    assert 0.2 * frames < len(doubled) < 0.4 * frames
+    assert len(altered & doubled) < 0.5 * len(doubled)
+
+
+def test_frames_of_two_masters_are_held_each_by_its_own_counter_and_way() -> None:
+    """What came last with another id, or the other way, is another matter."""
+    wire = FaultyWire("stuck-counter:id=0x20,nth=2,count=1")
+    other = CODEC.encode("StopRequest", {"Active": 0, "Source": 0}, 9)
+    for counter in (3, 4):
+        wire.send(pack(CODEC, MasterAlive(False, False, False, 5, 6), counter))
+        wire.send(other)
+    readings = [CODEC.decode(frame) for frame in wire.taken() if isinstance(frame, Frame)]
+    assert [reading.counter for reading in readings] == [3, 9, 3, 9]
+    held = FaultyWire("delay:way=to-nodes,frames=1")
+    held.send(Frame(0x640, b"1"))
+    held.send(Frame(0x641, b"2"), FROM_NODES)
+    held.send(Frame(0x640, b"3"))
+    held.send(Frame(0x640, b"4"))
+    assert [frame.data for frame in held.taken() if isinstance(frame, Frame)] == [b"2", b"3", b"1", b"4"]
+
+
+def test_delay_of_a_frame_is_ten_others_unless_it_is_said() -> None:
+    assert through("delay", count=13) == [*range(1, 11), 0, 11, 12]
+    assert through("loss:pass=0", count=3) == [0, 1, 2], "no pass yet"
+
+
+def test_supervised_frame_is_stuck_or_bad_ten_times_unless_it_is_said() -> None:
+    wire = FaultyWire("bad-check")
+    for counter in range(13):
+        wire.send(pack(CODEC, MasterAlive(False, False, False, 5, 6), counter))
+    readings = [CODEC.decode(frame) for frame in wire.taken() if isinstance(frame, Frame)]
+    assert [reading.intact for reading in readings] == 10 * [False] + 3 * [True]
+
+
+def test_corrupted_byte_is_that_of_the_frame_however_short_and_another_bit_each_time() -> None:
+    wire = FaultyWire("corruption:byte=7,count=40,seed=2")
+    for _ in range(40):
+        wire.send(Frame(0x640, bytes(3)))
+    frames = [frame.data for frame in wire.taken() if isinstance(frame, Frame)]
+    assert {data[:1] + data[2:] for data in frames} == {b"\0\0"}, "byte 7 of 3 is byte 1"
+    assert len({data[1] for data in frames}) > 4

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 
-from inkloop_hardware.bus.settings import BusSettings, holder, lock_channel
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings, holder, interface_of, lock_channel
 from inkloop_hardware.doctor.doctor import examine
 from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.doctor.status import check_second_reader
@@ -92,3 +94,46 @@ def test_link_that_lies_at_the_place_of_a_lock_is_not_followed(folder: Path) -> 
 def test_fmu_is_another_bench_for_each_print_and_needs_no_lock(folder: Path) -> None:
     lock_channel(BusSettings("inkloop_fmu", "bench.fmu"))()
     assert list(folder.iterdir()) == []
+
+
+def test_lock_is_that_of_interface_channel_and_options_whatever_the_bit_rate(folder: Path) -> None:
+    others = ({"interface": "kvaser"}, {"channel": "can1"}, {"options": {"app": 1}}, {"options": {"app": 2}})
+    for one in (CAN0, *(replace(CAN0, **other) for other in others)):
+        lock_channel(one)()
+    count = len(list(folder.iterdir()))
+    assert count == 1 + len(others)
+    for same in ({"bitrate": 500_000}, {"fd": True, "data_bitrate": 2_000_000}, {"reopen_s": 1.0}):
+        lock_channel(replace(CAN0, **same))()
+    two = {"app": 1, "speed": 2}
+    for options in (two, dict(reversed(two.items()))):
+        lock_channel(replace(CAN0, options=options))()
+    assert len(list(folder.iterdir())) == count + 1
+
+
+def test_options_of_an_interface_are_handed_on_and_what_is_not_given_is_left_to_it() -> None:
+    assert BusSettings("pcan", 3, options={"app": 1, "fd": False}).arguments() == {
+        "interface": "pcan",
+        "channel": 3,
+        "app": 1,
+        "fd": False,
+    }
+    given = BusSettings("pcan", "a", 500_000, fd=True, data_bitrate=2_000_000).arguments()
+    assert (given["bitrate"], given["fd"], given["data_bitrate"]) == (500_000, True, 2_000_000)
+    assert BusSettings().arguments() == {}
+
+
+@pytest.mark.parametrize(("own", "expected"), [("virtual", "virtual"), ("slcam", "slcam"), ("", None)])
+def test_interface_that_a_scenario_leaves_out_is_that_of_python_can_s_own_configuration(
+    own: str, expected: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one that it does not know, for a message with its name."""
+    monkeypatch.setenv("HOME", str(folder))
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    if own:
+        monkeypatch.setenv("CAN_INTERFACE", own)
+    assert interface_of(BusSettings()) == expected
+    assert interface_of(BusSettings("pcan")) == "pcan"
+    if expected is None:
+        with pytest.raises(BusError, match=r"cannot be opened: it names none\. Set interface and channel of \[bench\]"):
+            Adapter(BusSettings())

@@ -81,10 +81,13 @@ def test_frames_go_to_whom_they_concern_and_messages_to_the_log(bus: BusConnecti
     assert (list(bus.messages), bus.disconnected, bus.clock) == (["words"], "unplugged", 2.5)
 
 
-def test_frames_that_wait_give_way_to_newer_ones(process: Process, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kept", [KEPT, None], ids=["some", "all"])
+def test_frames_that_wait_give_way_to_newer_ones(
+    process: Process, kept: set[int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(connection, "OTHERS_MAX", 2)
     process.sends(Kind.OPENED)
-    bus = BusConnection(BusSettings("virtual", "test"), 5, 7, ANSWERS, KEPT)
+    bus = BusConnection(BusSettings("virtual", "test"), 5, 7, ANSWERS, kept)
     process.sends(Kind.FRAMES, pack_frames([Frame(0x101, b"%d" % number) for number in range(5)], 1.0))
     process.sends(Kind.FRAMES, pack_frames([Frame(0x641, b"last")], 2.0))
     assert bus.receive(0x641, PATIENCE_S) == b"last"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -68,6 +69,20 @@ def test_bus_of_another_program_runs_with_the_clock(clock: Clock) -> None:
             bus.send(can.Message(is_fd=True))
 
 
+def test_frame_is_of_the_same_kind_behind_the_bus(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = [(0x10640, True, False), (HEAD, False, True), (HEAD, False, False)]
+    names = "identifier", "data", "is_extended", "is_remote"
+    with can.Bus(interface="inkloop_fmu", channel=BENCH) as bus:
+        echo = Mock(
+            side_effect=lambda *step: [SimpleNamespace(**dict(zip(names, one, strict=True))) for one in step[2]]
+        )
+        monkeypatch.setattr(bus._node, "step", echo)  # type: ignore[attr-defined]
+        for identifier, extended, remote in kinds:
+            bus.send(can.Message(0.0, identifier, extended, remote))
+        found = [message for _ in kinds if (message := bus.recv(0.1))]
+    assert [(one.arbitration_id, one.is_extended_id, one.is_remote_frame) for one in found] == kinds
+
+
 def test_time_of_our_own_bus_passes_while_it_is_waited_for(clock: Clock) -> None:
     adapter, begun = Adapter(SETTINGS), clock.ns
     try:
@@ -83,8 +98,8 @@ def test_time_of_our_own_bus_passes_while_it_is_waited_for(clock: Clock) -> None
 
 
 @contextmanager
-def opened(log: Path) -> Iterator[FmuConnection]:
-    bus = connected(BusSettings("inkloop_fmu", BENCH, traffic_log=log), 5, 7, [HEAD_ANSWER])
+def opened(log: Path | None, *kept: Container[int]) -> Iterator[FmuConnection]:
+    bus = connected(BusSettings("inkloop_fmu", BENCH, traffic_log=log), 5, 7, [HEAD_ANSWER], *kept)
     assert isinstance(bus, FmuConnection)
     with closing(bus):
         yield bus
@@ -111,3 +126,27 @@ def test_fmu_that_fails_in_a_step_is_an_error_of_the_bus(tmp_path: Path, monkeyp
         monkeypatch.setattr(inner._node, "step", Mock(side_effect=FmuError("the FMU is on fire")))
         with pytest.raises(BusError, match="the FMU is on fire"):
             bus.sleep(1.0)
+
+
+def test_only_the_frames_that_somebody_watches_wait() -> None:
+    with opened(None, {HEAD_STATUS}) as bus:
+        bus.sleep(0.3)
+        assert {frame.arbitration_id for _, frame in bus.others} == {HEAD_STATUS}
+
+
+def test_change_of_the_loop_is_sent_at_once_and_logged_after_what_came_before_it(tmp_path: Path) -> None:
+    with opened(tmp_path / "it.blf") as bus:
+        bus.send_keep_alive(Enables.NONE)
+        bus.sleep(0.25)
+        changed = bus.now()
+        bus.send_job(8)
+        bus.send([Frame(HEAD, ARE_YOU_THERE)])
+        bus.sleep(0.005)
+        enabled = bus.now()
+        bus.send_keep_alive(Enables.GATE)
+    logged = [frame for frame in can.BLFReader(tmp_path / "it.blf") if frame.arbitration_id in (MASTER_ALIVE, HEAD)]
+    beats = [frame for frame in logged if frame.arbitration_id == MASTER_ALIVE]
+    assert [frame.arbitration_id for frame in logged if frame.timestamp >= changed][:2] == [MASTER_ALIVE, HEAD]
+    found = [(frame.timestamp, frame.data[1] >> 4, frame.data[4]) for frame in beats if frame.timestamp >= changed]
+    moments = [(changed, 0, 8), (enabled, 2, 8), (enabled, 0, 8)]
+    assert found == [pytest.approx((at + 1e-6, enables, job), rel=0.0, abs=1e-7) for at, enables, job in moments]

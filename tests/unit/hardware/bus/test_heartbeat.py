@@ -143,4 +143,4 @@ def test_loop_that_is_back_is_heard_at_once_and_missed_frames_are_not_made_up_fo
     assert heartbeat.frames(1.05) == []
     heartbeat.keep_alive(1.05, Enables.NONE)
     assert len(heartbeat.frames(1.05)) == 1
-    assert [after(1.0, 0.25, now) for now in (1.0, 9.0)] == [1.25, 9.25]
+    assert [after(1.0, 0.25, now) for now in (1.0, 1.25, 9.0)] == [1.25, 1.5, 9.25]

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 from typing import Any
+from unittest.mock import Mock
 
 import can
 import pytest
@@ -13,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inkloop_hardware.bus.adapter import data_frame, message_of
+from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.messages import (
     FRAMES_AT_ONCE,
     HEAD,
@@ -24,8 +28,10 @@ from inkloop_hardware.bus.messages import (
     unpack_frames,
     write_message,
 )
+from inkloop_hardware.bus.process import BusProcess
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.traffic_log import SteadyClock, TrafficLog
-from inkloop_hardware.errors import BusError
+from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.protocol.codec import EXTENDED, FD_LENGTHS, Frame
 
 FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
@@ -76,6 +82,7 @@ def test_frame_is_the_same_for_python_can(frame: Frame, switch: bool) -> None:
     message = message_of(frame, bit_rate_switch=switch)
     assert message.arbitration_id < (1 << (29 if message.is_extended_id else 11))
     assert message.bitrate_switch == (frame.is_fd and switch)
+    assert not message.is_rx, "a log of it would take it for one that was received"
     assert data_frame(message) == frame
 
 
@@ -151,6 +158,19 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_frames_are_written_once_a_second_and_those_of_the_last_one_wait(tmp_path: Path, suffix: str) -> None:
+    path, copy, counts = tmp_path / f"traffic{suffix}", tmp_path / f"copy{suffix}", []
+    log = TrafficLog(path, float)
+    for number, now in enumerate((5.0, 5.9, 6.0, 6.9, 7.0)):
+        log.take(message(number))
+        log.flush(now)
+        copy.write_bytes(path.read_bytes())
+        counts.append(len(logged(copy)))
+    log.close()
+    assert counts == [0, 0, 1, 1, 3]
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
 def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
     """Frames of one cycle are put in order; one that comes too late gets the time of the frame before it."""
     path = tmp_path / f"traffic{suffix}"
@@ -219,3 +239,141 @@ def test_times_of_a_log_go_on_when_the_clock_of_the_machine_is_set(tmp_path: Pat
     log.close()
     times = [message.timestamp - wall for message in can.LogReader(tmp_path / "traffic.blf")]
     assert times == pytest.approx([0.249, 0.499, 0.749], rel=0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("came", "logged_at"),
+    [(999.5, 999.5), (998.9, 999.0), (0.0, 999.0), (1000.02, 1000.02), (1000.06, 1000.05), (2000.0, 1000.05)],
+    ids=["half a second ago", "long ago", "without a time", "a moment ahead", "far ahead", "very far ahead"],
+)
+def test_time_of_a_frame_is_at_most_a_cycle_old_and_not_ahead(came: float, logged_at: float) -> None:
+    assert SteadyClock(lambda: 1000.0, lambda: 50.0).of(came) == pytest.approx(logged_at, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(("moved", "follows"), [(0.04, True), (-0.04, True), (0.06, False), (-0.06, False)])
+def test_clock_that_is_kept_in_step_is_followed_and_one_that_is_set_is_not(moved: float, follows: bool) -> None:
+    wall, steady = iter([1000.0, 1001.0 + moved]), iter([50.0, 51.0])
+    clock = SteadyClock(lambda: next(wall), lambda: next(steady))
+    expected = 1000.9 + moved if follows else 1000.9
+    assert clock.of(1000.9 + moved) == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+class Told:
+    """Stands for an outbox; `said` has what was put into it."""
+
+    dropped = 0
+
+    def __init__(self) -> None:
+        self.said: list[tuple[Kind, bytes]] = []
+
+    def put(self, kind: Kind, content: bytes, *, may_drop: bool = False) -> None:
+        self.said.append((kind, content))
+
+
+@pytest.fixture
+def process() -> Iterator[BusProcess]:
+    """A bus process without its threads."""
+    made = BusProcess(BusSettings("virtual", "parts"), 1, 7, Told())  # type: ignore[arg-type]
+    yield made
+    made.adapter.close()
+
+
+def said(process: BusProcess) -> list[tuple[Kind, bytes]]:
+    found: Any = process.answers
+    return list(found.said)
+
+
+def test_problem_is_reported_when_it_begins_and_whenever_its_count_has_doubled(process: BusProcess) -> None:
+    """An adapter that is opened again counts from the beginning."""
+    for count in (0, 1, 1, 2, 3, 4, 7, 20, 39):
+        process.adapter.complaints = Mock(return_value={"malformed lines": count})
+        process._complain()
+    assert said(process) == [(Kind.MESSAGE, b"virtual on parts: %d malformed lines so far" % n) for n in (1, 2, 4, 20)]
+    process.adapter.close()
+    assert process._opened_again()
+    process.adapter.complaints = Mock(return_value={"malformed lines": 1})
+    process.answers.dropped = 5
+    process._complain()
+    assert [words for _, words in said(process)][-2:] == [
+        b"virtual on parts: 1 malformed lines so far",
+        b"virtual on parts: 5 frames that the master did not read so far",
+    ]
+
+
+@pytest.mark.parametrize(("since", "is_lit"), [(0.5, True), (1.5, True), (2.0, True), (2.5, False)])
+def test_bus_that_went_while_the_lamp_was_enabled_is_left_to_a_person(
+    since: float, is_lit: bool, process: BusProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Enabled from 1 s to 2 s."""
+    for now, enables in ((1.0, Enables.LAMP), (2.0, Enables.NONE), (3.0, Enables.GATE)):
+        process.heartbeat.keep_alive(now, enables)
+        process._note_lamp(now)
+    monkeypatch.setattr(process, "_waited", lambda pause: False)
+    monkeypatch.setattr(process, "_opened_again", lambda: True)
+    if is_lit:
+        with pytest.raises(BusError, match=r"off\. The lamp was enabled"):
+            process._reopen(BusOff("off.", since))
+    else:
+        process._reopen(BusOff("off.", since))
+        assert [kind for kind, _ in said(process)] == [Kind.DISCONNECTED, Kind.MESSAGE, Kind.DISCONNECTED]
+        assert [words for _, words in said(process)][::2] == [b"off. It is being opened again", b""]
+    assert (process.heartbeat.beating, process.heartbeat.lapsed) == (False, True)
+
+
+def test_unplugged_adapter_is_opened_again_also_with_the_lamp_enabled(
+    process: BusProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is enabled then, and a node without a master puts its lamp out."""
+    process.heartbeat.keep_alive(1.0, Enables.LAMP)
+    process._note_lamp(1.0)
+    monkeypatch.setattr(process, "_waited", lambda pause: False)
+    monkeypatch.setattr(process, "_opened_again", lambda: True)
+    process._reopen(BusError("unplugged."))
+    assert said(process)[-1] == (Kind.DISCONNECTED, b"")
+
+
+def test_adapter_that_is_gone_gets_no_frame_and_begins_no_heartbeat(process: BusProcess) -> None:
+    commands = io.BytesIO()
+    write_message(commands, Kind.ALIVE, b"\0")  # type: ignore[arg-type]
+    write_message(commands, Kind.FRAMES, pack_frames([Frame(0x640, b"1")]))  # type: ignore[arg-type]
+
+    def sent(*, is_open: bool, trouble: BusError | None) -> list[int]:
+        process._open, process._trouble, process.heartbeat.beating = is_open, trouble, False
+        process.adapter.send = Mock()
+        commands.seek(0)
+        process._take_commands(commands)
+        return [call.args[0].arbitration_id for call in process.adapter.send.mock_calls]
+
+    assert sent(is_open=False, trouble=None) == []
+    assert not process.heartbeat.beating
+    assert sent(is_open=True, trouble=BusError("it takes no frame")) == []
+    assert sent(is_open=True, trouble=None) == [0x20, 0x640]
+
+
+class Stuck(io.RawIOBase):
+    """A reader that takes nothing until it is told to."""
+
+    def __init__(self) -> None:
+        self.waits, self.goes_on = Event(), Event()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        self.waits.set()
+        self.goes_on.wait()
+        return len(data)
+
+
+def test_only_frames_count_among_the_messages_that_find_no_room() -> None:
+    stream = Stuck()
+    outbox = Outbox(stream)
+    outbox.put(Kind.MESSAGE, b"the first")
+    stream.waits.wait()
+    outbox.put(Kind.FRAMES, bytes(ROOM), may_drop=True)
+    outbox.put(Kind.CLOCK, bytes(8), may_drop=True)
+    assert outbox.dropped == 0
+    outbox.put(Kind.FRAMES, pack_frames([Frame(1, b"1"), Frame(2, b"")]), may_drop=True)
+    assert outbox.dropped == 2
+    stream.goes_on.set()
+    outbox.close()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
 import can
 import pytest
 
-from inkloop_hardware.bus.adapter import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening, has_carrier
+from inkloop_hardware.bus.adapter import Adapter, Reopening, has_carrier
 from inkloop_hardware.bus.process import BusProcess
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError, BusOff
@@ -24,15 +25,12 @@ def test_pauses_grow_to_a_limit_and_end_with_a_message() -> None:
     tried = Reopening(limit_s=10.0).pauses(GONE, True, 0.0)
     with pytest.raises(BusError, match=r"gone\. It could not be opened again within 1\d s"):
         again.extend(tried)
-    assert again == sorted(again)
-    assert again[:3] == [0.1, 0.2, 0.4]
-    assert max(again) == LONGEST_PAUSE
-    assert 10.0 <= sum(again) < 10.0 + LONGEST_PAUSE
+    assert again == [0.1, 0.2, 0.4, 0.8, 1.6, *4 * [2.0]]
 
 
 def test_adapter_that_is_bus_off_is_opened_once_in_a_run_and_never_with_the_lamp_on() -> None:
     reopening = Reopening(limit_s=10.0)
-    assert next(reopening.pauses(OFF, False, 0.0)) == BUS_OFF_PAUSE
+    assert next(reopening.pauses(OFF, False, 0.0)) == 1.0
     with pytest.raises(BusError, match="once already"):
         next(reopening.pauses(OFF, False, 1.0))
     assert next(reopening.pauses(GONE, False, 1.0)) == 0.1
@@ -47,9 +45,10 @@ def test_adapter_that_fails_again_soon_has_no_more_tries() -> None:
         pauses.append(next(reopening.pauses(GONE, False, float(now))))
         reopening.opened(float(now))
     assert pauses == [0.1, 0.2, 0.4, 0.8]
-    with pytest.raises(BusError, match="could not be opened again within 2 s"):
-        next(reopening.pauses(GONE, False, 4.0))
-    assert next(reopening.pauses(GONE, False, 1000.0)) == 0.1
+    for too_soon in (4.0, 13.0):
+        with pytest.raises(BusError, match="could not be opened again within 2 s"):
+            next(reopening.pauses(GONE, False, too_soon))
+    assert next(reopening.pauses(GONE, False, 13.1)) == 0.1, "ten seconds after it was opened"
 
 
 def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
@@ -118,3 +117,36 @@ def test_only_an_interface_that_says_so_has_no_carrier(text: str | None, expecte
     if text is not None:
         (tmp_path / "can0" / "carrier").write_text(text)
     assert has_carrier("can0", tmp_path) is expected
+
+
+class Queued(Silent):
+    """An adapter that has these messages."""
+
+    def __init__(self, *messages: can.Message) -> None:
+        super().__init__()
+        self.left = deque(messages)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # type: ignore[override]
+        return (self.left.popleft() if self.left else None), True
+
+
+def error_frame(classes: int) -> can.Message:
+    return can.Message(arbitration_id=classes, is_error_frame=True)
+
+
+def test_error_frames_are_counted_and_bus_off_is_that_of_a_network_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others give error frames a meaning of their own. While frames come in, nobody asks for the carrier."""
+    monkeypatch.setattr(Queued, "__module__", "can.interfaces.socketcan.socketcan")
+    monkeypatch.setattr("inkloop_hardware.bus.adapter.has_carrier", lambda name: name != "can0")
+    bus = Queued(error_frame(0x04), can.Message(), error_frame(0x88))
+    adapter = Adapter(BusSettings("socketcan", "can0"), bus)
+    assert len(adapter.receive(0.0)) == 3
+    assert adapter.complaints() == {"frames sent again": 0, "error frames on the bus": 2}
+    with pytest.raises(BusOff, match="can0 has no carrier: its controller is bus-off"):
+        adapter.receive(0.0)
+    bus.left.append(error_frame(0x44))
+    with pytest.raises(BusOff, match=r"can0 is bus-off: too many errors.*sudo ip link set can0 type can restart"):
+        adapter.receive(0.0)
+    monkeypatch.undo()
+    other = Adapter(BusSettings("pcan", "PCAN_USBBUS1"), Queued(error_frame(0x40)))
+    assert len(other.receive(0.0)) == 1

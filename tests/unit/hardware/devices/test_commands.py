@@ -6,17 +6,22 @@ import math
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices import commands
-from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
+from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready, missing
+from inkloop_hardware.doctor import status as bench_status
+from inkloop_hardware.doctor.listening import Heard
 from inkloop_hardware.doctor.status import NodeReport, status
+from inkloop_hardware.errors import AnotherMaster
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
-from inkloop_hardware.protocol.records import Fault, Node, State
+from inkloop_hardware.protocol.records import Fault, Node, State, pack
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
-from support.benches.node_status import node_state
+from support.benches.node_status import IDLE_HEAD, node_state
 
 
 def state(**changes: Any) -> NodeState:
@@ -71,6 +76,7 @@ def test_node_that_needs_a_person_says_why_and_what_to_do(changes: dict[str, Any
         ({"cause": Fault.STOP_REQUEST}, "head     IDLE; v1"),
         ({"state": State.SAFE, "cause": Fault.STOP_REQUEST}, "head     SAFE because of STOP_REQUEST; v1"),
         ({"state": State.FAULT, "cause": Fault.NONE}, "head     FAULT; v1"),
+        ({"state": State.FAULT, "cause": Fault.LAMP_TIME}, "head     FAULT because of LAMP_TIME; v1"),
         (
             {"passes": 4, "done": 0b0101, "unknown": 0b1000},
             "head     IDLE, layer 3 of job 4: 2 of 4 passes done, 1 unknown; v1",
@@ -97,6 +103,43 @@ def test_report_of_a_node_is_one_line(changes: dict[str, Any], line: str) -> Non
     layer = (4, 3) if changes.get("passes") else (0, 0)
     assert (found.job, found.layer) == layer
     assert (rig.log[0], rig.log[-1]) == ("attached", "detached")
+
+
+def test_report_names_what_the_node_lacks_by_its_status() -> None:
+    rig: Any = Rig(Node.HEAD, flags=Flags.DRY_RUN)
+    right = rig.status(Node.HEAD)
+    right.ready = right.gate_closed = right.gate_open = False
+    rig.status = lambda node: right
+    lines = [str(found) for found in status(rig)]
+    assert lines[0] == (
+        "head     IDLE, in a dry run, not ready: ink temperature or back pressure, the gate is not confirmed closed; v1"
+    )
+    assert lines[1] == "stage    IDLE; v1"
+
+
+def test_print_of_another_program_is_only_listened_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = Heard(lasted=1.5)
+    for number in range(3):
+        heard.take(0.1 * number, pack(Codec(), IDLE_HEAD, number), Codec())
+    heard.monitors[Node.STAGE].damaged = 2
+    adapter = Mock()
+    monkeypatch.setattr(bench_status, "Adapter", lambda settings: adapter)
+    monkeypatch.setattr(bench_status, "listen", lambda adapter, codec: heard)
+
+    def lines() -> list[Any]:
+        refusing = Mock(side_effect=AnotherMaster("another one"))
+        rig: Any = SimpleNamespace(attach=refusing, settings=BusSettings("virtual", "heard"))
+        return list(status(rig))
+
+    nodes = ["head: idle, 3 statuses", "stage: 2 damaged statuses", "cure: no status", "profiler: no status"]
+    assert lines() == ["a print has the channel: nothing was sent, this was heard in 1.5 s", *nodes]
+    heard.sessions, heard.stopped = {5: 9, 6: 10}, True
+    assert lines() == [
+        "session 5 prints job 9, session 6 prints job 10: nothing was sent, this was heard in 1.5 s",
+        "a stop request is active",
+        *nodes,
+    ]
+    assert adapter.close.call_count == 2
 
 
 class Rig(SimpleNamespace):
@@ -232,6 +275,33 @@ def test_all_nodes_that_need_a_person_are_named_at_once() -> None:
     assert [line.split(":")[0] for line in str(refused.value).split("\n")] == NAMES
 
 
+CLOSED = {"ready": True, "gate_closed": True, "gate_open": False}
+
+
+@pytest.mark.parametrize(
+    ("node", "status", "found"),
+    [
+        *((node, CLOSED, []) for node in Node),
+        (Node.HEAD, CLOSED | {"ready": False}, ["not ready: ink temperature or back pressure; wait for them, or"]),
+        (Node.STAGE, CLOSED | {"ready": False}, []),  # a run homes it
+        (Node.CURE, CLOSED | {"ready": False}, ["not ready: lamp or gate; check both"]),
+        (Node.PROFILER, CLOSED | {"ready": False}, ["not ready: its sensor; check its supply"]),
+        *((node, CLOSED | {"gate_closed": False, "gate_open": True}, []) for node in Node),
+        (Node.HEAD, CLOSED | {"gate_closed": False}, ["the gate is not confirmed closed; check"]),
+        (Node.CURE, CLOSED | {"gate_closed": False}, ["the gate is not confirmed closed; check"]),
+        (Node.STAGE, CLOSED | {"gate_closed": False}, []),
+        (Node.PROFILER, CLOSED | {"gate_closed": False}, []),
+    ],
+)
+def test_what_a_node_lacks_is_named_for_those_that_need_it(
+    node: Node, status: dict[str, bool], found: list[str]
+) -> None:
+    lacks = missing(node, SimpleNamespace(**status))  # type: ignore[arg-type]
+    assert len(lacks) == len(found)
+    assert all(one.startswith(words) for one, words in zip(lacks, found, strict=True))
+    assert missing(node, None) == []
+
+
 class ClosingGate(Rig):
     """Nodes whose gate is confirmed closed after so many looks."""
 
@@ -253,6 +323,12 @@ def test_gate_that_is_still_closing_after_a_stop_is_waited_for() -> None:
     rig: Any = ClosingGate(3)
     make_ready(rig, [Node.HEAD, Node.CURE])
     assert rig.looks == 0
+    last: Any = ClosingGate(99)
+    make_ready(last, [Node.HEAD])
+    assert last.looks == 0, "it is looked at for two seconds"
+    late: Any = ClosingGate(100)
+    with pytest.raises(NotReady):
+        make_ready(late, [Node.HEAD])
     stuck: Any = ClosingGate(math.inf)
     with pytest.raises(NotReady) as raised:
         make_ready(stuck, list(Node))

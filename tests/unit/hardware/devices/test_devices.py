@@ -5,6 +5,7 @@ The nodes are those of the firmware, without a wire between; `tests/system/test_
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ from inkloop.testing import CONTRACT_CHECKS, ContractCheck, job
 from inkloop_hardware.devices.commands import dry_run
 from inkloop_hardware.devices.journal_comparison import JournalsDiffer
 from inkloop_hardware.devices.printer import Printer
-from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.devices.profiler import FirstScanError, Profiler
 from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.protocol.node_state import Flags
 from inkloop_hardware.protocol.records import Node
@@ -167,6 +168,15 @@ def test_restored_profiler_repeats_the_last_scan_without_scanning() -> None:
         assert Routine.SCAN not in [routine for routine, *_ in other.link(Node.PROFILER).asked]
 
 
+def test_profiler_saved_before_its_first_scan_has_none_when_restored() -> None:
+    with bench() as nodes:
+        profiler = started(Profiler(FOUR, NodeRig(nodes)))
+        saved = profiler.save()
+        profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})
+        profiler.restore(saved)
+        assert profiler._outputs()["layers_scanned"] == -1
+
+
 def test_profiler_scans_the_newest_layer_however_many_there_are_since() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
@@ -201,11 +211,117 @@ def test_dry_run_enables_nothing_but_motion() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         rig.attach()
-        assert list(dry_run(rig, FOUR, cure_ms=5))
+        assert list(dry_run(rig, FOUR, cure_ms=5)) == [
+            "a layer of 15 droplets in 4 passes: all steps went through, nothing was jetted or lit",
+            "its scan: 7 x 5 cells, 100% of them valid",
+        ]
+        lit = [option for routine, _, option in rig.link(Node.CURE).asked if routine == Routine.CURE]
+        assert lit == 4 * [b"\x00\x05"]
         assert set(rig.enables) == {0, MOTION}
         assert nodes.gate_openings == nodes.lamp_pulses == 0
         assert not nodes.surface.any()
         assert not any(rig.link(node).state().flags & Flags.DRY_RUN for node in Node)
+
+
+def test_scan_of_a_dry_run_must_see_the_bed_and_one_pass_is_called_so() -> None:
+    one = job()
+    with bench(one, dropout_rate=0.5, sensor_seed=1) as nodes:
+        rig = NodeRig(nodes)
+        rig.attach()
+        rig.valid_share = 0.9
+        lines: list[str] = []
+        with pytest.raises(FirstScanError, match=r"^the scan: \d\d% of its cells are valid; needs 90% "):
+            lines.extend(dry_run(rig, one, cure_ms=5))
+        assert lines[0].startswith("a layer of 15 droplets in one pass: all steps")
+        assert not any(rig.link(node).state().flags & Flags.DRY_RUN for node in Node)
+
+
+def test_droplets_of_all_layers_are_counted_also_in_one_pass_and_begin_anew_with_a_run() -> None:
+    part = job()
+    sparse = np.zeros((part.nx, part.ny), np.int32)
+    sparse[2, 1:4] = 1
+    with bench(part) as nodes:
+        rig = NodeRig(nodes)
+        printer = started(Printer(part, rig, cure_ms=5))
+        counts = [int(print_layer(printer, layer, one)["droplets_a"]) for layer, one in ((1, FULL), (2, sparse))]
+        assert counts == [35, 38]
+        again = printer.initialize(0, {"layer_command": np.int32(2)})
+        assert (int(again["droplets_a"]), int(again["layers_printed"])) == (0, 2)
+
+
+def test_drop_level_counts_for_either_material() -> None:
+    part = replace(FOUR, inks=(Ink(), Ink()))
+    pattern = np.zeros((part.nx, part.ny), np.int32)
+    pattern[1, 1], pattern[2, 2] = 1, 2
+    for cell in ((1, 1), (2, 2)):
+        level = np.ones_like(pattern)
+        level[cell] = 2
+        with bench(part) as nodes:
+            printer = started(Printer(part, NodeRig(nodes)))
+            given = {"pattern": pattern, "drop_level": level, "layer_command": np.int32(1)}
+            with pytest.raises(ComponentError, match="drop_level is not 1"):
+                printer.do_step(0, SECOND, given)
+
+
+def test_run_is_resumed_where_the_head_has_its_layer_or_the_next_one() -> None:
+    """A run that has printed nothing may begin whatever the head had before."""
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        first = started(Printer(FOUR, rig, cure_ms=5))
+        states = [first.save()]
+        for layer in (1, 2, 3):
+            print_layer(first, layer, FULL)
+            states.append(first.save())
+        for printed, may in enumerate((True, False, True, True)):
+            again = started(Printer(FOUR, rig, cure_ms=5))
+            if may:
+                again.restore(states[printed])
+            else:
+                with pytest.raises(JournalsDiffer, match="layer 3 of job 7, this run was at layer 1 of job 7:"):
+                    again.restore(states[printed])
+
+
+def test_unknown_layer_is_forgotten_by_a_new_run() -> None:
+    with bench() as nodes:
+        printer = started(Printer(FOUR, NodeRig(nodes)))
+        printer._is_unknown = True
+        saved = printer.save()
+        printer.restore(saved)
+        assert printer._outputs()["layer_unknown"]
+        assert not printer.initialize(0, {"layer_command": np.int32(0)})["layer_unknown"]
+
+
+def test_first_scan_of_a_profiler_is_checked_and_no_later_one() -> None:
+    with bench(dropout_rate=0.5, sensor_seed=1) as nodes:
+        rig = NodeRig(nodes)
+        profiler = started(Profiler(FOUR, rig))
+        rig.valid_share = 0.9
+        with pytest.raises(FirstScanError, match=r"^the first scan: "):
+            profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})
+        rig.valid_share = 0.0
+        assert profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})["layers_scanned"] == 0
+        rig.valid_share = 0.9
+        assert profiler.do_step(0, SECOND, {"layers_printed": np.int32(1)})["layers_scanned"] == 1
+
+
+def test_zero_of_the_stage_is_logged_where_it_was_looked_for(caplog: pytest.LogCaptureFixture) -> None:
+    """The second device of a rig finds it homed."""
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        for device in (Printer(FOUR, rig), Profiler(FOUR, rig)):
+            started(device)
+    assert caplog.messages == ["stage: at its zero"]
+
+
+def test_first_step_of_a_new_run_scans_again() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        profiler = started(Profiler(FOUR, rig))
+        for _ in range(2):
+            assert started(profiler)._outputs()["layers_scanned"] == -1
+            assert profiler.do_step(0, SECOND, {"layers_printed": np.int32(0)})["layers_scanned"] == 0
+        assert [routine for routine, *_ in rig.link(Node.PROFILER).asked].count(Routine.SCAN) == 2
 
 
 def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:

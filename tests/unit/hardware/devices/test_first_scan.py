@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.component import Ink
 from inkloop_hardware.devices.profiler import FirstScanError, check_first_scan
 from support.closed_loop import block
 
@@ -47,7 +48,9 @@ def test_profiler_that_sees_too_little_is_refused(share: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "where", [np.s_[2:6, 3:9], np.s_[:14, 10:], np.s_[:, :14]], ids=["4 %", "half, at a corner", "half, one side"]
+    "where",
+    [np.s_[2:6, 3:9], np.s_[:14, 10:], np.s_[:, :14], np.s_[:, :21]],
+    ids=["4 %", "half, at a corner", "half, one side", "seven tenths"],
 )
 def test_bed_with_a_part_is_refused_with_its_height_unless_it_may_carry_one(where: Any) -> None:
     height, valid = scan(where=where, height=60e-6)
@@ -61,3 +64,31 @@ def test_bed_with_a_part_is_refused_with_its_height_unless_it_may_carry_one(wher
 
 def test_levelling_of_less_than_three_layers_is_no_part() -> None:
     check(*scan(where=np.s_[2:10, 3:9], height=2.0 * LAYER))
+
+
+def test_more_than_three_layers_of_the_thickest_ink_are_a_part() -> None:
+    height, valid = scan(where=np.s_[2:10, 3:9], height=4.0 * LAYER)
+    with pytest.raises(FirstScanError, match=r"48 of 600 cells stand more than 23 µm above it"):
+        check(height, valid)
+    check(height, valid, replace(JOB, inks=(Ink(), Ink(h1=8e-6))))
+
+
+def test_fiftieth_of_the_cells_may_stand_out() -> None:
+    check(*scan(where=np.s_[2, 3:15], height=60e-6))
+    with pytest.raises(FirstScanError, match="13 of 600 cells"):
+        check(*scan(where=np.s_[2, 3:16], height=60e-6))
+
+
+def test_tilt_is_that_of_the_cells_that_were_seen() -> None:
+    """Others are 0, wherever the bed is: of two fifths of the grid, of one line, of a grid of few lines."""
+    height, valid = scan()
+    valid[:, 12:] = False
+    check(np.where(valid, height + 500e-6, 0.0), valid, valid_share=0.3)
+    line, seen = scan(where=np.s_[3, 10:25], height=60e-6)
+    seen[:3] = seen[4:] = False
+    with pytest.raises(FirstScanError, match=r"bed: 15 of 30 cells"):
+        check(line, seen, valid_share=0.0)
+    check(*(each[:5, :6] for each in scan()))
+    heap = scan(where=np.s_[1:3, 1:3], height=60e-6)
+    with pytest.raises(FirstScanError, match=r"bed: 4 of 30 cells"):
+        check(*(each[:5, :6] for each in heap))

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ class Rig:
         self.asked: list[tuple[Node, Routine, Key, float]] = []
         self.sent: list[tuple[int, bool]] = []
         self.maps: list[bytes | Exception] = []
-        self.refuses_coded = 0
+        self.refuses_coded = self.refuses_pass = 0
         self.state = node_state(**layer)
 
     @contextmanager
@@ -50,6 +51,9 @@ class Rig:
 
     def link(self, node: Node) -> Any:
         return Link(self, node)
+
+    def status(self, node: Node) -> Any:
+        return SimpleNamespace(ready=False, gate_closed=True, gate_open=False)
 
     def of(self, routine: Routine) -> list[Key]:
         return [key for _, asked, key, _ in self.asked if asked is routine]
@@ -76,6 +80,8 @@ class Link:
 
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
         self._rig.asked.append((self._node, routine, key, limit_s))
+        if routine is Routine.PASS and self._rig.refuses_pass:
+            raise NodeRefused("head: refuses", self._rig.refuses_pass)
         return Outcome.DONE
 
 
@@ -190,3 +196,46 @@ def test_long_transfer_is_logged_by_quarters(caplog: pytest.LogCaptureFixture) -
             log(through, total)
         log(total, total)
     assert caplog.messages == [f"head: pattern of layer 1: {kB} of 50 kB" for kB in (13, 25, 38, 50)]
+
+
+def test_refusal_for_its_conditions_names_what_the_status_of_the_node_lacks() -> None:
+    for code, words in (
+        (
+            0x22,
+            r"^head: refuses\. By its status: not ready: ink temperature or back pressure; wait .* heater$",
+        ),
+        (0x24, r"^head: refuses$"),
+    ):
+        rig = Rig()
+        rig.refuses_pass = code
+        with pytest.raises(NodeRefused, match=words) as refused:
+            steps(rig).print_layer(3, FULL)
+        assert refused.value.code == code
+
+
+def test_passes_of_a_layer_follow_the_rotation_of_the_job() -> None:
+    part = replace(FOUR, pass_order=2, pass_rotation=1)
+    limits = dict.fromkeys(Node, LIMITS)
+    for layer, colours in ((1, (3, 1, 2, 0)), (2, (1, 2, 0, 3)), (3, (2, 0, 3, 1))):
+        made = LayerSteps(Rig(), part, limits, cure_ms=CURE_MS)  # type: ignore[arg-type]
+        assert made.print_layer(layer, FULL) == PrintedLayer(colours)
+
+
+@pytest.mark.parametrize(("dry", "end"), [(False, ""), (True, ", dry")])
+def test_steps_are_logged_by_the_numbers_of_pass_and_layer(
+    dry: bool, end: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    rig = Rig()
+    rig.maps = [TransferError("altered"), b"map"]
+    made = steps(rig, dry=dry)
+    made.print_layer(3, FULL)
+    made.scan(3)
+    passes = [f"pass {number} of 4, layer 3{end}" for number in (1, 2, 3, 4)]
+    printed = [words for one in passes for words in (f"head: {one}", f"cure: lamp on for 20 ms after {one}")]
+    assert caplog.messages == [
+        *printed,
+        "profiler: scan of layer 3",
+        "profiler: the map of layer 3 is scanned again: altered",
+        "profiler: scan of layer 3",
+    ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock as Mock
 
@@ -52,6 +53,30 @@ def test_another_process_reads_what_was_written(tmp_path: Path, monkeypatch: pyt
     synced.assert_called_once_with(tmp_path)
     assert found.records == written.records
     assert (found.job, found.layer) == (JOB, LayerAsked(2, asked=0b11, done=0b01, pattern_crc=0xABC2))
+
+
+def test_each_master_is_recorded_with_its_session_and_goes_on_with_the_job(tmp_path: Path) -> None:
+    sessions = (3, 5)
+    for session in sessions:
+        rig: Any = SimpleNamespace(is_open=False, job=JOB if session == 3 else JOB + 1, session=session)
+        kept = MasterJournal(tmp_path)
+        kept.begin(rig)
+        kept.intend(Asked.PATTERN, Key(rig.job, 1))
+        assert (rig.job, kept.job, kept.session) == (JOB, JOB, session)
+    rig.is_open = True
+    kept.begin(rig)
+    found = MasterJournal(tmp_path)
+    assert [record.session for record in found.records] == [3, 3, 5, 5]
+    assert found.session == 5
+
+
+def test_saved_state_whose_journal_is_gone_is_refused(tmp_path: Path) -> None:
+    """Without a folder there is none to compare with."""
+    rig: Any = SimpleNamespace(is_open=False, job=1, session=3)
+    with pytest.raises(JournalError, match=r"is the journal of job None, expected job 7 of the run: was it removed"):
+        MasterJournal(tmp_path).resume(rig, JOB)
+    MasterJournal().resume(rig, JOB)
+    assert rig.job == JOB
 
 
 def test_line_that_was_cut_short_anywhere_was_never_written(tmp_path: Path) -> None:
@@ -217,6 +242,13 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
     [
         (LayerAsked(2, 0b11, 0b11, 0xABC2), head(2, done=0b01), r"passes 1, 2 of layer 2 of job 7 done.*pass 1 done"),
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, done=0b11), "journals differ"),
+        (
+            LayerAsked(2, 0b01, 0b01, 0xABC2),
+            head(2, done=0b01, unknown=0b10),
+            r"pass 1 of layer 2 of job 7 done; the head's: layer 2 of job 7, pass 1 done, pass 2 unknown\)",
+        ),
+        (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, unknown=0b01), "no pass done, pass 1 unknown"),
+        (LayerAsked(2, 0b01, 0b00, 0xABC2), head(2, unknown=0b01, crc=1), "begun with another pattern"),
         (LayerAsked(2, 0b01, 0b00, 0xABC2), head(1, done=15), "journals differ"),
         (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
         (LayerAsked(2), head(1, job=8, done=15), "of job 8"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -190,6 +191,22 @@ def test_transfer_that_a_fallen_node_broke_off_is_done_again() -> None:
         rig = NodeRig(nodes)
         assert retry_after_recovery(rig, (Node.HEAD,), failing(TransferError("cut off"))) == 1, "it was SAFE"
         assert rig.link(Node.HEAD).state().state is State.IDLE
+
+
+def test_recovery_is_logged_with_its_cause_and_the_nodes_that_had_stopped(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING, "inkloop_hardware")
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        for node in (node_bench.HEAD, node_bench.CURE):
+            nodes.power_up(node)
+        for error in (TransferError("cut off"), NodeLost("it was silent")):
+            assert retry_after_recovery(rig, (Node.HEAD, Node.CURE), failing(error)) == 1
+    assert caplog.messages == [
+        "cut off",
+        "head, cure: no step is unknown, the print continues",
+        "it was silent",
+        "all nodes are present again: no step is unknown, the print continues",
+    ]
 
 
 def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:

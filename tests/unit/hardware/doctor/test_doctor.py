@@ -11,20 +11,22 @@ from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import Mock, call
 
+import can
 import numpy as np
 import pytest
 
-from inkloop.component import Job
+from inkloop.component import Ink, Job
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.doctor import inquiry
+from inkloop_hardware.doctor import doctor, inquiry
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
 from inkloop_hardware.doctor.doctor import try_gate_and_lamp
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import ClockReading, Expected, NodeReport, assess, clock_rates
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
+from inkloop_hardware.errors import BusError, LinkTimeout, NodeRefused
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import (
     Flags,
@@ -37,7 +39,7 @@ from inkloop_hardware.protocol.node_state import (
     Step,
 )
 from inkloop_hardware.protocol.records import Fault, MasterAlive, Node, NodeStatus, Source, State, StopRequest, pack
-from support.benches.node_bench import Broken, NodeBench
+from support.benches.node_bench import CURE, Broken, NodeBench
 from support.benches.node_rig import NodeRig
 from support.benches.node_status import node_state
 from support.places import ROOT
@@ -80,6 +82,38 @@ def test_bus_without_nodes_is_told_from_another_bus_and_from_single_nodes_that_a
     assert heard_errors(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure sent nothing")
 
 
+def test_frames_of_others_are_counted_and_the_most_frequent_ids_named() -> None:
+    found = heard()
+    for number in range(6):
+        for _ in range(number):
+            found.take(0.5, Frame(number, b"\1"), CODEC)
+    foreign = [one for one in judge(found, CODEC) if one.grade is Grade.WARNING]
+    assert [(one.check, one.found) for one in foreign] == [
+        ("bus", "15 frames outside the protocol (0x005, 0x004, 0x003, 0x002)")
+    ]
+    assert "55 frames in 1.0 s" in [one.found for one in judge(found, CODEC)]
+
+
+def test_bus_that_is_silent_has_no_power_and_one_without_nodes_other_ids() -> None:
+    silent, foreign = Heard(lasted=1.0), Heard(lasted=1.0)
+    for number in (0x7DF, 1, 2, 3, 4):
+        foreign.take(0.0, Frame(number, b"\1\2"), CODEC)
+    assert "5 frames were received, none of the protocol (0x7DF, 0x001, 0x002, 0x003)" in heard_errors(foreign)["bus"]
+    advice = [next(one.advice for one in judge(each, CODEC) if one.check == "nodes") for each in (silent, foreign)]
+    assert [words.partition(",")[0] for words in advice] == ["is the bench powered", "is it powered"]
+
+
+def test_cycles_of_all_regular_nodes_are_one_finding() -> None:
+    found = heard(without=(Node.HEAD, Node.STAGE))
+    for node, cycle in ((Node.HEAD, 0.09), (Node.STAGE, 0.11)):
+        for number in range(9):
+            found.take(cycle * number, pack(CODEC, status(node), number), CODEC)
+    words = [one.found for one in judge(found, CODEC) if one.check == "heartbeat"]
+    assert words == ["4 nodes, a status every 90 to 110 ms"]
+    two = heard(without=(Node.HEAD, Node.STAGE))
+    assert "2 nodes, a status every 100 to 100 ms" in [one.found for one in judge(two, CODEC)]
+
+
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found = heard()
     found.errors, found.complaints = 3, {"error frames on the bus": 3, "malformed lines of the adapter": 2}
@@ -98,9 +132,19 @@ def test_lost_frames_are_a_fault_where_they_are_many_and_the_other_nodes_are_wel
     found = [
         [(one.grade, one.found) for one in judge(each, CODEC) if one.check == "supervision"] for each in (few, many)
     ]
-    assert found[0][0] == (Grade.WARNING, "head: 1 statuses were lost, 29 received")
-    assert [grade for grade, _ in found[0]] == [Grade.WARNING, Grade.OK]
+    assert found[0] == [
+        (Grade.WARNING, "head: 1 statuses were lost, 29 received"),
+        (Grade.OK, "check bytes and counters of 59 statuses are right"),
+    ]
     assert found[1] == [(Grade.ERROR, "head: 2 statuses were lost, 7 received")]
+    for number in range(20):
+        many.take(0.1 * number, pack(CODEC, status(Node.HEAD), (9 + number) % 15), CODEC)
+    many.monitors[Node.STAGE].lost = 1
+    grades = [one.grade for one in judge(many, CODEC) if one.check == "supervision"]
+    assert grades == [Grade.WARNING, Grade.WARNING, Grade.OK], "2 of 27, 1 of 10"
+    many.monitors[Node.HEAD].lost = 3
+    grades = [one.grade for one in judge(many, CODEC) if one.check == "supervision"]
+    assert grades == [Grade.ERROR, Grade.WARNING], "3 of 27"
 
 
 @pytest.mark.parametrize(
@@ -109,10 +153,13 @@ def test_lost_frames_are_a_fault_where_they_are_many_and_the_other_nodes_are_wel
         ((0.0, 0.2, 0.3, 0.4, 0.5, 0.6), Grade.OK, "one node, a status every 100 to 100 ms"),
         ([0.05 * number for number in range(20)], Grade.WARNING, "head: a status every 50 ms, the cycle is 100 ms"),
         ([0.2 * number for number in range(5)], Grade.WARNING, "head: a status every 200 ms, the cycle is 100 ms"),
+        ([0.13 * number for number in range(8)], Grade.WARNING, "head: a status every 130 ms, the cycle is 100 ms"),
+        ([0.12 * number for number in range(8)], Grade.OK, "one node, a status every 120 to 120 ms"),
+        ([0.08 * number for number in range(8)], Grade.OK, "one node, a status every 80 to 80 ms"),
         ((0.0, 0.4, 0.8), Grade.ERROR, "head: 400 ms between two statuses, the cycle is 100 ms"),
         ((0.5,), Grade.ERROR, "head: a single status in 1.0 s"),
     ],
-    ids=["one late", "too often", "too seldom", "too long a pause", "one"],
+    ids=["one late", "too often", "too seldom", "a third too seldom", "slow", "fast", "too long a pause", "one"],
 )
 def test_cycle_of_a_status_is_judged_by_what_a_run_bears(seconds: Any, grade: Grade, message: str) -> None:
     found = Heard(lasted=1.0)
@@ -124,13 +171,14 @@ def test_cycle_of_a_status_is_judged_by_what_a_run_bears(seconds: Any, grade: Gr
 def test_missing_port_is_answered_with_those_that_have_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = [
         SimpleNamespace(device="/dev/ttyACM7", description="CANable 2.0", hwid="USB VID:PID=16D0:117E"),
-        SimpleNamespace(device="/dev/ttyS0", description="n/a", hwid="n/a"),
+        SimpleNamespace(device="/dev/ttyS0", description="ttyS0", hwid="n/a"),
+        SimpleNamespace(device="/dev/ttyUSB0", description="n/a", hwid="USB VID:PID=0403:6001"),
     ]
     known = SimpleNamespace(comports=lambda: ports)
     monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
     settings = BusSettings("slcan", "/dev/ttyACM8", 500_000)
     (found,) = (finding for finding in before_opening(settings) if finding.grade is Grade.ERROR)
-    assert found.advice.endswith("the serial ports of this machine: /dev/ttyACM7 (CANable 2.0)")
+    assert found.advice.endswith("machine: /dev/ttyACM7 (CANable 2.0), /dev/ttyUSB0 (n/a)")
 
 
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
@@ -288,9 +336,39 @@ def test_what_a_person_should_know_is_a_warning(one: NodeReport, check: str, mes
     assert (found.check, found.found) == (check, message)
 
 
+@pytest.mark.parametrize(("seconds", "is_right"), [(5.965, False), (5.97, True), (6.03, True), (6.035, False)])
+def test_clock_may_be_off_by_two_percent_beside_the_time_of_the_answers(seconds: float, is_right: bool) -> None:
+    assert ("clock" not in errors(list(assess([of_clock(seconds)], expected())))) is is_right
+
+
+def test_grid_of_a_scenario_is_compared_side_by_side_and_with_its_materials() -> None:
+    profiler = replace(report(Node.PROFILER), map_shape=(30, 20))
+    assert errors(list(assess([profiler], expected(30, 20)))) == {}
+    found = errors(list(assess([profiler], expected(20, 30))))
+    assert found == {"limits": "profiler: its maps have 30 x 20 cells, the scenario 20 x 30"}
+    two = expected()
+    two = replace(two, job=replace(two.job, inks=(Ink(), Ink())))
+    found = errors(list(assess([of_limits(pattern_bytes=99)], two)))
+    assert found == {"limits": "head: a pattern of 20 x 20 cells takes 100 bytes, it has room for 99"}
+
+
+def test_what_is_well_is_said_of_all_nodes_at_once() -> None:
+    stopped = of_state(cause=Fault.STOP_REQUEST)
+    found = list(assess([stopped, report(Node.STAGE), report(Node.CURE)], None))
+    assert [(one.check, one.found) for one in found] == [
+        ("services", "head, stage, cure: inkloop 0.1.0"),
+        ("states", "head: SAFE because of STOP_REQUEST"),
+        ("states", "stage, cure: SAFE"),
+        ("clock", "head, stage, cure: runs as fast as ours"),
+        ("journals", "head, stage, cure: its newest 2 of 7 records can be read"),
+        ("limits", "no scenario was given to compare them with"),
+    ]
+    assert [one.grade for one in found] == [*5 * [Grade.OK], Grade.SKIPPED]
+
+
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
-    slowest, fastest = clock_rates(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4))
-    assert slowest < 1 < fastest
+    rates = clock_rates(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4))
+    assert rates == pytest.approx((0.999 / 1.4, 1.001 / 0.6), rel=1e-12, abs=0.0)
     slow = replace(report(), clock=(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4)))
     assert errors(list(assess([slow], expected()))) == {}
 
@@ -302,6 +380,7 @@ def test_slow_answers_do_not_make_a_clock_wrong() -> None:
         (BusSettings(None, None), "interface", "no interface is named"),
         (BusSettings("slcan", None), "adapter", "no channel is named"),
         (BusSettings("slcan", "/dev/no-such-adapter"), "adapter", "there is no /dev/no-such-adapter"),
+        (BusSettings("robotell", "/dev/no-such-adapter"), "adapter", "there is no /dev/no-such-adapter"),
         (BusSettings("socketcan", "can7"), "adapter", "no network interface 'can7'"),
         (BusSettings("socketcan", "can0"), "adapter", "can0 is down"),
         (BusSettings("socketcan", "can1"), "adapter", "can1 has no carrier: its controller is bus-off"),
@@ -360,11 +439,19 @@ def test_emulator_that_does_not_run_is_the_first_guess_at_a_local_port() -> None
     ("error", "advice"),
     [
         (OSError("pcanbasic library not found."), "driver"),
+        (OSError(97, "Address family not supported by protocol"), "driver"),
         (NameError("name 'canGetNumberOfChannels' is not defined"), "driver"),
         (NotImplementedError("Cannot import module can.interfaces.gs_usb"), "driver"),
         (ImportError("Please install python-ics"), "driver"),
         (PermissionError(13, "Permission denied"), "access to it"),
+        (OSError("[Errno 13] could not open port: Permission denied"), "access to it"),
+        (OSError(1, "Operation not permitted"), "access to it"),
+        (OSError(13, "refused"), "access to it"),
         (OSError(16, "Device or resource busy"), "another program"),
+        (OSError(16, "in use"), "another program"),
+        (OSError(11, "Resource temporarily unavailable"), "another program"),
+        (OSError("could not exclusively lock port"), "another program"),
+        (OSError("the port is busy"), "another program"),
         (OSError(19, "No such device"), "plugged in"),
     ],
 )
@@ -377,6 +464,33 @@ def test_adapter_that_cannot_be_opened_is_reported_with_its_cause(
     assert adapter is None
     assert str(error) in finding.found
     assert advice in finding.advice
+
+
+def test_adapter_is_that_of_python_can_s_own_configuration_where_a_scenario_names_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own = {"interface": "slcan", "channel": 3, "bitrate": 250_000}
+    monkeypatch.setattr("inkloop_hardware.doctor.adapter_check.load_config", lambda config: own | config)
+    assert configured(BusSettings(silence_s=1.0)) == BusSettings("slcan", "3", 250_000, silence_s=1.0)
+    assert configured(BusSettings("pcan", "a")) == BusSettings("pcan", "a", 250_000)
+
+
+@pytest.mark.parametrize(
+    ("settings", "advice"),
+    [
+        (BusSettings("slcan"), 'set bench.channel, "/dev/ttyACM0"'),
+        (BusSettings("socketcan"), 'set bench.channel, "can0"'),
+        (BusSettings("kvaser"), "set bench.channel, see its page"),
+        (BusSettings("socketcan", "can7"), "plug the adapter in; it has slcan0, vcan0"),
+        (BusSettings("slcam", "a"), "did you mean 'slcan'?"),
+    ],
+    ids=str,
+)
+def test_advice_names_what_would_do(settings: BusSettings, advice: str, tmp_path: Path) -> None:
+    for name in ("vcan0", "slcan0", "eth0"):
+        (tmp_path / name).mkdir()
+    (found,) = (one for one in before_opening(settings, tmp_path) if one.grade is Grade.ERROR)
+    assert found.advice == advice
 
 
 def test_page_names_every_check() -> None:
@@ -400,6 +514,13 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
         findings = list(try_gate_and_lamp(rig))
         assert [finding.grade for finding in findings] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
+        gate, lamp = bench.times(), bench.times(CURE)
+        assert gate.gate_closed > gate.gate_opened
+        assert 100 <= lamp.lamp_off - lamp.lamp_on <= 105
+        assert [finding.found for finding in findings] == [
+            f"gate: seen open and closed again, driven for {gate.gate_closed - gate.gate_opened} ms",
+            f"lamp: seen lit for {lamp.lamp_off - lamp.lamp_on} ms and dark again, the gate closed",
+        ]
         assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [1, 1, 0]
 
 
@@ -423,3 +544,125 @@ def test_nodes_that_need_a_person_are_not_energised() -> None:
         findings = list(try_gate_and_lamp(NodeRig(bench)))
         assert [finding.grade for finding in findings] == [Grade.SKIPPED]
         assert [bench.gate_openings, bench.lamp_pulses, bench.lamp_with_gate] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("code", "grade"), [(0x31, Grade.SKIPPED), (0x22, Grade.ERROR)])
+def test_firmware_without_a_self_test_is_no_fault(code: int, grade: Grade) -> None:
+    head = Mock(node=Node.HEAD)
+    found = doctor._failed(head, NodeRefused("head: refuses", code))
+    assert found.grade is grade
+    assert ("the firmware of the head has no self test" in found.found) is (code == 0x31)
+
+
+def test_only_nodes_of_this_protocol_are_asked() -> None:
+    found = heard(without=(Node.CURE,))
+    found.take(1.0, pack(CODEC, status(Node.STAGE, version=2), 10), CODEC)
+    assert doctor._understood(found, CODEC) == [Node.HEAD, Node.PROFILER]
+
+
+class Answering:
+    """An adapter by an injected clock: frames of several ids that come at once, then one of the node later."""
+
+    def __init__(self) -> None:
+        self.seconds, self.waits = 10.0, list[float]()
+        answers = (0x641, 0x101, 0x643, 0x641)
+        self.coming = [[can.Message(arbitration_id=one, data=[k]) for k, one in enumerate(answers)], []]
+
+    def now(self) -> float:
+        return self.seconds
+
+    def receive(self, wait_s: float) -> list[can.Message]:
+        self.waits.append(wait_s)
+        self.seconds += 0.3
+        return self.coming.pop(0) if self.coming else [can.Message(arbitration_id=0x641, data=[9])]
+
+
+def test_answers_of_one_node_are_taken_in_their_order_and_waited_for_no_longer_than_asked() -> None:
+    adapter: Any = Answering()
+    wire = inquiry.OwnWire(adapter, 0x641)
+    assert [wire.receive(0.5) for _ in range(2)] == [b"\0", b"\3"]
+    assert wire.receive(0.2) is None
+    assert wire.receive(0.5) == b"\x09"
+    assert adapter.waits == pytest.approx([0.5, 0.2, 0.5], rel=1e-9, abs=0.0)
+
+
+def test_second_reading_of_a_clock_comes_a_quarter_of_a_second_after_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    readings = iter((ClockReading(5.0, 100.0, 100.01), ClockReading(5.3, 100.3, 100.31)))
+    monkeypatch.setattr(inquiry, "_read_clock", lambda link: next(readings))
+    link = Mock(node=Node.STAGE, now=lambda: 100.11)
+    found = inquiry.read_node(link, status(Node.STAGE))
+    assert link.pause.mock_calls == [call(pytest.approx(0.15, rel=1e-9, abs=0.0))]
+    assert (found.map_shape, found.status) == (None, status(Node.STAGE))
+    assert [reading.node for reading in found.clock] == [5.0, 5.3]
+
+
+def test_bus_is_listened_to_for_twelve_statuses_and_what_is_well_is_no_complaint() -> None:
+    adapter: Any = SimpleNamespace(
+        settings=BusSettings("virtual", "quiet"),
+        receive=lambda wait_s: [],
+        complaints=lambda: {"frames sent again": 0, "malformed lines of the adapter": 2},
+        now=count(0.0, 0.0625).__next__,
+    )
+    found = listen(adapter, CODEC)
+    assert 1.2 <= found.lasted < 1.5
+    assert found.complaints == {"malformed lines of the adapter": 2}
+
+
+@pytest.mark.parametrize("flag", [Flags.JOURNAL_DAMAGED, Flags.JOURNAL_UNREADABLE])
+def test_journal_that_cannot_be_used_is_reported_once(flag: Flags) -> None:
+    one = replace(of_state(flags=flag), journal=())
+    assert [finding.check for finding in assess([one], None)] == ["services", "states", "clock", "limits"]
+
+
+def test_nodes_are_judged_by_answers_and_statuses_and_one_that_does_not_answer_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An adapter that is gone ends the examination."""
+    failures: dict[Node, Exception] = {Node.CURE: LinkTimeout("no answer of cure")}
+
+    def read_node(link: Any, status: NodeStatus | None) -> NodeReport:
+        if link.node in failures:
+            raise failures[link.node]
+        return replace(report(link.node), status=status)
+
+    monkeypatch.setattr(inquiry, "read_node", read_node)
+    links: Any = [SimpleNamespace(node=node) for node in (Node.HEAD, Node.STAGE, Node.CURE)]
+    statuses = {Node.HEAD: replace(status(Node.HEAD), ready=False)}
+    found = errors(list(inquiry.ask(links, None, statuses)))
+    assert found == {"services": "no answer of cure", "states": "head: not ready: ink temperature or back pressure"}
+    assert errors(list(inquiry.ask(links[:2], None))) == {}
+    failures[Node.STAGE] = BusError("the adapter is gone")
+    with pytest.raises(BusError, match="is gone"):
+        list(inquiry.ask(links, None))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found", "heard_again", "expected"),
+    [
+        (
+            False,
+            [],
+            {},
+            (Grade.SKIPPED, "gate and lamp were not tried (the gate opens and closes, then the lamp lights"),
+        ),
+        (False, [Finding.error("bus", "a", "b")], {}, (Grade.SKIPPED, "gate and lamp were not tried")),
+        (True, [Finding.error("bus", "a", "b")], {}, (Grade.SKIPPED, "there are errors: nothing is energised")),
+        (True, [], {"sessions": {5: 9}}, (Grade.ERROR, "another master is active: nothing is energised")),
+        (True, [], {"stopped": True}, (Grade.ERROR, "a stop request is active: nothing is energised")),
+        (True, [], {}, None),
+    ],
+)
+def test_gate_and_lamp_are_tried_only_if_that_is_wanted_and_nothing_speaks_against_it(
+    wanted: bool,
+    found: list[Finding],
+    heard_again: dict[str, Any],
+    expected: tuple[Grade, str] | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(doctor, "listen", lambda adapter, codec, seconds: Heard(lasted=seconds, **heard_again))
+    reason = doctor._why_not(wanted, found, Mock(), CODEC)
+    if expected is None:
+        assert reason is None
+    else:
+        assert reason is not None
+        assert (reason.grade, reason.found.startswith(expected[1])) == (expected[0], True)

@@ -16,15 +16,16 @@ from udsoncan.exceptions import TimeoutException
 from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.link import Link
-from inkloop_hardware.link.requests import Requests
-from inkloop_hardware.link.transfers import BlockSize, receive_map
+from inkloop_hardware.link.requests import DeadlinePassed, Requests
+from inkloop_hardware.link.transfers import BlockSize, receive_map, send_pattern
 from inkloop_hardware.protocol.codec import Frame
-from inkloop_hardware.protocol.node_state import MapSize
+from inkloop_hardware.protocol.node_state import Flags, MapSize
 from inkloop_hardware.protocol.records import Node, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
 from support.benches.faulty_wire import CODEC, FaultyWire
 from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
+from support.benches.node_status import node_state
 
 pytestmark = pytest.mark.compiled
 
@@ -47,6 +48,15 @@ def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
     for _ in range(8):
         size.went_through()
     assert size.bytes == 508
+    for _ in range(7):
+        size.went_through()
+    size.was_lost()
+    for _ in range(7):
+        size.went_through()
+    assert size.bytes == 254, "eight in a row"
+    size.went_through()
+    assert size.bytes == 508
+    assert BlockSize(0xFFFF).bytes == 4093
     assert BlockSize(100).bytes == 98, "a node that takes less than the floor"
 
 
@@ -469,10 +479,12 @@ class OddProfiler:
     """Answers an upload with what no profiler of ours would: another size, blocks of its own."""
 
     name, spoilt = "profiler", 0
-    client = SimpleNamespace(request_upload="upload", transfer_data="block", request_transfer_exit="exit")
+    client = SimpleNamespace(
+        request_upload="upload", request_download="upload", transfer_data="block", request_transfer_exit="exit"
+    )
 
     def __init__(self, size: tuple[int, int, int], most: int, blocks: list[bytes]) -> None:
-        self.size, self.blocks = MapSize(*size), iter(blocks)
+        self.size, self.blocks, self.asked = MapSize(*size), iter(blocks), list[Any]()
         self.answers: dict[str, Callable[[], Any]] = {
             "upload": lambda: {"max_length": most},
             "block": lambda: {"parameter_records": next(self.blocks)},
@@ -482,7 +494,8 @@ class OddProfiler:
     def read(self, *_: object) -> MapSize:
         return self.size
 
-    def request(self, _what: str, service: str, *_: object, **__: object) -> Any:
+    def request(self, _what: str, service: str, *arguments: object, **__: object) -> Any:
+        self.asked += [arguments] if service == "block" else []
         return SimpleNamespace(service_data=SimpleNamespace(**self.answers[service]()))
 
 
@@ -501,3 +514,165 @@ def test_map_that_cannot_be_is_refused_with_a_message(message: str) -> None:
     with pytest.raises(TransferError, match=message):
         receive_map(OddProfiler(*ODD[message]), 3, None)  # type: ignore[arg-type]
     assert receive_map(OddProfiler((165, 9, 8), 66, [WHOLE[:64], WHOLE[64:]]), 3, None) == WHOLE  # type: ignore[arg-type]
+
+
+def test_number_of_a_block_is_a_byte_and_progress_is_reported_after_each() -> None:
+    """Blocks of one byte beside their head."""
+    blob = bytes(number % 251 for number in range(map_size(16, 12)))
+    total, expected = len(blob), [number % 256 for number in range(1, len(blob) + 1)]
+    assert total > 256
+    moved: list[tuple[int, int]] = []
+    profiler: Any = OddProfiler((total, 16, 12), 3, [blob[at : at + 1] for at in range(total)])
+    assert receive_map(profiler, 3, lambda done, of: moved.append((done, of))) == blob
+    assert [number for number, _ in profiler.asked] == expected
+    head: Any = OddProfiler((0, 0, 0), 3, [blob])
+    head.answers["block"] = dict
+    send_pattern(head, 3, blob, False, lambda done, of: moved.append((done, of)))
+    assert head.asked == [(number, blob[at : at + 1]) for at, number in enumerate(expected)]
+    assert moved == 2 * [(done, total) for done in range(1, total + 1)]
+
+
+DIFFER = (0x24, 0x31, 0x71, 0x72, 0x73)
+
+
+@pytest.mark.parametrize("code", [*DIFFER, 0x13, 0x21, 0x22])
+@pytest.mark.parametrize("place", ["upload", "block", "exit"])
+def test_transfer_is_begun_again_where_the_two_ends_differ_in_the_middle_of_it(place: str, code: int) -> None:
+    def refuse() -> Any:
+        raise NodeRefused("the node refuses", code)
+
+    profiler: Any = OddProfiler((165, 9, 8), 66, [WHOLE[:64], WHOLE[64:]])
+    profiler.answers[place] = refuse
+    with pytest.raises(TransferError if code in DIFFER and place != "upload" else NodeRefused, match="refuses"):
+        receive_map(profiler, 3, None)
+
+
+def test_pattern_of_which_the_node_has_another_checksum_is_not_there() -> None:
+    head: Any = OddProfiler((0, 0, 0), 66, [WHOLE])
+    head.answers["block"] = dict
+    with pytest.raises(TransferError, match="has another checksum: end of the pattern of layer 3"):
+        send_pattern(head, 3, WHOLE[::-1], False, None)
+
+
+class Conditions:
+    """Requests to a node in a state, which refuses a routine for its conditions so often; `log` has what was done."""
+
+    client = SimpleNamespace(start_routine="start", get_routine_result="ask")
+
+    def __init__(self, state: State, flags: Flags, refusals: int) -> None:
+        self.state, self.left, self.repeated = node_state(state=state, flags=flags), refusals, 0
+        self.log: list[Any] = []
+        self.connection = SimpleNamespace(pause=self.log.append)
+        self.answers: dict[str, Callable[[], int]] = {"start": lambda: Outcome.DONE}
+
+    def request(self, _what: str, service: str, *_: object, limit_s: float) -> Any:
+        self.log.append(service)
+        self.left -= 1
+        if self.left >= 0:
+            raise NodeRefused("the head refuses", 0x22)
+        return SimpleNamespace(service_data=SimpleNamespace(routine_status_record=bytes([self.answers[service]()])))
+
+    def read(self, *_: object) -> Any:
+        return self.state
+
+    def decoded(self, _what: str, data: bytes, of: Callable[[bytes], Any]) -> Any:
+        return of(data)
+
+
+def link_with(requests: Conditions) -> Link:
+    link: Any = Link(Node.HEAD, CODEC, PlainWire(), "a wire")
+    link.requests = requests
+    return link
+
+
+@pytest.mark.parametrize(
+    ("routine", "state", "flags", "again"),
+    [
+        (Routine.CLEAR, State.SAFE, Flags(0), True),
+        (Routine.CLEAR, State.FAULT, Flags.DRY_RUN, True),
+        (Routine.CLEAR, State.SAFE, Flags.NEEDS_OPERATOR, False),
+        (Routine.CLEAR, State.SAFE, Flags.STOPPED, False),
+        (Routine.PASS, State.VERIFIED, Flags(0), True),
+        (Routine.HOME, State.IDLE, Flags.NEEDS_OPERATOR, True),
+        (Routine.PASS, State.SAFE, Flags(0), False),
+        (Routine.HOME, State.FAULT, Flags(0), False),
+    ],
+)
+def test_routine_is_asked_for_again_once_where_the_next_heartbeat_may_allow_it(
+    routine: Routine, state: State, flags: Flags, again: bool
+) -> None:
+    """The frame that enabled it may have been lost: the next one comes within 100 ms."""
+    requests = Conditions(state, flags, 1)
+    link = link_with(requests)
+    if again:
+        assert link.routine(routine, Key(JOB, 1), limit_s=9.0) is Outcome.DONE
+        assert (requests.log, requests.repeated) == (["start", 0.15, "start"], 1)
+    else:
+        with pytest.raises(NodeRefused, match=f"refuses; it is {state.name}"):
+            link.routine(routine, Key(JOB, 1), limit_s=9.0)
+        assert (requests.log, requests.repeated) == (["start"], 0)
+    with pytest.raises(NodeRefused):
+        link_with(Conditions(state, flags, 2)).routine(routine, Key(JOB, 1), limit_s=9.0)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [
+        (Outcome.DONE, ""),
+        (Outcome.DONE_BEFORE, ""),
+        (Outcome.UNDER_WAY, "it answered: still under way"),
+        (Outcome.UNKNOWN, "it answered: begun, and its progress is unknown"),
+        (Outcome.NEVER, "it answered: never begun"),
+    ],
+)
+def test_routine_whose_time_is_over_is_what_the_node_says_of_it(outcome: Outcome, words: str) -> None:
+    def late() -> int:
+        raise DeadlinePassed("not in time")
+
+    requests = Conditions(State.IDLE, Flags(0), 0)
+    requests.answers = {"start": late, "ask": lambda: outcome}
+    if words:
+        with pytest.raises(LinkTimeout, match=f"^not in time; asked for its outcome {words}"):
+            link_with(requests).routine(Routine.PASS, Key(JOB, 1), limit_s=9.0)
+    else:
+        assert link_with(requests).routine(Routine.PASS, Key(JOB, 1), limit_s=9.0) is outcome
+    assert requests.log == ["start", "ask"]
+
+
+class StoppingWire(PlainWire):
+    """A node whose answers stop after their first frame, or after the third one, as the second was lost. A wait takes
+    its time; `given_up` counts the answers that were refused."""
+
+    def __init__(self, is_torn: bool) -> None:
+        super().__init__()
+        self.is_torn, self.given_up = is_torn, 0
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            if kind(frame) == 0:
+                self.coming.append(bytes([0x10, 33, frame.data[1] + 0x40, *frame.data[2:4], 0, 0, 0]))
+            elif frame.data[0] == 0x30 and self.is_torn:
+                self.coming.append(b"\x22" + bytes(7))
+            self.given_up += frame.data[0] == 0x32
+
+    def receive(self, wait_s: float) -> bytes | None:
+        if not self.coming:
+            self.seconds += wait_s
+        return super().receive(wait_s)
+
+
+@pytest.mark.parametrize(("answer_s", "is_torn", "quiet_s"), [(1.0, False, 0.25), (4.0, False, 1.0), (4.0, True, 0.05)])
+def test_answer_that_stops_is_refused_and_asked_for_again_soon(answer_s: float, is_torn: bool, quiet_s: float) -> None:
+    """After a quarter of the time to begin one, or at once where a frame is known to be lost; six times in all."""
+    wire = StoppingWire(is_torn)
+    link = Link(Node.HEAD, CODEC, wire, "a wire", answer_s=answer_s)
+    with pytest.raises(LinkTimeout, match=rf"no whole answer .* within {answer_s:g} s, 6 tries: .*; 6 of its frames"):
+        link.state()
+    assert 6 * quiet_s < wire.seconds < 6 * (quiet_s + 0.11)
+    assert (wire.given_up, link.counts.broken, link.counts.repeated) == (6, 6, 6)
+
+
+@pytest.mark.parametrize(("answer_s", "busy_s"), [(1.0, 5.0), (8.0, 8.0)])
+def test_node_that_is_busy_has_five_seconds_at_least(answer_s: float, busy_s: float) -> None:
+    config = Requests(Node.HEAD, CODEC, PlainWire(), "here", answer_s=answer_s).client.config
+    assert (config["p2_timeout"], config["p2_star_timeout"]) == (answer_s, busy_s)

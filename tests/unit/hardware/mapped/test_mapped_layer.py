@@ -94,3 +94,27 @@ def test_layer_of_another_job_is_not_looked_at() -> None:
     assert newest_layer(of) is not None
     of._append(Event.OPENED, Asked.NOTHING, Key(JOB + 1, 0), 0, 4)
     assert newest_layer(of) is None
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        (0, r"0 of 3\."),
+        (1, r"1 of 3 \(download head\)\."),
+        (2, r"2 of 3 \(send PlcCommand\)\."),
+        (3, r"3 of 3 \(wait\)\."),
+        (4, r"4 of 3\."),
+    ],
+)
+def test_last_step_is_named_if_the_mapping_still_has_it(step: int, words: str) -> None:
+    with pytest.raises(LayerIsOpen, match=f"layer 1 was begun and not finished: the last step begun is {words}"):
+        outcome_of(1, CRC, MappedLayer(1, step, Event.INTENT, CRC), STEPS)
+
+
+def test_end_of_a_layer_keeps_the_number_of_its_last_step() -> None:
+    of = journal()
+    begin(of, 1, 2)
+    of.done(Asked.LAYER, Key(JOB, 1), CRC)
+    assert newest_layer(of) == MappedLayer(1, 2, Event.DONE, CRC)
+    of.intend(Asked.STEP, Key(JOB, 2, 1), CRC + 1)
+    assert newest_layer(of) == MappedLayer(2, 1, Event.INTENT, CRC + 1)

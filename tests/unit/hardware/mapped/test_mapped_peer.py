@@ -50,6 +50,12 @@ def test_blocks_of_a_download_leave_room_for_their_head_and_count_from_one_to_25
     made._client.request_transfer_exit.assert_called_once_with(record)
 
 
+def test_block_is_no_longer_than_a_message_of_iso_tp() -> None:
+    made = peer(0xFFFF)
+    made.download(PLACE, bytes(5000), False)
+    assert [len(one.args[1]) for one in made._client.transfer_data.mock_calls] == [4093, 907]
+
+
 def test_blocks_without_room_are_refused() -> None:
     with pytest.raises(TransferError, match=r"^head .* takes blocks of 2 bytes; needs 3 at least, two are their head"):
         peer(2).download(PLACE, b"a", False)
@@ -83,11 +89,17 @@ def test_request_without_an_answer_is_repeated_twice_and_a_routine_never() -> No
         silent.read(0x107)
     assert silent._client.read_data_by_identifier.call_count == 3
     assert silent._wire.check.call_count == 2
-    silent._client.start_routine.side_effect = TimeoutException
+    deadlines: list[float] = []
+
+    def never(*_: object) -> None:
+        deadlines.append(silent._connection.deadline)
+        raise TimeoutException
+
+    silent._client.start_routine.side_effect = never
     with pytest.raises(LinkTimeout, match="Whether it was done is unknown: check the rig before you continue"):
         silent.routine(0x310, b"\1", 5.0)
     assert silent._client.start_routine.mock_calls == [call(0x310, b"\1")]
-    assert silent._connection.deadline is None
+    assert (deadlines, silent._connection.deadline) == ([55.0], None)
     silent._wire.now.side_effect = [50.0, 55.1]
     with pytest.raises(
         LinkTimeout, match=r"was still busy with routine 0x0310 \(0x31\) after 5 s, .*\. Whether it was"

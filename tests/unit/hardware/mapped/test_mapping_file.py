@@ -16,8 +16,8 @@ from inkloop.errors import ScenarioError
 from inkloop.testing import job as small_job
 from inkloop_hardware.errors import TransferError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
-from inkloop_hardware.mapped.mapping_file import load
-from inkloop_hardware.mapped.mapping_tables import CELLS, MapTable, PatternTable
+from inkloop_hardware.mapped.mapping_file import factor, load
+from inkloop_hardware.mapped.mapping_tables import CELLS, MapTable, PatternTable, Read, RoutineStep, Upload
 from inkloop_hardware.protocol.codec import EXTENDED
 from support.benches import foreign_rig
 
@@ -101,6 +101,52 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
         ('address = "{layer}"', 'address = "{layer:999999999d}"', "printer step 1 (download): address is '{layer:999"),
         ('address = "{layer}"', 'address = "{layer:{nx}d}"', "printer step 1 (download): address is '{layer:{nx}d}'"),
         ('address = "{layer}"', "address = -1", "printer step 1 (download): address is 0x-1; expected 0 to 0xFF"),
+        (
+            "address = 0x20",
+            "address = 0x100",
+            "profiler step 3 (upload): address is 0x100; expected 0 to 0xFF by addres",
+        ),
+        (
+            'expected = "{layer}"\nlimit_s = 10.0\n\n[[profiler]]\ndo = "upload"',
+            'expected = "{lyer}"\nlimit_s = 10.0\n\n[[profiler]]\ndo = "upload"',
+            "profiler step 2 (read): expected is '{lyer}'; expected a number or a template of one",
+        ),
+        ('option = "{layer:04x}"', 'option = "{layer:03x}"', "profiler step 1 (routine): option is '{layer:03x}'; exp"),
+        (
+            "484D {nx:02x}",
+            "484D {nx:03x}",
+            "map.header is '484D {nx:03x}{ny:02x}'; expected pairs of hexadecimal digits",
+        ),
+        (
+            'do = "read"\npeer = "scanner"',
+            'do = "read"\npeer = "head1"',
+            "profiler step 2 (read): peer is 'head1'; did you",
+        ),
+        (
+            "[[profiler]]                 # the steps of a scan\ndo",
+            '[[start]]\ndo = "download"\npeer = "head"\n[[profiler]]\ndo',
+            "a download is a step of the printer, an upload one of the profiler; move it there",
+        ),
+        (
+            "[[profiler]]                 # the steps of a scan\ndo",
+            '[[stop]]\ndo = "upload"\npeer = "head"\n[[profiler]]\ndo',
+            "a download is a step of the printer, an upload one of the profiler; move it there",
+        ),
+        (
+            "[[profiler]]                 # the steps of a scan\ndo",
+            '[[printer]]\ndo = "upload"\npeer = "head"\n[[profiler]]\ndo',
+            "a download is a step of the printer, an upload one of the profiler; move it there",
+        ),
+        (
+            "[[profiler]]                 # the steps of a scan\ndo",
+            '[[profiler]]\ndo = "download"\npeer = "head"\n[[profiler]]\ndo',
+            "a download is a step of the printer, an upload one of the profiler; move it there",
+        ),
+        (
+            "[[profiler]]                 # the steps of a scan\ndo",
+            '[[profiler]]\ndo = "upload"\npeer = "head"\n[[profiler]]\ndo',
+            'profiler has 2 steps do = "upload"; measured_height needs exactly one',
+        ),
     ],
 )
 def test_error_is_reported_with_its_place(old: str, new: str, message: str, tmp_path: Path) -> None:
@@ -112,6 +158,96 @@ def test_can_fd_is_needed_where_a_message_or_a_peer_has_it(tmp_path: Path) -> No
     assert not load(written(tmp_path), JOB).needs_fd
     assert load(written(tmp_path, ('message = "PlcState"', 'message = "WideState"')), JOB).needs_fd
     assert load(written(tmp_path, ("answer = 0x7B8", "answer = 0x7B8\nfd = true")), JOB).needs_fd
+
+
+def test_ids_beyond_0x7ff_have_29_bits(tmp_path: Path) -> None:
+    last = written(tmp_path, ("0x7B0", "0x7FE"), ("0x7B8", "0x7FF"))
+    assert load(last, JOB).ids["scanner"] == (0x7FE, 0x7FF)
+    first = written(tmp_path, ("0x7B0", "0x800"), ("0x7B8", "0x1FFFFFFF"))
+    assert load(first, JOB).ids["scanner"] == (EXTENDED | 0x800, EXTENDED | 0x1FFFFFFF)
+
+
+def test_address_has_as_many_bytes_as_are_said(tmp_path: Path) -> None:
+    path = written(tmp_path, ("address = 0x20", "address = 0xFF"), ('address = "{layer}"', "address = 0xFFFFFFFF"))
+    assert load(path, JOB).tables.profiler[2].address == 0xFF
+    assert errors(tmp_path, ('address = "{layer}"', "address = 0x100000000")) == (
+        "printer step 1 (download): address is 0x100000000; expected 0 to 0xFFFFFFFF by address_bytes",
+    )
+
+
+def test_supervised_message_is_sent_without_its_check_byte(tmp_path: Path) -> None:
+    path = written(tmp_path, ('LayerNo = "{layer}", Go = "GO", Lamp = 37.5', 'LayerNo = "{layer}"'))
+    command = foreign_rig.DBC[foreign_rig.DBC.index("BO_ 528") : foreign_rig.DBC.index("BO_ 544")]
+    supervised = """BO_ 528 PlcCommand: 4 Pc
+ SG_ Crc8 : 0|8@1+ (1,0) [0|255] "" Plc
+ SG_ Counter : 8|4@1+ (1,0) [0|14] "" Plc
+ SG_ LayerNo : 16|16@1+ (1,0) [0|65535] "" Plc
+BA_DEF_ BO_ "E2EDataId" INT 0 65535;
+BA_DEF_DEF_ "E2EDataId" 0;
+BA_ "E2EDataId" BO_ 528 5;
+"""
+    text = foreign_rig.DBC.replace(command, supervised[: supervised.index("BA_DEF_ ")])
+    text = text.replace('VAL_ 528 Go 0 "HOLD" 1 "GO" ;\n', supervised[supervised.index("BA_DEF_ ") :])
+    (tmp_path / "rig.dbc").write_text(text)
+    assert load(path, JOB).codec.data_id("PlcCommand") == 5
+
+
+def test_messages_beside_overlapping_signals_are_mapped_if_that_is_meant(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    odd = 'BO_ 100 Odd: 2 Plc\n SG_ One : 0|8@1+ (1,0) [0|255] "" Pc\n SG_ Two : 4|8@1+ (1,0) [0|255] "" Pc\n'
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC.replace("BO_ 528", f"{odd}BO_ 528", 1))
+    with pytest.raises(ScenarioError, match="strict = false reads the messages without overlapping signals"):
+        load(path, JOB)
+    path.write_text(path.read_text().replace('dbc = "rig.dbc"', 'dbc = "rig.dbc"\nstrict = false'))
+    assert load(path, JOB).ids["scanner"] == (0x7B0, 0x7B8)
+
+
+def test_missing_dbc_is_reported_beside_the_errors_of_keys(tmp_path: Path) -> None:
+    found = errors(tmp_path, ("bits = 2", "bits = 3"), ('dbc = "rig.dbc"', 'dbc = "none.dbc"'))
+    assert found == ("pattern.bits is 3; expected 1, 2, 4 or 8", f"dbc: {tmp_path / 'none.dbc'} is not there")
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "expected"),
+    [
+        ("mm", "m", 1e-3),
+        ("m", "um", 1e6),
+        ("µm", "um", 1.0),
+        ("ms", "s", 1e-3),
+        ("s", "ms", 1e3),
+        ("V", "V", 1.0),
+        ("mm", "s", None),
+        ("V", "mV", None),
+    ],
+)
+def test_unit_converts_to_one_of_its_quantity(source: str, target: str, expected: float | None) -> None:
+    assert factor(source, target) == (None if expected is None else pytest.approx(expected, rel=1e-12, abs=0.0))
+
+
+def test_signal_that_is_waited_for_is_named_by_its_first_place(tmp_path: Path) -> None:
+    again = '\n[[stop]]\ndo = "wait"\nmessage = "PlcState"\nsignal = "State"\nexpected = "IDLE"\n\n[outputs'
+    tables = load(written(tmp_path, ("\n[outputs", again)), JOB).tables
+    places = {"State": "printer step 3", "LayersDone": "printer step 4", "BedPosition": "outputs.bed_position"}
+    assert tables.awaited == {"PlcState": places}
+
+
+def test_what_a_mapping_leaves_out_is_as_the_page_says() -> None:
+    pattern, heights = PatternTable(), MapTable(unit="um")
+    assert (pattern.header, pattern.bits, pattern.bit_order, pattern.fastest, pattern.whole_lines) == (
+        *("", 1, "msb", "y"),
+        False,
+    )
+    assert (heights.cell, heights.byte_order, heights.scale, heights.datum, heights.fastest) == (
+        *("int16", "big"),
+        *(1.0, 0.0, "y"),
+    )
+    assert (heights.invalid, heights.valid_bits) == (None, False)
+    step = RoutineStep(do="routine", peer="head", routine=1)
+    assert (step.limit_s, step.enables, step.acts, step.option, step.answer) == (60.0, (), True, "", "")
+    read = Read(do="read", peer="head", identifier=1, expected=1)
+    assert (read.at, read.bytes) == (0, 1)
+    place = Upload(do="upload", peer="head")
+    assert (place.address, place.address_bytes, place.size_bytes, place.check) == (0, 4, 4, "none")
 
 
 def test_message_of_a_length_that_no_frame_has_is_an_error(tmp_path: Path) -> None:
@@ -212,6 +348,11 @@ def test_cells_lie_as_the_table_specifies() -> None:
 def test_material_that_the_bits_do_not_hold_is_refused() -> None:
     with pytest.raises(ValueError, match="the pattern has material 2, too much for 1 bit per cell; set bits = 2"):
         pattern_bytes(np.full((6, 5), 2), PatternTable(), FIELDS)
+    for bits, highest in ((1, 1), (2, 3)):
+        pattern_bytes(np.full((6, 5), highest), PatternTable(bits=bits), FIELDS)  # type: ignore[arg-type]
+        for material in (-1, highest + 1):
+            with pytest.raises(ValueError, match=f"{bits} bit per cell"):
+                pattern_bytes(np.full((6, 5), material), PatternTable(bits=bits), FIELDS)  # type: ignore[arg-type]
 
 
 @given(
@@ -238,9 +379,12 @@ def test_map_is_read_back_as_it_was_laid_out(cell: Any, order: Any, fastest: Any
 
 
 def test_cells_that_are_no_number_are_not_valid_and_a_map_of_another_form_is_refused() -> None:
-    height, valid = read_map(np.full(30, np.nan, ">f4").tobytes(), MapTable(cell="float32", unit="mm"), FIELDS)
-    assert not valid.any()
-    assert not height.any()
+    for value in (np.nan, np.inf, -np.inf):
+        height, valid = read_map(np.full(30, value, ">f4").tobytes(), MapTable(cell="float32", unit="mm"), FIELDS)
+        assert not valid.any()
+        assert not height.any()
+    whole = {**FIELDS, "nx": 4, "ny": 2}
+    assert map_size(MapTable(unit="um", valid_bits=True), whole) == 8 * 2 + 1, "eight cells are one byte of marks"
     for data, message in (
         (b"\x02" + bytes(60), "the map begins with 02, expected 01"),
         (b"\x01", "the map has 1 bytes, expected 61"),

@@ -142,6 +142,17 @@ def test_halves_are_rounded_away_from_zero_as_c_does() -> None:
     assert CODEC.decode(CODEC.encode("HeadMeasurement", values)).values["BackPressure"] == -3
 
 
+@pytest.mark.parametrize(("value", "expected"), [(200.004, 200.0), (200.006, None), (-40.004, -40.0), (-40.006, None)])
+def test_value_beyond_its_limits_that_is_rounded_to_them_is_taken(value: float, expected: float | None) -> None:
+    values = {"HeadTemperature": value, "BackPressure": 0, "Droplets": 0}
+    if expected is None:
+        with pytest.raises(FrameError, match="expected -40 to 200 degC"):
+            CODEC.encode("HeadMeasurement", values)
+    else:
+        found = CODEC.decode(CODEC.encode("HeadMeasurement", values)).values["HeadTemperature"]
+        assert found == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
 def test_words_of_the_value_table_are_taken_and_given() -> None:
     frame = CODEC.encode("StopRequest", {"Active": "ACTIVE", "Source": "MASTER"}, 0)
     assert CODEC.decode(frame).values == {"Active": 1, "Source": 2}

@@ -136,6 +136,13 @@ def test_counter_that_stands_is_counted_once_until_it_moves() -> None:
     assert (monitor.stuck, monitor.trusted) == (2, False)
 
 
+def test_counter_that_stands_for_long_is_counted_once() -> None:
+    in_python, in_c = E2eMonitor(), MonitorInC()
+    for _ in range(600):
+        assert in_python.take(True, 4) is in_c.take(True, 4)
+    assert counts(in_python) == in_c.counts == [0, 599, 0, 0, 1]
+
+
 def test_sender_that_restarts_is_trusted_again() -> None:
     monitor = E2eMonitor()
     take_all(monitor, [5, 6, 7])

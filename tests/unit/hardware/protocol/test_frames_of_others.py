@@ -41,6 +41,12 @@ BA_DEF_DEF_  "VFrameFormat" "StandardCAN";
 BA_ "VFrameFormat" BO_ 1056 14;
 VAL_ 1056 Gear 0 "REVERSE" 2 "NEUTRAL" 15 "NOT_VALID" ;
 """
+UNLIMITED = """BO_ 545 Plain: 4 Plc
+ SG_ Up : 0|8@1+ (1,0) [0|0] "" Pc
+ SG_ Both : 8|8@1- (0.5,10) [0|0] "V" Pc
+ SG_ Down : 16|8@1+ (-2,0) [0|0] "" Pc
+ SG_ Shifted : 24|8@1+ (1,100) [0|0] "" Pc
+"""
 OVERLAPPING = 'BO_ 100 Odd: 2 Plc\n SG_ One : 0|8@1+ (1,0) [0|255] "" Pc\n SG_ Two : 4|8@1+ (1,0) [0|255] "" Pc\n'
 
 
@@ -167,3 +173,23 @@ def test_reserved_gap_of_a_flow_control_is_the_longest_one(gap: int, read_as: in
     assert without_reserved_gap(bytes([0x30, 8, gap, 0xCC])) == bytes([0x30, 8, read_as, 0xCC])
     assert without_reserved_gap(bytes([0x21, 8, gap])) == bytes([0x21, 8, gap])
     assert without_reserved_gap(bytes([0x30, 8])) == bytes([0x30, 8])
+
+
+def test_signal_without_limits_has_those_of_its_bits(tmp_path: Path) -> None:
+    of = codec(tmp_path, UNLIMITED)
+    ends = [
+        {"Up": 0, "Both": -54.0, "Down": -510, "Shifted": 100},
+        {"Up": 255, "Both": 73.5, "Down": 0, "Shifted": 355},
+    ]
+    frames = [of.encode("Plain", end) for end in ends]
+    assert [frame.data.hex() for frame in frames] == ["0080ff00", "ff7f00ff"]
+    assert [of.decode(frame).values for frame in frames] == ends
+    for name, beyond, limits in (
+        ("Up", 256, "256, expected 0 to 255"),
+        ("Both", 74.0, "74 V, expected -54 to 73.5 V"),
+        ("Both", -54.5, "-54.5 V, expected -54 to 73.5 V"),
+        ("Down", 2, "2, expected -510 to 0"),
+        ("Shifted", 99, "99, expected 100 to 355"),
+    ):
+        with pytest.raises(FrameError, match=rf"{name} is {limits}$"):
+            of.encode("Plain", ends[0] | {name: beyond})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.link.node_watch import NodeWatch, level_of, sentence
 from inkloop_hardware.protocol.node_state import (
     Flags,
     Happening,
@@ -23,10 +23,10 @@ from inkloop_hardware.protocol.node_state import (
     TransferState,
 )
 from inkloop_hardware.protocol.records import Fault, Node, NodeFault, State
-from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
+from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine, is_answer
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import HEAD, PROFILER, NodeBench, pattern_blob
-from support.benches.node_status import IDLE_HEAD
+from support.benches.node_status import IDLE_HEAD, node_state
 
 
 @pytest.fixture
@@ -194,3 +194,72 @@ def test_node_counts_as_lost_when_silent_stuck_or_damaged(
         watch.take_status(number / 10, None if counter is None else IDLE_HEAD, counter or 0)
     trouble = watch.trouble(now)
     assert trouble is None if message is None else message in (trouble or "")
+
+
+@pytest.mark.parametrize(
+    ("passes", "done", "unknown", "is_complete"),
+    [(0, 0, 0, False), (1, 1, 0, True), (4, 0b0111, 0, False), (4, 0b1111, 0, True), (4, 0b1111, 0b1000, False)],
+)
+def test_layer_is_complete_whose_passes_are_all_done_and_known(
+    passes: int, done: int, unknown: int, is_complete: bool
+) -> None:
+    assert node_state(passes=passes, done=done, unknown=unknown).layer_is_complete is is_complete
+
+
+@pytest.mark.parametrize(
+    ("status", "words", "level"),
+    [
+        ({"state": State.SAFE}, "off", logging.INFO),
+        ({"state": State.IDLE}, "idle", logging.INFO),
+        ({"state": State.RECEIVING}, "receiving a pattern", logging.DEBUG),
+        ({"state": State.VERIFIED}, "pattern of layer 3 verified", logging.DEBUG),
+        ({"state": State.PRINTING, "pass_mask": 0b0111}, "pass 4 of layer 3", logging.DEBUG),
+        ({"state": State.PRINTED, "pass_mask": 0b0000}, "0 passes of layer 3 jetted", logging.DEBUG),
+        ({"state": State.PRINTED, "pass_mask": 0b0001}, "1 pass of layer 3 jetted", logging.DEBUG),
+        ({"state": State.PRINTED, "pass_mask": 0b0011}, "2 passes of layer 3 jetted", logging.DEBUG),
+        ({"state": State.CURED}, "cured", logging.DEBUG),
+        ({"state": State.SCANNING}, "scanning", logging.DEBUG),
+        ({"state": State.MAP_READY}, "map ready", logging.DEBUG),
+        ({"state": State.FAULT, "fault": Fault.LAMP_TIME}, "fault (lamp time)", logging.WARNING),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_status_is_a_sentence_and_a_fault_a_warning(status: dict[str, Any], words: str, level: int) -> None:
+    found = replace(IDLE_HEAD, **status)
+    assert (sentence(Node.STAGE, found), level_of(found.state)) == (f"stage: {words}", level)
+
+
+@pytest.mark.parametrize(("attempt", "text"), [(1, "layer 7, pass 2"), (2, "layer 7, pass 2, attempt 2")])
+def test_key_is_named_by_its_layer_and_pass_and_a_repeat_by_its_attempt(attempt: int, text: str) -> None:
+    assert str(Key(9, 7, 2, attempt)) == text
+
+
+def test_numbers_of_a_record_have_no_sign() -> None:
+    found = TransferState.of(bytes.fromhex("03 ff ffff ffffffff 80000000 fffffffe"))
+    assert found == TransferState(TransferFlags(3), 255, 65535, 2**32 - 1, 2**31, 2**32 - 2)
+    assert Key.of(bytes.fromhex("ffffffff fffe fd fc")) == Key(2**32 - 1, 65534, 253, 252)
+
+
+START = "31 01 0203 00000007 0001 02 03"
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ("71 01 0203 00 00000007 0001 02 03", True),
+        ("71 01 0203 01 00000007 0001 02 03", True),
+        ("71 03 0203 00 00000007 0001 02 03", False),
+        ("71 01 0204 00 00000007 0001 02 03", False),
+        ("71 01 0203 00 00000008 0001 02 03", False),
+        ("71 01 0203 00 00000007 0002 02 03", False),
+        ("71 01 0203 00 00000007 0001 01 03", False),
+        ("71 01 0203 00 00000007 0001 02 02", False),
+        ("71 01 0203 00 00000007 0001 02", False),
+        ("7f 31 78", True),
+        ("7f 22 78", False),
+        ("62 01 00", False),
+        ("", False),
+    ],
+)
+def test_answer_of_a_routine_has_its_kind_number_and_key(message: str, expected: bool) -> None:
+    assert is_answer(bytes.fromhex(START) + b"\1", bytes.fromhex(message)) is expected

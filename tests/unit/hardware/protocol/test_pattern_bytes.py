@@ -39,6 +39,8 @@ def test_run_length_code_is_undone_by_the_rules_of_the_page(cells: np.ndarray) -
 def test_run_of_three_is_a_run_and_the_longest_has_129_bytes() -> None:
     assert run_length(np.array([7, 7, 7], np.uint8)) == bytes([129, 7])
     assert run_length(np.full(132, 7, np.uint8)) == bytes([255, 7, 129, 7])
+    assert run_length(np.full(131, 7, np.uint8)) == bytes([255, 7, 128, 7]), "two at the end of a run are one, too"
+    assert run_length(np.full(130, 7, np.uint8)) == bytes([255, 7, 0, 7])
     assert run_length(np.array([7, 7], np.uint8)) == bytes([1, 7, 7])
 
 
