@@ -137,7 +137,9 @@ size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t len
     interlocks_advance(node, now);
     Cause cause = CAUSE_NONE;
     const size_t answered = services_answer(node, request, length, answer, room, &cause);
+    const uint8_t waiting = node->answer_length;
     enforce(node, cause);
+    node->answer_length = waiting; /* `answer` already refuses the step that was abandoned */
     return answered;
 }
 
