@@ -185,6 +185,9 @@ def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
     with Driver(model, form, 3, 2).start({"layer_period": 1.0, "layer_command": last}) as fmu:
         assert fmu.step(0.0, 1.0) == (ERROR if form == "fmi2" else DISCARD)
         assert fmu.get("layers_printed") == last
+    with Driver(model, form, 3, 2).start({"layer_period": 1.0, "layer_command": last - 4}) as fmu:
+        assert fmu.step(0.0, 1.0) == OK
+        assert fmu.get("layers_printed") == last - 3
     with Driver(model, form, 3, 2).start({"layer_command": last - 1}) as fmu:
         assert max(fmu.set("layer_command", last), fmu.step(0.0)) == OK
         assert fmu.get("layers_printed") == last
@@ -197,17 +200,20 @@ def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
         ("LayerDeposition", {"h1_a": 1e308}),
         ("LayerDeposition", {"h1_a": 1e308, "layer_period": 0.3}),  # several layers in a step
         ("VolumeAreaDeposition", {"mv_plus": 1e300, "mv_minus": -1e300, "pattern": [1, 0, 1, 1, 0, 1]}),
+        ("LayerDeposition", {"h1_a": 1e308, "layer_duration": 2.0}),  # completed in a step without a command
         ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 0.0}),
+        ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 2.0}),
     ],
 )
 def test_step_to_what_is_not_finite_is_not_taken(model, form, parameters) -> None:
     with Driver(model, form, 3, 2) as fmu:
         given = {name: np.reshape(value, (3, 2)) if np.ndim(value) else value for name, value in parameters.items()}
         fmu.start(given)
-        status = OK
-        for layer in range(1, 20):
-            name = "layers_printed" if model == "ProfileSensor" else "layer_command"
-            assert "layer_period" in parameters or fmu.set(name, layer) == OK
+        status, sensor = OK, ("layers_printed", "layers_scanned")
+        name, done = sensor if model == "ProfileSensor" else ("layer_command", "layers_printed")
+        for _ in range(20):
+            if "layer_period" not in parameters and fmu.get("status") == 0:
+                assert fmu.set(name, fmu.get(done) + 1) == OK
             before = fmu.save()
             status = fmu.step(fmu.now)
             if status != OK:

@@ -94,6 +94,24 @@ def test_scan_taken_as_read_is_the_estimate() -> None:
     np.testing.assert_array_equal(estimate.height, scan)
 
 
+def test_cells_that_are_not_read_are_predicted_where_scans_are_taken_as_read() -> None:
+    """Cell (5, 6) is not seen in scans 1 and 2."""
+    job = block(20, 20)
+    estimator, plant = HeightEstimator(job, take_as_read=True, flat_ground=False), LayerModel.of(job)
+    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    hidden, surface = seen.copy(), np.full(seen.shape, 3e-6)
+    hidden[5, 6] = False
+    estimate = start = estimator.first(surface, seen)
+    for layer in (1, 2):
+        expected = plant.layer(estimate.height, pattern, layer)
+        surface = plant.layer(surface, pattern, layer) + 1e-6
+        estimate = estimator.next(estimate, pattern, layer, surface, hidden)
+        np.testing.assert_array_equal(estimate.height, np.where(hidden, surface, expected))
+        np.testing.assert_array_equal(estimate.height_variance, np.where(hidden, 0.0, start.height_variance))
+        np.testing.assert_array_equal(estimate.state["unseen"], np.where(hidden, 0, layer))
+    assert not estimator.next(estimate, pattern, 3, surface, seen).state["unseen"].any()
+
+
 def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_untrusted() -> None:
     """Cell (5, 6) is never seen, (9, 12) in scan 0 alone."""
     job = block(20, 20)

@@ -168,6 +168,14 @@ def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
         np.testing.assert_allclose(again.height[job.mask], height[job.mask], rtol=0.0, atol=0.2e-6)
 
 
+def test_nothing_of_a_stop_is_left_once_a_person_has_looked() -> None:
+    lie, job = LIES["mirrored in x"], hook()
+    stopped = shown(job, lie.show, lie.begins + WITHIN)[-1]
+    found = HeightEstimator(job).trust_again(stopped).figures
+    assert (stopped.figures.transform, stopped.figures.stop_layer > 0) == (2, True)
+    assert (found.stop, found.stop_layer, found.transform, found.stop_figure) == (NONE, 0, 0, 0.0)
+
+
 @pytest.mark.parametrize(
     ("real", "variation", "is_foreign"),
     [
