@@ -157,6 +157,23 @@ def test_turns_are_counted_from_the_start_time() -> None:
         assert len(fmu.frames(HEAD_STATUS)) == 10
 
 
+def test_text_of_faults_is_taken_up_to_its_length_and_kept_where_the_grid_changes() -> None:
+    """What was set before leaves nothing behind."""
+    with BusDriver() as fmu, BusDriver() as other:
+        assert set_faults(fmu, ";" * 996 + "loss") == OK
+        assert max(set_faults(fmu, "loss"), set_faults(other, "loss")) == OK
+        assert fmu.save() == other.save()
+        assert fmu.resize(8, 7) == OK
+        assert fmu.fmu.getString(fmu.references["faults"]) == ["loss"]
+        assert fmu.resize(65536, 1) != OK
+        assert "65536 x 1 cells: the nodes hold at most 65535 cells along an axis" in fmu.messages[-1]
+
+
+def test_empty_binary_is_taken_while_its_clock_does_not_tick() -> None:
+    with in_step_mode() as fmu:
+        assert fmu.give(b"") == OK
+
+
 def test_node_that_is_off_the_bus_is_a_fault_that_the_fmu_has() -> None:
     with BusDriver() as fmu:
         assert set_faults(fmu, "bus-off:node=head") == OK

@@ -11,6 +11,7 @@ import pytest
 from inkloop.component import Ink, Job
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model import LayerModel
@@ -133,6 +134,26 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_u
     again = estimator.next(estimate, pattern, 6, surface, seen)
     assert not again.state["unseen"].any()
     assert not again.figures.unseen_cells
+
+
+@pytest.mark.parametrize(("unseen", "is_blind"), [(0.5, False), (0.51, True)])
+def test_print_is_blind_after_six_scans_that_miss_more_than_half_of_the_part(unseen: float, is_blind: bool) -> None:
+    """And trusted again after one that sees it."""
+    job = block(14, 14)
+    seen, surface = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+    cells = np.flatnonzero(job.mask)
+    hidden = seen.copy()
+    hidden.flat[cells[: round(unseen * cells.size)]] = False
+    estimator, nothing = HeightEstimator(job, take_as_read=True), np.zeros(job.mask.shape, np.int32)
+    estimate, found = estimator.first(surface, seen), []
+    for layer in range(1, 7):
+        estimate = estimator.next(estimate, nothing, layer, surface, hidden)
+        found.append(bool(estimate.figures.reasons & UntrustedReason.BLIND))
+        assert estimate.figures.blind_share == pytest.approx(unseen, abs=0.01)
+    assert found == [False] * 5 + [is_blind]
+    estimate = estimator.next(estimate, nothing, 7, surface, seen)
+    estimate = estimator.next(estimate, nothing, 8, surface, hidden)
+    assert not estimate.figures.reasons
 
 
 def test_unmeasured_start_surface_is_bare_substrate() -> None:

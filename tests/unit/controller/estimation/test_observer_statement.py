@@ -27,8 +27,8 @@ NOISE = 2e-7  # of a reading [m]
 class Case:
     """A printer and a profiler on a small grid.
 
-    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part gets
-    besides [m]; around: what cells next to droplets get besides [m], in
+    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what the cells heaped get besides
+    [m]; around: what cells next to droplets get besides [m], in
     layers from around_from on; unknown: a layer that was abandoned; shift, its
     scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six terms of a datum,
     anew for each scan [m]; jitter: of lines of readings with the same i, and with the same j [m]; spikes, missing:
@@ -46,6 +46,7 @@ class Case:
     volume: float = 1.0
     row: int | None = None
     heap: float = 0.0
+    heaped: tuple[tuple[int, int], ...] = ((5, 6),)
     around: float = 0.0
     around_from: int = 0
     unknown: int | None = None
@@ -117,6 +118,8 @@ CASES = {
     "foreign droplets, shifted by -y": Case(15, 13, around=1e-6, shift=(0.0, -0.5)),
     "foreign droplets later on, shifted": Case(layers=10, around=2e-6, around_from=5, shift=(0.4, 0.0)),
     "one cell heaps up": Case(heap=9e-6, registered=False),
+    "cells at the edge of the part and beside it heap up": Case(heap=9e-6, heaped=((2, 1), (9, 6)), registered=False),
+    "one cell heaps up under drops of three levels": Case(heap=8e-6, drop_levels=3, layers=4, registered=False),
     "dead row, scans as they are": Case(layers=12, row=4, registered=False),
     "dead row, shifted": Case(15, 15, layers=12, row=4, shift=(0.6, -0.7)),
     "unknown layer": Case(unknown=4),
@@ -181,7 +184,8 @@ def grown(case: Case, height: Any, pattern: Any, drops: Any, layer: int, rng: np
         volume[:, case.row] = 1e-9
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
     height = lu_numpy.layer(height, pattern, inks, volume, case.passes)[0]
-    height[5, 6] += case.heap
+    for cell in case.heaped:
+        height[cell] += case.heap
     return height + case.around * (near(pattern > 0) & (pattern == 0) & (layer >= case.around_from))
 
 
