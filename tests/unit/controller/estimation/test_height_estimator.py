@@ -248,6 +248,20 @@ def test_state_that_is_none_is_refused() -> None:
     exact = Estimate.exact(np.zeros((20, 20)), (Ink(),))
     with pytest.raises(ValueError, match="has no state; needs one"):
         estimator.next(exact, none, 1, exact.height, seen)
+    assert estimator.trust_again(exact) is exact
+    turned = HeightEstimator(block(25, 16)).first(np.zeros((25, 16)), np.ones((25, 16), np.bool_))
+    with pytest.raises(ValueError, match=r"height has shape \(25, 16\); needs \(20, 20\)"):
+        estimator.next(turned, none, 1, exact.height, seen)
+    with pytest.raises(ValueError, match=r"factor has shape \(16, 25\)"):
+        estimator.next(estimator.first(exact.height, seen), none, 1, exact.height, seen, np.ones((16, 25)))
+
+
+def test_surface_that_is_known_for_sure_has_no_variance_and_nominal_ink() -> None:
+    exact = Estimate.exact(np.full((3, 2), 5e-6), (Ink(),))
+    assert not exact.height_variance.any()
+    assert not exact.dead.any()
+    assert not exact.capped.any()
+    assert (exact.ink_scale, exact.figures.surprise, exact.figures.reasons, dict(exact.state)) == (1.0, 1.0, 0, {})
 
 
 def test_all_errors_of_the_options_are_reported_at_once() -> None:
