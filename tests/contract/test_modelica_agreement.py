@@ -265,11 +265,12 @@ def test_drop_beside_covered_cells_is_that_of_numpy(cell: tuple[int, int], ma_pl
     assert run.at("height", 0.5, SMALL) == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
-def test_threshold_is_half_a_layer_and_the_print_ends_where_nothing_is_missing() -> None:
-    """And a scan is answered only where it is the newest layer's. Heights in metres, exact."""
-    text = """model M
+@pytest.mark.parametrize(("layers_max", "last"), [(9, "{{4.5, 8, 0, 9}}"), (1, "{{0, 0, 0, 0}}")])
+def test_threshold_is_half_a_layer_and_the_print_ends_where_nothing_is_missing(layers_max: int, last: str) -> None:
+    """Or after so many layers; a scan is answered only where it is the newest layer's. Heights in metres, exact."""
+    text = f"""model M
       InkLoop.Control.ThresholdFeedback controller(
-        nx=1, ny=4, material={{1, 2, 0, 1}}, target_height=fill(8, 1, 4), layerHeight=8);
+        nx=1, ny=4, layers_max={layers_max}, material={{{{1, 2, 0, 1}}}}, target_height=fill(8, 1, 4), layerHeight=8);
       discrete Real height[1, 4](each start=4, each fixed=true);
       Integer scanned(start=-1, fixed=true);
       Integer printed(start=0, fixed=true);
@@ -282,7 +283,7 @@ def test_threshold_is_half_a_layer_and_the_print_ends_where_nothing_is_missing()
       when sample(0.5, 0.5) then
         scanned := if time > 3.9 then 1 elseif time > 0.9 then 0 else -1;
         printed := if time > 1.9 then 1 else 0;
-        height := if time > 2.9 then {{4.5, 8, 0, 9}} else {{4, 3, 0, 4.5}};
+        height := if time > 2.9 then {last} else {{{{4, 3, 0, 4.5}}}};
       end when;
     end M;"""
     run, seen = simulate_text(text, 5.0), []
