@@ -245,6 +245,13 @@ def test_readings_that_chance_takes_or_alters_are_those_of_numpy() -> None:
     assert run.at("reading", 0.5, SMALL) == pytest.approx(np.where(valid, reading, 7e-6), rel=1e-12, abs=0.0)
 
 
+def test_halves_are_rounded_to_even_multiples() -> None:
+    halves = (-0.75, -0.25, 0.25, 0.75, 1.25, 0.3)
+    assigned = "".join(f"r[{k}] := InkLoop.Functions.roundToMultiple({x}, 0.5); " for k, x in enumerate(halves, 1))
+    run = found_at_once("discrete Real r[6](each start=0, each fixed=true);", assigned)
+    assert [run.at(f"r[{k}]", 0.5) for k in range(1, 7)] == [-1.0, 0.0, 0.0, 1.0, 1.0, 0.5]
+
+
 @pytest.mark.parametrize("guard", [False, True])
 @pytest.mark.parametrize(("cell", "ma_plus"), [((1, 0), -4e4), ((2, 1), 3e4)])
 def test_drop_beside_covered_cells_is_that_of_numpy(cell: tuple[int, int], ma_plus: float, guard: bool) -> None:
@@ -335,10 +342,11 @@ def test_random_numbers_are_philox_bit_for_bit(count) -> None:
     ("command", "material", "duration", "message"),
     [
         ("2", 1, 0.0, "layer_command is out of order"),
+        ("1", -1, 0.0, "pattern has a value that is no material"),
         ("1", 3, 0.0, "pattern has a value that is no material"),
         ("pre(layer) + 1", 1, 7.0, "layer_command is out of order"),
     ],
-    ids=["a layer is left out", "no material", "busy"],
+    ids=["a layer is left out", "below 0", "no material", "busy"],
 )
 def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, material, duration, message) -> None:
     text = f"""model M
