@@ -1,7 +1,6 @@
 #include "scan.h"
 
 #include <math.h>
-#include <string.h>
 
 static const double SPOT_REACH = 4.0; /* standard deviations; beyond lies 6e-5 of the weight */
 
@@ -22,10 +21,6 @@ static double line_mean(const double *line, size_t length, size_t stride, size_t
 
 void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
                        double radius) {
-    if (radius <= 0.0) {
-        memcpy(average, height, nx * ny * sizeof *average);
-        return;
-    }
     for (size_t i = 0; i < nx; i++)
         for (size_t j = 0; j < ny; j++)
             lines[i * ny + j] = line_mean(height + i * ny, ny, 1, j, pitch, radius);

@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-/* Mean over a Gaussian spot of standard deviation `radius`, truncated at 4 of them and renormalised where it
+/* Mean over a Gaussian spot of standard deviation `radius`, above 0, truncated at 4 of them and renormalised where it
  * extends over the border; `lines` is room for one grid. All lengths in m. */
 void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
                        double radius);

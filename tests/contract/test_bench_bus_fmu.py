@@ -78,7 +78,15 @@ def set_faults(fmu: BusDriver, text: str) -> int:
         (ticking, lambda fmu: fmu.give(bytes(65537)), "Rx_Data has 65537 bytes; expected at most 65536"),
         (ticking, lambda fmu: fmu.give(b"x", "Tx_Data"), "while its clock does not tick|is calculated by the model"),
         (BusDriver, lambda fmu: set_faults(fmu, "x"), "no fault is called x"),
-        (BusDriver, lambda fmu: set_faults(fmu, "unplugged"), "a fault of an adapter"),
+        (BusDriver, lambda fmu: set_faults(fmu, "unplugged"), "unplugged is a fault of an adapter"),
+        (BusDriver, lambda fmu: set_faults(fmu, "malformed-line"), "malformed-line is a fault of an adapter"),
+        (BusDriver, lambda fmu: set_faults(fmu, "loss; bus-off"), "bus-off is a fault of an adapter"),
+        (BusDriver, lambda fmu: set_faults(fmu, "loss:" + "n" * 123), "faults: loss:nnn"),
+        (
+            in_step_mode,
+            lambda fmu: fmu.step(0.0, 600.002),
+            "the step has 600002 turns of 1 ms; expected at most 600000",
+        ),
         (BusDriver, lambda fmu: set_faults(fmu, "loss;" * 201), "expected at most 1000"),
     ],
 )
@@ -130,7 +138,7 @@ def test_nodes_configure_the_bus_report_and_answer() -> None:
         assert fmu.get("frames_sent") == len(fmu.frames())
 
 
-@pytest.mark.parametrize("sizes", [(0.0004, 0.0016), (0.007,), (0.25,)])
+@pytest.mark.parametrize("sizes", [(0.0004, 0.0016), (0.007,), (0.1,), (0.25,)])
 def test_frames_do_not_depend_on_the_steps(sizes) -> None:
     with in_step_mode() as fmu, in_step_mode() as other:
         for _ in range(1000):
@@ -141,6 +149,43 @@ def test_frames_do_not_depend_on_the_steps(sizes) -> None:
         assert other.frames() == fmu.frames()
 
 
+def test_turns_are_counted_from_the_start_time() -> None:
+    with BusDriver() as fmu:
+        fmu.start({}, start=1000.0)
+        assert fmu.handle() == OK
+        fmu.go(1.0)
+        assert len(fmu.frames(HEAD_STATUS)) == 10
+
+
+def test_text_of_faults_is_taken_up_to_its_length_and_kept_where_the_grid_changes() -> None:
+    """What was set before leaves nothing behind."""
+    with BusDriver() as fmu, BusDriver() as other:
+        assert set_faults(fmu, ";" * 996 + "loss") == OK
+        assert max(set_faults(fmu, "loss"), set_faults(other, "loss")) == OK
+        assert fmu.save() == other.save()
+        assert fmu.resize(8, 7) == OK
+        assert fmu.fmu.getString(fmu.references["faults"]) == ["loss"]
+        assert fmu.resize(65536, 1) != OK
+        assert "65536 x 1 cells: the nodes hold at most 65535 cells along an axis" in fmu.messages[-1]
+
+
+def test_empty_binary_is_taken_while_its_clock_does_not_tick() -> None:
+    with in_step_mode() as fmu:
+        assert fmu.give(b"") == OK
+
+
+def test_node_that_is_off_the_bus_is_a_fault_that_the_fmu_has() -> None:
+    with BusDriver() as fmu:
+        assert set_faults(fmu, "bus-off:node=head") == OK
+
+
+def test_start_surface_is_shown_before_the_first_step_and_stays_until_droplets_come() -> None:
+    with in_step_mode(height_start=4e-6) as fmu:
+        assert (fmu.get("surface_height") == 4e-6).all()
+        fmu.go(0.5)
+        assert (fmu.get("surface_height") == 4e-6).all()
+
+
 @pytest.mark.parametrize(
     ("given", "answers"),
     [
@@ -149,8 +194,17 @@ def test_frames_do_not_depend_on_the_steps(sizes) -> None:
         (operation(0x11, bytes(20)), 1),  # CAN FD
         (operation(0x99, b"?"), 1),
         (operation(0x20, bytes(3)), 1),
+        (operation(0x30, bytes(5)), 1),
+        (operation(0x31, bytes(8)), 1),
+        (operation(0x40, b""), 1),
+        (operation(0x41, b""), 1),
+        (operation(0x41, bytes(2)), 1),
+        (operation(0x42, b"?"), 1),
         (operation(0x10, struct.pack("<IBBH", 0x640, 0, 0, 9) + bytes(9)), 1),
         (operation(0x10, struct.pack("<IBBH", 0x640, 2, 0, 0)), 1),
+        (operation(0x10, struct.pack("<IBBH", 0x640, 0, 2, 0)), 1),
+        (operation(0x10, struct.pack("<IBBH", 2**29, 1, 0, 0)), 1),
+        (operation(0x10, struct.pack("<IBBH", 2**29 - 1, 1, 0, 0)), 0),
         (operation(0x10, struct.pack("<IBBH", 0x800, 0, 0, 0)), 1),
         (operation(0x10, struct.pack("<IBBH", 0x640, 0, 0, 8) + bytes(7)), 1),
         (operation(0x99, b"?") + ARE_YOU_THERE + b"\x10\0\0", 2),

@@ -97,6 +97,9 @@ def steps_do_not_wait(model: str, form: str) -> None:
         refuses(fmu, "getStatus", fmi2.fmi2DoStepStatus)
         refuses(fmu, "getStringStatus", fmi2.fmi2PendingStatus)
         assert fmu.fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime) == 1.0
+        assert not fmu.fmu.getBooleanStatus(fmi2.fmi2Terminated)
+        refuses(fmu, "getBooleanStatus", fmi2.fmi2LastSuccessfulTime)
+        refuses(fmu, "getRealStatus", fmi2.fmi2Terminated)
 
 
 def it_lives_without_memory_functions(model: str, form: str) -> None:

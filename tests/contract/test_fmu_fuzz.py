@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy import fmi2
+from fmpy import fmi2, fmi3
 
 from support.examples import examples
 from support.fmus import fmu_library, fuzzing
@@ -185,6 +185,9 @@ def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
     with Driver(model, form, 3, 2).start({"layer_period": 1.0, "layer_command": last}) as fmu:
         assert fmu.step(0.0, 1.0) == (ERROR if form == "fmi2" else DISCARD)
         assert fmu.get("layers_printed") == last
+    with Driver(model, form, 3, 2).start({"layer_period": 1.0, "layer_command": last - 4}) as fmu:
+        assert fmu.step(0.0, 1.0) == OK
+        assert fmu.get("layers_printed") == last - 3
     with Driver(model, form, 3, 2).start({"layer_command": last - 1}) as fmu:
         assert max(fmu.set("layer_command", last), fmu.step(0.0)) == OK
         assert fmu.get("layers_printed") == last
@@ -197,17 +200,20 @@ def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
         ("LayerDeposition", {"h1_a": 1e308}),
         ("LayerDeposition", {"h1_a": 1e308, "layer_period": 0.3}),  # several layers in a step
         ("VolumeAreaDeposition", {"mv_plus": 1e300, "mv_minus": -1e300, "pattern": [1, 0, 1, 1, 0, 1]}),
+        ("LayerDeposition", {"h1_a": 1e308, "layer_duration": 2.0}),  # completed in a step without a command
         ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 0.0}),
+        ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 2.0}),
     ],
 )
 def test_step_to_what_is_not_finite_is_not_taken(model, form, parameters) -> None:
     with Driver(model, form, 3, 2) as fmu:
         given = {name: np.reshape(value, (3, 2)) if np.ndim(value) else value for name, value in parameters.items()}
         fmu.start(given)
-        status = OK
-        for layer in range(1, 20):
-            name = "layers_printed" if model == "ProfileSensor" else "layer_command"
-            assert "layer_period" in parameters or fmu.set(name, layer) == OK
+        status, sensor = OK, ("layers_printed", "layers_scanned")
+        name, done = sensor if model == "ProfileSensor" else ("layer_command", "layers_printed")
+        for _ in range(20):
+            if "layer_period" not in parameters and fmu.get("status") == 0:
+                assert fmu.set(name, fmu.get(done) + 1) == OK
             before = fmu.save()
             status = fmu.step(fmu.now)
             if status != OK:
@@ -216,6 +222,43 @@ def test_step_to_what_is_not_finite_is_not_taken(model, form, parameters) -> Non
         assert "the step was not taken" in fmu.messages[-1]
         assert fmu.save() == before
         assert all(np.isfinite(value).all() for value in fmu.outputs().values())
+
+
+def test_messages_name_the_variable_the_cell_and_what_was_expected() -> None:
+    with Driver("LayerDeposition", nx=4, ny=6) as fmu:
+        pattern, pitch = fmu.references["pattern"], fmu.references["pitch"]
+        kinds = np.ones((4, 6), np.int32)
+        kinds[1, 3] = 7
+        last = max(reference for each in fmu.references.values() for reference in each)
+        one, real = (ctypes.c_uint * 1)(*pitch), (ctypes.c_double * 2)(1e-4, 1e-4)
+        it = fmu.fmu.component
+        for name, arguments, message in (
+            ("setInt32", (pattern, kinds.ravel().tolist()), "pattern of cell (1, 3) is 7; expected 0 to 2; nothing"),
+            ("setInt32", (pattern, [1, 1, 1]), "pattern takes 24 values; the call has only 3 left for it"),
+            ("getInt32", (pitch,), "pitch is of type real, not integer"),
+            ("getFloat64", ([10**6],), f"no variable with value reference 1000000; expected 0 to {last}"),
+            ("fmi3SetFloat64", (it, one, 1, real, 2), "the variables take 1 values together; the call has 2"),
+            ("fmi3SetFloat64", (it, one, 1, None, 1), "the call names 1 variables, but its values are missing"),
+            ("fmi3SetFloat64", (it, None, 1, real, 1), "1 variables, but its value references are missing"),
+            ("setDebugLogging", (True, ["logAll"]), "category is logAll; expected logStatusDiscard or logStatusError"),
+        ):
+            fmu.messages.clear()
+            assert fmu.call(name, *arguments) in (DISCARD, ERROR)
+            assert message in fmu.messages[0]
+        assert fmu.call("setDebugLogging", True, ["logStatusDiscard", "logStatusError"]) == OK
+
+
+@pytest.mark.parametrize("size", ["0x9x2", "9x0x2", "9x9x65", "9x9x0", "9x9", "9x9x2y", "9x9x2-mark", "99999x99999x2"])
+def test_token_of_sizes_that_cannot_be_is_refused(size: str) -> None:
+    with Driver("LayerController", "fmi3-fixed") as fmu:
+        own = fmu.fmu.guid
+        assert own.endswith("-9x9x2")
+        token = own.removesuffix("9x9x2") + size
+        made = fmi3.FMU3Slave(guid=token, unzipDirectory=fmu.fmu.unzipDirectory, modelIdentifier="LayerController")
+        heard: list[str] = []
+        with pytest.raises(Exception, match="Failed to instantiate"):
+            made.instantiate(logMessage=lambda *given: heard.append(given[-1].decode()))
+        assert "-NXxNYxN as in the modelDescription.xml" in heard[0]
 
 
 @pytest.mark.parametrize("form", ["fmi3", "fmi3-fixed"])

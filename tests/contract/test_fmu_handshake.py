@@ -50,6 +50,7 @@ def test_command_while_busy_is_refused_and_the_layer_is_still_printed(model, for
         assert fmu.set("layer_command", 2) == OK
         before = fmu.save()
         assert fmu.step(1.0) == refused_step(form)
+        assert "is 2 while layer 1 is being printed; wait until layers_printed is 1" in fmu.messages[-1]
         assert fmu.save() == before
         assert max(fmu.set("layer_command", 1), fmu.step(1.0), fmu.step(2.0)) == OK
         assert (fmu.get("layers_printed"), fmu.get("status")) == (1, 0)
@@ -117,6 +118,7 @@ def test_self_commanding_refuses_commands(model, form) -> None:
         assert fmu.set("layer_command", 3) == OK
         before = fmu.save()
         assert fmu.step(1.0) == refused_step(form)
+        assert "layer_command changed from 2 to 3, but layer_period is 0.5 s" in fmu.messages[-1]
         assert fmu.save() == before
 
 
@@ -127,6 +129,7 @@ def test_period_shorter_than_the_duration_is_refused_and_changes_nothing(model, 
         assert max(fmu.set("layer_period", 0.5), fmu.set("layer_duration", 0.6), fmu.enter()) == OK
         before = fmu.save()
         assert fmu.exit() == ERROR
+        assert "layer_period is 0.5 s; expected 0 or at least layer_duration, which is 0.6 s" in fmu.messages[-1]
         assert fmu.save() == before
         assert max(fmu.set("layer_duration", 0.5), fmu.exit()) == OK
         assert fmu.step(0.0, 10.0) == OK
@@ -167,6 +170,17 @@ def test_outputs_during_initialisation_follow_the_start_values(model, form) -> N
         assert np.array_equal(fmu.get("height"), surface)
         assert fmu.get("layers_printed") == 7
         assert fmu.get("height_mean") == pytest.approx(5.5e-6, rel=1e-9, abs=0.0)
+
+
+@EVERY_FORM
+def test_beginning_of_a_step_may_be_off_by_the_rounding_of_its_length_and_of_the_time(form) -> None:
+    """By 1e-6 of the step, and by 1e-12 of the time."""
+    for start, size, allowed in ((0.0, 1.0, 1e-6), (1e6, 1e-3, 1e-6)):
+        with Driver("LayerDeposition", form, 3, 2).start(start=start) as fmu:
+            assert fmu.step(start, size) == OK
+            assert fmu.step(fmu.now - 2.0 * allowed, size) == refused_step(form)
+            assert f"s, but the instance is at {fmu.now:.17g} s already; restore a saved state" in fmu.messages[-1]
+            assert fmu.step(fmu.now - 0.5 * allowed, size) == OK
 
 
 def test_new_size_keeps_what_was_set_before() -> None:

@@ -94,12 +94,13 @@ def test_parameters_that_do_not_fit_are_refused_with_a_message(
 @EVERY_FORM
 @pytest.mark.parametrize("high", ["measured_height", "target_height"])
 def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str, high: str) -> None:
-    """One cell of the last row, by droplets that leave room for 0.34 m."""
-    ink = {"h1_a": 1e-3, "h2_a": 7.5e-4, "h3_a": 0.0, "h1_b": 1e-3, "h2_b": 7.5e-4, "h3_b": 0.0}
+    """One cell of the last row, by droplets of the thicker ink, which leave room for 0.34 m."""
+    thick = "a" if high == "measured_height" else "b"
+    ink = {f"h{k + 1}_{thick}": height for k, height in enumerate((1e-3, 7.5e-4, 0.0))}
     for height in (0.35, 0.33):
         map_ = np.zeros((3, 3))
         map_[2, 1] = height
-        parameters = {**ink, "layers_scanned": 0, "horizon": 5, "drop_levels": 2, high: map_}
+        parameters = {**ink, "inks": 2, "layers_scanned": 0, "horizon": 5, "drop_levels": 2, high: map_}
         with Driver("LayerController", form, 3, 3).start(parameters) as fmu:
             before = fmu.save()
             if height < 0.34:
@@ -108,7 +109,9 @@ def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str, hig
             assert fmu.step(0.0) in (DISCARD, ERROR)
             assert fmu.save() == before
             if form != "fmi2":
-                assert "cell (2, 1) is estimated at" in fmu.messages[-1]
+                heights = ("0.35", "3.8e-05") if thick == "a" else ("0", "0.35")
+                assert "cell (2, 1) is estimated at {} m, its target is {} m; ".format(*heights) in fmu.messages[-1]
+                assert "expected heights within 0.34 m with 5 layers to come" in fmu.messages[-1]
 
 
 @EVERY_FORM

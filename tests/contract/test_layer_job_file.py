@@ -8,12 +8,14 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import numpy as np
 import pytest
 from fmpy import fmi3
 
+from inkloop.fmu_writer import definition
 from support import compiled
 from support.fmus.fmu_driver import OK, Driver
 from support.fmus.layer_jobs import CUBOID, MODEL, finish, unpacked
@@ -81,6 +83,27 @@ def test_file_as_it_was_written_is_taken(binary, tmp_path) -> None:
     assert binary.refusal_of(summed(binary.content), tmp_path, token=binary.unmarked) is None
 
 
+def with_value(content: bytes, name: str, value: float) -> bytes:
+    """Another value of a parameter of the block or of its controller."""
+    models = ["LayerJob", "", "", "LayerController"]
+    numbers = [{v.name: k for k, v in enumerate(variables_of(model))} if model else {} for model in models]
+    at = HEAD
+    for known in numbers:
+        (count,) = struct.unpack_from("<Q", content, at + SECTION - 8)
+        at += SECTION
+        for _ in range(count):
+            number, size = struct.unpack_from("<QQ", content, at)
+            if number == known.get(name):
+                return changed(content, at + 16, struct.pack("<d", value))
+            at += 16 + 8 * size
+    raise AssertionError(name)
+
+
+def variables_of(model: str) -> Any:
+    folder = {"LayerJob": "layer_job", "LayerController": "layer_controller"}[model]
+    return definition.load((ROOT / "fmus" / folder / "variables.toml").read_text(), "").exposed
+
+
 FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "empty": (lambda c: b"", "it does not begin as one"),
     "of others": (lambda c: b"PK\x03\x04" + c, "it does not begin as one"),
@@ -90,6 +113,14 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "damaged": (lambda c: changed(c, 700, b"\xff"), "its check sum is another one"),
     "of another export": (lambda c: summed(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to different"),
     "of another grid": (lambda c: summed(changed(c, 16, b"\x0d")), "is for 13 x 12 cells, the FMU for 12 x 12"),
+    "of another grid along y": (lambda c: summed(changed(c, 24, b"\x0d")), "is for 12 x 13 cells, the FMU for 12 x 12"),
+    "of another model": (lambda c: summed(changed(c, HEAD, b"LayerJib")), "LayerJib"),
+    "a part of a number": (lambda c: summed(with_value(c, "layers_max", 2.5)), "a value is not of the type"),
+    "more than an integer holds": (
+        lambda c: summed(with_value(c, "layers_max", 2.0**31)),
+        "a value is not of the type",
+    ),
+    "no boolean": (lambda c: summed(with_value(c, "flat_ground", 2.0)), "a value is not of the type"),
     "of other variables": (lambda c: summed(changed(c, HEAD + 32, b"0123456789abcdef")), "variables 0123456789abcdef"),
     "of a plant of others": (
         lambda c: summed(c.replace(b"LayerDeposition", b"LaserDeposition")),

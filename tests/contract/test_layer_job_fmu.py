@@ -21,7 +21,7 @@ FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 SECOND_FORM_IS_LONG = pytest.mark.parametrize("form", rest_is_long(FORMS, 1))
 """Both share all but their adapter, which the other tests see."""
-IDLE, PRINTING = 0, 1
+IDLE, PRINTING, UNTRUSTED = 0, 1, 4
 OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
 OF_THE_CONTROLLER = (
     *("objective", "volume_scale", "dead_cells", "untrusted_cells", "capped_cells", "untrusted_reasons"),
@@ -208,6 +208,18 @@ def test_alpha_that_changes_between_steps_counts_for_the_next_layer(form) -> Non
         assert fmu.set("layer_period", 2.0) != OK
 
 
+@SECOND_FORM_IS_LONG
+def test_time_limit_that_changes_between_steps_counts_for_the_next_layers(form) -> None:
+    """Plans that have no time are worse as soon as the first cells are full."""
+    with block(form, "cuboid", *CUBOID) as fmu, block(form, "cuboid", *CUBOID) as other:
+        for instance in (fmu.start(), other.start()):
+            assert instance.step(0.0, 2.0) == OK
+        assert other.set("time_limit", 1e-9) == OK
+        for instance in (fmu, other):
+            assert instance.step(2.0, 5.0) == OK
+        assert fmu.get("objective") < other.get("objective")
+
+
 @pytest.mark.system
 @EVERY_FORM
 def test_refused_step_changes_nothing(form) -> None:
@@ -232,13 +244,20 @@ def test_step_that_never_ends_is_refused(form) -> None:
     """Without volume no layer brings the print nearer to its end."""
     going_on = ("components.controller.on_doubt", "continue")
     with block(form, "cuboid", *CUBOID, ("run.layers_max", 1000000000), going_on) as fmu:
-        fmu.start({"volume_factor": 0.0, "layer_period": 1e-6})
+        fmu.start({"volume_factor": 0.0, "layer_period": 1e-6}, start=100.0)
         before = fmu.save()
-        assert fmu.step(0.0, 1.0) != OK
+        assert fmu.step(100.0, 1.0) != OK
         assert "the step has 1e+06 layers to print" in fmu.messages[-1]
         assert fmu.save() == before
-        assert fmu.step(0.0, 1e-5) == OK
+        assert fmu.step(100.0, 1e-5) == OK
         assert counts(fmu) == (10, 10)
+        assert (fmu.get("status"), fmu.get("untrusted_reasons")) == (UNTRUSTED, 64), "nothing grows"
+        assert max(fmu.set("start", False), fmu.step(fmu.now, 1.0)) == OK, "no layer is due in a pause"
+        assert max(fmu.set("start", True), fmu.step(fmu.now, 5.5e-6)) == OK, "none of it is made up for"
+        assert counts(fmu)[0] in (15, 16)
+    with block(form, "cuboid", *CUBOID, ("run.layers_max", 1000000000), going_on) as fmu:
+        assert fmu.start({"volume_factor": 0.0, "layers_max": 6}).step(0.0, 100.0) == OK
+        assert (fmu.get("status"), fmu.get("untrusted_reasons")) == (DONE, 64)
 
 
 @pytest.mark.system

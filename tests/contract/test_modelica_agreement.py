@@ -14,6 +14,7 @@ import rumoca
 from support.fmus.fmu_driver import OK, Driver, random_patterns
 from support.fmus.modelica_library import LIBRARY, compiled, literal, reference_file, simulate_text
 from support.long_proofs import rest_is_long
+from support.numpy import lu_numpy, sensor_numpy, wu_chiu_numpy
 from support.numpy.philox_numpy import normal, philox, uniforms
 
 pytestmark = pytest.mark.system
@@ -170,6 +171,7 @@ def test_reference_results_end_with_the_surface_of_the_fmu(example) -> None:
 
 
 SET_UPS = [
+    {"shift_x": 400e-6, "shift_y": -600e-6},
     {"resolution": 0.5e-6, "bias": 2e-6, "drift_rate": 0.7e-6, "tilt_x": 1e-3, "tilt_y": -2e-3},
     {
         "spot_radius": 200e-6,
@@ -180,11 +182,10 @@ SET_UPS = [
         "dropout_slope": 0.006,
     },
     {"noise_std": 1e-6, "noise_correlation": 0.3, "dropout_rate": 0.3, "seed": 4},
-    {"shift_x": 400e-6, "shift_y": -600e-6},
 ]
 
 
-@pytest.mark.parametrize("own", rest_is_long(SET_UPS, 2), ids=["set-up", "optics", "chance", "other side"])
+@pytest.mark.parametrize("own", rest_is_long(SET_UPS, 3), ids=["other side", "set-up", "optics", "chance"])
 def test_readings_are_those_of_the_fmu(own) -> None:
     modifiers = "".join(f", {name}={value!r}" for name, value in own.items())
     text, patterns = printed(lu(INKS), layers=1)
@@ -204,6 +205,101 @@ def test_readings_are_those_of_the_fmu(own) -> None:
             assert np.array_equal(run.at("sensor.valid", layer + 0.5, SHAPE), fmu.get("valid"))
             reading = run.at("sensor.measured_height", layer + 0.5, SHAPE)
             assert reading == pytest.approx(fmu.get("measured_height"), rel=1e-12, abs=1e-19)
+
+
+SMALL = (3, 2)
+
+
+def found_at_once(variables: str, statement: str) -> Any:
+    """A run in which a function of the library is called once."""
+    return simulate_text(f"model M {variables} algorithm when sample(0.25, 1) then {statement} end when; end M;", 0.9)
+
+
+def small_map(name: str, kind: str = "discrete Real", start: str = "0") -> str:
+    return f"{kind} {name}[3, 2](each start={start}, each fixed=true);"
+
+
+@pytest.mark.parametrize(("kind", "number"), [("per_cell", 2), ("per_layer", 3)])
+def test_factors_of_cells_and_of_layers_are_those_of_numpy(kind: str, number: int) -> None:
+    call = f"InkLoop.Functions.volumeFactors(3, 2, 4, 77, 0.4, InkLoop.Types.VariationKind.{kind}, 1, 0)"
+    run = found_at_once(small_map("factor"), f"factor := {call};")
+    expected = lu_numpy.factors(SMALL, 4, seed=77, variation=0.4, kind=number)
+    assert run.at("factor", 0.5, SMALL) == pytest.approx(expected, rel=1e-14, abs=0.0)
+
+
+def test_readings_that_chance_takes_or_alters_are_those_of_numpy() -> None:
+    """Of six two are lost by their slopes, and another by chance."""
+    height = np.array([[1.0, 2.0], [3.0, 5.0], [4.0, 9.0]]) * 1e-6
+    chance = {"seed": 3, "noise_std": 1e-6, "noise_correlation": 0.3, "dropout_rate": 0.4, "dropout_slope": 0.016}
+    numbers = "{noise_std}, {noise_correlation}, {dropout_rate}, {dropout_slope}".format(**chance)
+    call = (
+        f"InkLoop.Functions.readSurface({literal(height)}, fill(7e-6, 3, 2), 3, 263.256e-6, {{0, 0}}, 0, 0, 0, "
+        f"{numbers}, {{0, 0}}, 0, 0, {chance['seed']})"
+    )
+    variables = small_map("reading") + small_map("valid", "Boolean", "false")
+    run = found_at_once(variables, f"(reading, valid) := {call};")
+    reading, valid = sensor_numpy.scan(height, 3, **chance)  # type: ignore[arg-type]
+    by_slope = sensor_numpy.slope(height, 263.256e-6) > 0.016
+    assert (by_slope.sum(), valid.sum()) == (2, 3)
+    assert np.array_equal(run.at("valid", 0.5, SMALL), valid)
+    assert run.at("reading", 0.5, SMALL) == pytest.approx(np.where(valid, reading, 7e-6), rel=1e-12, abs=0.0)
+
+
+def test_halves_are_rounded_to_even_multiples() -> None:
+    halves = (-0.75, -0.25, 0.25, 0.75, 1.25, 0.3)
+    assigned = "".join(f"r[{k}] := InkLoop.Functions.roundToMultiple({x}, 0.5); " for k, x in enumerate(halves, 1))
+    run = found_at_once("discrete Real r[6](each start=0, each fixed=true);", assigned)
+    assert [run.at(f"r[{k}]", 0.5) for k in range(1, 7)] == [-1.0, 0.0, 0.0, 1.0, 1.0, 0.5]
+
+
+@pytest.mark.parametrize("guard", [False, True])
+@pytest.mark.parametrize(("cell", "ma_plus"), [((1, 0), -4e4), ((2, 1), 3e4)])
+def test_drop_beside_covered_cells_is_that_of_numpy(cell: tuple[int, int], ma_plus: float, guard: bool) -> None:
+    """Cells higher and lower than their surroundings, a bare one, and areas that would leave 0 to 1."""
+    substrate = np.array([[0.0, 1.0], [0.5, 0.0], [2.0, 0.0]])
+    v, a = np.array([[1.0, 0.8], [0.2, 0.0], [1.5, 0.1]]), np.array([[0.9, 0.3], [0.4, 0.0], [1.0, 0.02]])
+    height = 1e-6 * (substrate + 7.0751 * v)
+    call = (
+        f"InkLoop.Functions.volumeAreaDrop({literal(height)}, {literal(a)}, {literal(1e-6 * substrate)}, "
+        f"{cell[0] + 1}, {cell[1] + 1}, {0.9 * 7.0751e-6!r}, {{6700, -20100, {ma_plus}, -63400}}, "
+        f"fill(0.1, 2, 3), {str(guard).lower()})"
+    )
+    run = found_at_once(small_map("height") + small_map("area"), f"(height, area) := {call};")
+    none = (np.full((3, 3), 0.1), np.full((3, 3), 0.1))
+    wu_chiu_numpy.drop(v, a, substrate, *cell, 0.9, none, guard=guard, ma_plus=1e-6 * ma_plus)
+    assert run.at("area", 0.5, SMALL) == pytest.approx(a, rel=1e-9, abs=1e-12)
+    expected = 1e-6 * (substrate + 7.0751 * v)
+    assert run.at("height", 0.5, SMALL) == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(("layers_max", "last"), [(9, "{{4.5, 8, 0, 9}}"), (1, "{{0, 0, 0, 0}}")])
+def test_threshold_is_half_a_layer_and_the_print_ends_where_nothing_is_missing(layers_max: int, last: str) -> None:
+    """Or after so many layers; a scan is answered only where it is the newest layer's. Heights in metres, exact."""
+    text = f"""model M
+      InkLoop.Control.ThresholdFeedback controller(
+        nx=1, ny=4, layers_max={layers_max}, material={{{{1, 2, 0, 1}}}}, target_height=fill(8, 1, 4), layerHeight=8);
+      discrete Real height[1, 4](each start=4, each fixed=true);
+      Integer scanned(start=-1, fixed=true);
+      Integer printed(start=0, fixed=true);
+    equation
+      controller.measured_height = height;
+      controller.valid = fill(true, 1, 4);
+      controller.layers_scanned = scanned;
+      controller.layers_printed = printed;
+    algorithm
+      when sample(0.5, 0.5) then
+        scanned := if time > 3.9 then 1 elseif time > 0.9 then 0 else -1;
+        printed := if time > 1.9 then 1 else 0;
+        height := if time > 2.9 then {last} else {{{{4, 3, 0, 4.5}}}};
+      end when;
+    end M;"""
+    run, seen = simulate_text(text, 5.0), []
+    for time in (0.7, 1.2, 2.2, 3.2, 4.2):
+        pattern = run.at("controller.pattern", time, (1, 4))[0].tolist()
+        seen.append((int(run.at("controller.layer_command", time)), pattern))
+    first, empty = (1, [1.0, 2.0, 0.0, 0.0]), [0.0] * 4
+    assert seen == [(0, empty), first, first, first, (1, empty)]
+    assert run.at("controller.status", 4.2) == 3  # done
 
 
 def test_scan_is_of_the_layer_that_was_the_newest_when_it_began() -> None:
@@ -246,10 +342,11 @@ def test_random_numbers_are_philox_bit_for_bit(count) -> None:
     ("command", "material", "duration", "message"),
     [
         ("2", 1, 0.0, "layer_command is out of order"),
+        ("1", -1, 0.0, "pattern has a value that is no material"),
         ("1", 3, 0.0, "pattern has a value that is no material"),
         ("pre(layer) + 1", 1, 7.0, "layer_command is out of order"),
     ],
-    ids=["a layer is left out", "no material", "busy"],
+    ids=["a layer is left out", "below 0", "no material", "busy"],
 )
 def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, material, duration, message) -> None:
     text = f"""model M

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import can
+import numpy as np
 import pytest
 
 from inkloop.cli import main
+from inkloop.fmu.bus import BusFrame, transmit
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.protocol.codec import Codec, Frame
 from support.benches.bench_run import BLOCK, FAST, assert_same_print, emulated, printed_with_fmus, write
+from support.fmus.bus_driver import BusDriver
 
 ONE_LAYER = {"part.height_um": 3.0}
 REQUESTS = range(0x640, 0x648)
@@ -93,6 +97,42 @@ def states(log: Path) -> dict[Phase, tuple[float, ...]]:
     return found
 
 
+def assert_outputs_are_those_of_the_print(file: Path, log: Path, print_: Any) -> None:
+    """The FMU answers the frames of the master once more as it did, and shows what happens below its nodes."""
+    folder = file.with_suffix("")
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(folder)
+    logged = list(can.BLFReader(log))
+    given: dict[int, bytes] = {}  # by millisecond
+    for frame in logged:
+        if not frame.is_rx:
+            at = int(1e3 * frame.timestamp + 0.5)
+            given[at] = given.get(at, b"") + transmit(BusFrame(frame.arbitration_id, bytes(frame.data)))
+    last = max(given) + 1
+    lamp, gate, jetted = [], [], []
+    with BusDriver("fmi3-fixed", 12, 11, folder).begin(**FAST) as bench:
+        for at in range(last):
+            bench.go(0.001, given.get(at, b""))
+            lamp.append(bool(bench.get("lamp_on")))
+            gate.append(bool(bench.get("gate_open")))
+            jetted.append(int(bench.get("droplets")))
+        received = [frame.arbitration_id for frame in logged if frame.is_rx]
+        assert [frame.identifier for frame in bench.frames()][: len(received)] == received
+        assert not np.logical_and(lamp, gate).any()
+        passes = [
+            np.count_nonzero(np.diff(np.concatenate([[0], of_it, [0]]).astype(int)) > 0) for of_it in (lamp, gate)
+        ]
+        assert passes == [4, 4]
+        grows = np.diff(jetted) > 0
+        assert set(np.array(gate)[1:][grows] | np.array(gate)[:-1][grows]) == {True}
+        droplets = np.count_nonzero(print_.pattern)
+        assert (bench.get("droplets"), bench.get("scans"), bench.get("lamp_with_gate")) == (droplets, 2, 0)
+        surface, seen = bench.get("surface_height"), print_.valid.values[-1]
+        off = (print_.measured_height.values[-1] - surface)[seen]
+        assert 0.0 < np.abs(off).max() < 1e-6
+        assert surface.max() > 3e-6
+
+
 def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
     """And that with the FMUs of printer and profiler, to the bit; requests, answers and the content of states agree."""
     path = write(tmp_path)
@@ -103,6 +143,7 @@ def test_print_through_the_fmu_is_that_on_the_emulator(tmp_path: Path) -> None:
     with emulated(path, ONE_LAYER) as (_, channel):
         on_emulator = {"bench.interface": "slcan", "bench.channel": channel}
         print_part(Scenario.load(path, {**on_emulator, **ONE_LAYER}), folder=logs["slcan"].parent)
+    assert_outputs_are_those_of_the_print(path.with_name("bench.fmu"), logs["fmu"], found.dataset)
     assert messages(logs["fmu"]) == messages(logs["slcan"])
     ours, theirs = states(logs["fmu"]), states(logs["slcan"])
     both = ours.keys() & theirs.keys()

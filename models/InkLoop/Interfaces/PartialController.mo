@@ -27,7 +27,7 @@ protected
   Boolean enough = layers_scanned >= layers_max or max(next) == 0 "= true, if nothing is left to print";
 
 equation
-  asked = layers_scanned >= 0 and layers_scanned == layers_printed and pre(layer_command) == layers_scanned;
+  asked = layers_scanned == layers_printed and pre(layer_command) == layers_scanned;
 
 algorithm
   when asked then

@@ -284,11 +284,16 @@ class Observer:
         unseen = int(np.sum(o.part & (s.unseen > o.unseen_layers) & is_unknown))
         marks = [unseen > 0, s.blind > c.BLIND_LAYERS, s.ground_wrong, s.mean_misfit[0] > c.RESIDUALS_MAX]
         marks += [s.full.any(), s.high.any()]
+        droplets = o.volume(s.share) * s.ledger
+        lack, rise = droplets - s.height, s.height - np.maximum(o.job.target_height, droplets)
+        lack, rise = (np.where(o.part, np.maximum(each, 0.0), 0.0) for each in (lack, rise))
         shown = {
             "volume": o.volume(s.share), "droplet_std": std, "noise_std": np.sqrt(s.noise), "ground": s.ground,
             "surprise": np.sqrt(s.mean_misfit[0]), "stop": reason, "stop_layer": layer, "stop_figure": figure,
             "transform": transform, "dead_cells": np.sum(s.dead >= c.DEAD), "capped_cells": np.sum(s.full),
             "unseen_cells": unseen, "scans": s.scans, "reasons": reason + np.sum(marks * 2 ** np.arange(6)),
+            "excess": lack.max(), "excess_cell": lack.argmax(), "rise": rise.max(), "rise_cell": rise.argmax(),
+            "blind_share": np.mean(~s.last_valid[o.part]),
             "is_foreign": s.mean_misfit[1] > c.SPILL_MAX, "is_displaced": s.is_displaced and bool(s.misfits),
         }  # fmt: skip
         if s.misfits:

@@ -89,7 +89,7 @@ def drop(
         area = np.where(grows, np.maximum(area, stays), area)
     gain[hit] = 1.0 - gain.sum()
     v[region] += volume * gain
-    a[region] = np.minimum(area, 1.0)
+    a[region] = np.clip(area, 0.0, 1.0)
     a[i, j] = 1.0
 
 

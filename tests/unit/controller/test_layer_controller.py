@@ -108,6 +108,15 @@ def test_outputs_of_a_restored_state_are_those_it_was_saved_with(options: dict[s
         np.testing.assert_array_equal(found[name], shown[name], err_msg=name)
 
 
+def test_droplets_that_are_planned_are_counted_whatever_their_ink() -> None:
+    job = block(height=60e-6, inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), region=Below(1e-9))
+    controller = LayerMpcController(job, horizon=2)
+    controller.initialize(0, inputs_of(job, FLAT, 0))
+    found = controller.do_step(0, SECOND, inputs_of(job, FLAT, 0))
+    assert (found["pattern"][job.mask] == 2).all()
+    np.testing.assert_array_equal(found["planned_droplets"], np.where(job.mask, 2, 0))
+
+
 def test_outputs_of_a_step_stay_as_they_are_in_later_steps() -> None:
     controller = started(LayerMpcController(JOB))
     shown = answer(controller, FLAT, 0, 0)
@@ -302,7 +311,12 @@ def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any,
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_before_the_first_scan_nothing_is_known_and_nothing_is_jetted(make: Any) -> None:
-    found = dict(make(JOB).initialize(0, inputs_of(JOB, FLAT, 3)))
+    controller = make(JOB)
+    found = dict(controller.initialize(0, inputs_of(JOB, FLAT, 3)))
+    starts = {port.name: port.start for port in controller.outputs}
+    assert starts.keys() == found.keys()
+    assert ("planned_droplets" in found) == (make is LayerMpcController)
+    assert np.isnan([starts["bound"], starts["gap"]]).all()
     expected = dict.fromkeys(found, 0.0) | {
         "layer_command": 3,
         "drop_level": 1,

@@ -78,6 +78,25 @@ def test_scan_takes_the_surface_of_its_beginning() -> None:
         assert (fmu.get("measured_height") == 2e-6).all()
 
 
+def test_scan_ends_after_its_duration_but_for_the_rounding_of_times() -> None:
+    """Eight steps of 0.1 s end at 0.7999999999999999 s."""
+    with Driver("ProfileSensor").start({"scan_duration": 0.8}) as fmu:
+        scanned = []
+        for _ in range(8):
+            assert fmu.step(fmu.now, 0.1) == OK
+            scanned.append(int(fmu.get("layers_scanned")))
+        assert fmu.now < 0.8
+        assert scanned == [-1] * 7 + [0]
+
+
+@pytest.mark.parametrize(("limit", "is_valid"), [(0.5, True), (0.4999, False)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_cells_steeper_than_the_limit_are_lost_and_as_steep_ones_are_not(axis: int, limit: float, is_valid) -> None:
+    plane = 0.5 * np.indices((4, 3))[axis]
+    ((_, valid),) = scans([plane], pitch=1.0, dropout_slope=limit)
+    assert (valid == is_valid).all()
+
+
 def test_layers_printed_cannot_go_back() -> None:
     with Driver("ProfileSensor").start({"scan_duration": 0.0, "layers_printed": 3}) as fmu:
         assert fmu.step(0.0) == OK
@@ -85,4 +104,4 @@ def test_layers_printed_cannot_go_back() -> None:
         before = fmu.save()
         assert fmu.step(1.0) == DISCARD
         assert fmu.save() == before
-        assert "can only rise" in fmu.messages[-1]
+        assert "layers_printed is 2, but layer 3 has been scanned already; it can only rise" in fmu.messages[-1]

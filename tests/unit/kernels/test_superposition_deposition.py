@@ -65,6 +65,7 @@ def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
     ("parameters", "message"),
     [
         ({"cap_height_b": 3e-4}, "cap_height_b is 0.0003 m on a cap_radius_b of 0.0002065 m; expected at most"),
+        ({"cap_radius_b": 3e-3}, "cap_radius_b is 0.003 m on a pitch of 0.000263256 m; expected at most 0.00223768 m"),
         ({"cap_radius_a": 3e-3}, r"cap_radius_a is 0.003 m on a pitch of 0.000263256 m; expected at most 0.00223768 m"),
     ],
 )

@@ -56,6 +56,22 @@ def test_layers_are_those_of_the_reference_model(options, nx, ny, order, passes)
             assert fmu.get("area") == pytest.approx(a, abs=1e-9)
 
 
+@pytest.mark.parametrize("guard", [False, True])
+@pytest.mark.parametrize("ma_plus", [3e4, -3e4])
+def test_area_of_a_cell_above_its_surroundings_changes_by_its_own_factor(ma_plus: float, guard: bool) -> None:
+    """And stays within 0 to 1."""
+    substrate, v, a = np.random.default_rng(3).uniform(0.0, 3.0, (6, 5)), np.zeros((6, 5)), np.zeros((6, 5))
+    own = {"ma_plus": ma_plus, "guard": guard, "height_start": substrate * 1e-6}
+    with Driver("VolumeAreaDeposition", nx=6, ny=5).start(own) as fmu:
+        for pattern in sparse(6, 5, 2, 1):
+            for i, j in wu_chiu_numpy.cells_in_order((6, 5), 1, None):
+                if pattern[i, j] > 0:
+                    shares = wu_chiu_numpy.cap_shares(54.0)
+                    wu_chiu_numpy.drop(v, a, substrate, i, j, 1.0, shares, guard=guard, ma_plus=1e-6 * ma_plus)
+            fmu.print_layer(pattern)
+            assert fmu.get("area") == pytest.approx(a, abs=1e-9)
+
+
 def test_smallest_unevenness_is_no_flat_ground() -> None:
     """On flat ground a drop is a cap that covers its neighbours; beside a rise of 0.1 nm it is propagated."""
     start = np.zeros((5, 5))

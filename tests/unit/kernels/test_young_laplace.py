@@ -71,6 +71,14 @@ def test_convex_hull_agrees_with_scipy() -> None:
     assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12, abs=0.0)
 
 
+def test_convex_hull_of_rows_and_columns_has_its_corners_only() -> None:
+    """Counter-clockwise from the lowest of the leftmost points on."""
+    points = np.random.default_rng(2).permutation([(x, y) for x in range(5) for y in range(4)])
+    places, hull = (Place * 20)(*(Place(*p) for p in points)), (Place * 21)()
+    count = library().convex_hull(places, ctypes.c_size_t(20), hull)
+    assert [(p.x, p.y) for p in hull[:count]] == [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0)]
+
+
 def test_level_ground_gives_the_base_radius_of_the_cap() -> None:
     """30 pL at 45 degrees: 35.1999 um (Hume, Rosen 2018: 35.2 um)."""
     radius = library().cap_radius(ctypes.c_double(VOLUME), ctypes.c_double(ANGLE))

@@ -119,10 +119,15 @@ def test_droplet_that_spreads_too_far_is_refused() -> None:
         assert fmu.step(0.0) == DISCARD
         assert "2 pitches" in fmu.messages[-1]
         assert fmu.save() == before
-        assert max(fmu.set("drop_level", 13), fmu.step(0.0)) == OK
+        bare, levels = np.ones((5, 5), dtype=np.int32), np.full((5, 5), 13, dtype=np.int32)
+        bare[1, 2], levels[1, 2] = 0, 14  # that are not jetted
+        assert max(fmu.set("pattern", bare), fmu.set("drop_level", levels), fmu.step(0.0)) == OK
         assert fmu.get("layers_printed") == 1
         assert max(fmu.set("volume_factor", 1.1), fmu.set("layer_command", 2)) == OK
         assert fmu.step(1.0) == DISCARD, "13 drops of 1.1 each are more than 14"
+    with Driver(MODEL, nx=5, ny=5).start({"layer_period": 1.0, "drop_level": 14}) as fmu:
+        assert fmu.step(0.0) == DISCARD
+        assert "the largest droplet of the pattern spreads to a radius of 8.4" in fmu.messages[-1]
     with Driver(MODEL, nx=5, ny=5) as fmu:
         assert max(fmu.set("pitch", 17e-6), fmu.enter()) == OK
         assert fmu.exit() == ERROR

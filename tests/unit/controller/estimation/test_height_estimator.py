@@ -11,6 +11,7 @@ import pytest
 from inkloop.component import Ink, Job
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
+from inkloop_controller.estimation.estimate_figures import UntrustedReason
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator, InkModel
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model import LayerModel
@@ -94,6 +95,24 @@ def test_scan_taken_as_read_is_the_estimate() -> None:
     np.testing.assert_array_equal(estimate.height, scan)
 
 
+def test_cells_that_are_not_read_are_predicted_where_scans_are_taken_as_read() -> None:
+    """Cell (5, 6) is not seen in scans 1 and 2."""
+    job = block(20, 20)
+    estimator, plant = HeightEstimator(job, take_as_read=True, flat_ground=False), LayerModel.of(job)
+    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    hidden, surface = seen.copy(), np.full(seen.shape, 3e-6)
+    hidden[5, 6] = False
+    estimate = start = estimator.first(surface, seen)
+    for layer in (1, 2):
+        expected = plant.layer(estimate.height, pattern, layer)
+        surface = plant.layer(surface, pattern, layer) + 1e-6
+        estimate = estimator.next(estimate, pattern, layer, surface, hidden)
+        np.testing.assert_array_equal(estimate.height, np.where(hidden, surface, expected))
+        np.testing.assert_array_equal(estimate.height_variance, np.where(hidden, 0.0, start.height_variance))
+        np.testing.assert_array_equal(estimate.state["unseen"], np.where(hidden, 0, layer))
+    assert not estimator.next(estimate, pattern, 3, surface, seen).state["unseen"].any()
+
+
 def test_invalid_cells_are_predicted_their_variance_grows_and_unknown_ones_are_untrusted() -> None:
     """Cell (5, 6) is never seen, (9, 12) in scan 0 alone."""
     job = block(20, 20)
@@ -148,6 +167,26 @@ def test_trust_after_a_look_is_another_estimate() -> None:
     np.testing.assert_array_equal(before.block, copy)
     assert after.block is not None
     assert (after.block != copy).any()
+
+
+@pytest.mark.parametrize(("unseen", "is_blind"), [(0.5, False), (0.51, True)])
+def test_print_is_blind_after_six_scans_that_miss_more_than_half_of_the_part(unseen: float, is_blind: bool) -> None:
+    """And trusted again after one that sees it."""
+    job = block(14, 14)
+    seen, surface = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+    cells = np.flatnonzero(job.mask)
+    hidden = seen.copy()
+    hidden.flat[cells[: round(unseen * cells.size)]] = False
+    estimator, nothing = HeightEstimator(job, take_as_read=True), np.zeros(job.mask.shape, np.int32)
+    estimate, found = estimator.first(surface, seen), []
+    for layer in range(1, 7):
+        estimate = estimator.next(estimate, nothing, layer, surface, hidden)
+        found.append(bool(estimate.figures.reasons & UntrustedReason.BLIND))
+        assert estimate.figures.blind_share == pytest.approx(unseen, abs=0.01)
+    assert found == [False] * 5 + [is_blind]
+    estimate = estimator.next(estimate, nothing, 7, surface, seen)
+    estimate = estimator.next(estimate, nothing, 8, surface, hidden)
+    assert not estimate.figures.reasons
 
 
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
@@ -242,6 +281,20 @@ def test_state_that_is_none_is_refused() -> None:
     exact = Estimate.exact(np.zeros((20, 20)), (Ink(),))
     with pytest.raises(ValueError, match="has no state; needs one"):
         estimator.next(exact, none, 1, exact.height, seen)
+    assert estimator.trust_again(exact) is exact
+    turned = HeightEstimator(block(25, 16)).first(np.zeros((25, 16)), np.ones((25, 16), np.bool_))
+    with pytest.raises(ValueError, match=r"height has shape \(25, 16\); needs \(20, 20\)"):
+        estimator.next(turned, none, 1, exact.height, seen)
+    with pytest.raises(ValueError, match=r"factor has shape \(16, 25\)"):
+        estimator.next(estimator.first(exact.height, seen), none, 1, exact.height, seen, np.ones((16, 25)))
+
+
+def test_surface_that_is_known_for_sure_has_no_variance_and_nominal_ink() -> None:
+    exact = Estimate.exact(np.full((3, 2), 5e-6), (Ink(),))
+    assert not exact.height_variance.any()
+    assert not exact.dead.any()
+    assert not exact.capped.any()
+    assert (exact.ink_scale, exact.figures.surprise, exact.figures.reasons, dict(exact.state)) == (1.0, 1.0, 0, {})
 
 
 def test_all_errors_of_the_options_are_reported_at_once() -> None:

@@ -192,6 +192,15 @@ def test_cell_higher_than_its_target_is_a_reason_and_none_is_capped(layer: int) 
             assert estimate.figures.rise == pytest.approx(rise * LAYER, rel=1e-2, abs=0.0)
 
 
+def test_first_of_the_cells_that_lack_the_most_is_reported() -> None:
+    """Nothing is seen of a layer, whose droplets build the same on all cells but those at the border of the part."""
+    estimator, nothing = HeightEstimator(JOB, take_as_read=True, adapt_ink="off"), np.zeros(SEEN.shape)
+    estimate = estimator.next(estimator.first(nothing, SEEN), JOB.mask.astype(np.int32), 1, nothing, SEEN)
+    assert estimate.figures.excess == pytest.approx(LAYER, rel=1e-12, abs=0.0)
+    i, j = np.argwhere(JOB.mask)[0] + 1
+    assert (estimate.figures.excess_cell, estimate.figures.rise_cell) == (i * JOB.ny + j, 0)
+
+
 def test_foot_of_a_wall_that_droplets_of_the_wall_reach_is_trusted() -> None:
     """As in a bracket, whose plate is lower than its rib."""
     low = replace(

@@ -27,8 +27,8 @@ NOISE = 2e-7  # of a reading [m]
 class Case:
     """A printer and a profiler on a small grid.
 
-    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what one cell of the part gets
-    besides [m]; around: what cells next to droplets get besides [m], in
+    inks: A alone or A and B; row: of droplets that never come, from layer 2 on; heap: what the cells heaped get besides
+    [m]; around: what cells next to droplets get besides [m], in
     layers from around_from on; unknown: a layer that was abandoned; shift, its
     scatter [cells], rotation [rad], spot [cells]: of the scans; level: standard deviation of the six terms of a datum,
     anew for each scan [m]; jitter: of lines of readings with the same i, and with the same j [m]; spikes, missing:
@@ -46,6 +46,7 @@ class Case:
     volume: float = 1.0
     row: int | None = None
     heap: float = 0.0
+    heaped: tuple[tuple[int, int], ...] = ((5, 6),)
     around: float = 0.0
     around_from: int = 0
     unknown: int | None = None
@@ -99,7 +100,9 @@ CASES = {
     "lines along y jitter": Case(jitter=(1e-6, 0.0)),
     "lines along x jitter": Case(15, 13, jitter=(0.0, 1e-6)),
     "lines jitter, exact": Case(15, 13, noise=0.0, jitter=(5e-7, 0.0)),
-    "lines jitter, shifted": Case(jitter=(0.0, 1e-6), shift=(0.5, -0.4)),
+    "lines jitter, shifted": Case(jitter=(0.0, 1e-6), shift=(-0.3, 0.6)),
+    "lines jitter, scans as they are": Case(layers=4, jitter=(1e-6, 0.0), registered=False),
+    "lines jitter, readings rounded": Case(15, 13, layers=4, noise=1e-7, jitter=(1e-6, 0.0), resolution=5e-7),
     "lines jitter, readings missing": Case(layers=12, jitter=(1e-6, 0.0), missing=0.2, rough=2e-6, cancels=1e-8),
     "spikes and drop-outs": Case(15, 13, layers=12, spikes=0.03, missing=0.1),
     "spikes and drop-outs, shifted": Case(layers=12, spikes=0.03, missing=0.1, shift=(0.5, -0.5)),
@@ -111,12 +114,17 @@ CASES = {
     "four passes": Case(12, 15, passes=4),
     "foreign droplets": Case(around=5e-7),
     "droplets a little foreign": Case(around=2.5e-7, registered=False),
+    "foreign droplets, two inks": Case(15, 13, layers=5, inks=(A, B), model="full", around=5e-7, registered=False),
+    "frozen scan, rough start surface": Case(15, 13, layers=4, frozen=1, rough=2e-6, cancels=1e-8),
+    "full, four passes": Case(12, 15, layers=4, model="full", passes=4),
     "foreign droplets, too weak": Case(volume=0.45, around=1e-6, registered=False),
     "foreign droplets, exact": Case(15, 13, noise=0.0, around=5e-7, cancels=1e-8),
     "foreign droplets, shifted by +x": Case(around=1e-6, shift=(0.4, 0.0)),
     "foreign droplets, shifted by -y": Case(15, 13, around=1e-6, shift=(0.0, -0.5)),
     "foreign droplets later on, shifted": Case(layers=10, around=2e-6, around_from=5, shift=(0.4, 0.0)),
     "one cell heaps up": Case(heap=9e-6, registered=False),
+    "cells at the edge of the part and beside it heap up": Case(heap=9e-6, heaped=((2, 1), (9, 6)), registered=False),
+    "one cell heaps up under drops of three levels": Case(heap=8e-6, drop_levels=3, layers=4, registered=False),
     "dead row, scans as they are": Case(layers=12, row=4, registered=False),
     "dead row, shifted": Case(15, 15, layers=12, row=4, shift=(0.6, -0.7)),
     "unknown layer": Case(unknown=4),
@@ -181,7 +189,8 @@ def grown(case: Case, height: Any, pattern: Any, drops: Any, layer: int, rng: np
         volume[:, case.row] = 1e-9
     inks = tuple((ink.h1, ink.h2, ink.h3) for ink in (case.inks[0], case.inks[-1]))
     height = lu_numpy.layer(height, pattern, inks, volume, case.passes)[0]
-    height[5, 6] += case.heap
+    for cell in case.heaped:
+        height[cell] += case.heap
     return height + case.around * (near(pattern > 0) & (pattern == 0) & (layer >= case.around_from))
 
 

@@ -98,7 +98,8 @@ def test_scans_that_lie_stop_the_print_within_three_layers_with_their_reason(nam
     layer = next(k for k, each in enumerate(estimates) if each.figures.stop)
     figures = estimates[layer].figures
     assert lie.begins < layer <= lie.begins + WITHIN
-    assert figures.stop in (UntrustedReason.SAME_SCAN if name == "frozen" and noise else lie.reason)
+    of_frozen = UntrustedReason.SAME_SCAN if noise else UntrustedReason.NO_GROWTH
+    assert figures.stop in (of_frozen if name == "frozen" else lie.reason)
     assert figures.reasons & figures.stop
     assert figures.stop_layer == layer
     assert figures.stop_figure > 1.5
@@ -166,6 +167,14 @@ def test_trust_again_lets_the_print_go_on_from_the_next_scan_as_it_is() -> None:
         again = estimator.next(again, pattern, layer, height, SEEN)
         assert not again.figures.stop
         np.testing.assert_allclose(again.height[job.mask], height[job.mask], rtol=0.0, atol=0.2e-6)
+
+
+def test_nothing_of_a_stop_is_left_once_a_person_has_looked() -> None:
+    lie, job = LIES["mirrored in x"], hook()
+    stopped = shown(job, lie.show, lie.begins + WITHIN)[-1]
+    found = HeightEstimator(job).trust_again(stopped).figures
+    assert (stopped.figures.transform, stopped.figures.stop_layer > 0) == (2, True)
+    assert (found.stop, found.stop_layer, found.transform, found.stop_figure) == (NONE, 0, 0, 0.0)
 
 
 @pytest.mark.parametrize(
