@@ -163,7 +163,7 @@ static void conclude(const ScanEvidence *evidence, const double cost[DOUBTS], do
                            : has_changed            ? STOP_LATE
                            : is_last_scan(evidence) ? STOP_SAME_SCAN
                                                     : STOP_NO_GROWTH;
-    const double figure = sqrt(read / fmax(cost[best], evidence->usual_noise));
+    const double figure = sqrt(read / fmax(fmax(cost[best], evidence->usual_noise), NOISELESS));
     stop_print(trust, reason, evidence->number, is_stuck ? 0 : best, figure);
 }
 

@@ -63,6 +63,6 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: 
         both = valid & before.last_valid
         is_last = noise > c.NOISY and np.array_equal(scan[both], before.last[both])
         stuck = c.LATE if costs[1] >= c.FAR_BETTER * read else c.SAME_SCAN if is_last else c.NO_GROWTH
-        figure = float(np.sqrt(read / max(costs[best], noise)))
+        figure = float(np.sqrt(read / max(costs[best], noise, c.NOISELESS)))
         s.stop = (stuck if is_stuck else c.TURNED, layer, 0 if is_stuck else best, figure)
     return True

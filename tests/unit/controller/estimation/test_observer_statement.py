@@ -131,6 +131,7 @@ CASES = {
     "unknown layer, shifted": Case(15, 13, unknown=5, shift=(0.4, 0.3)),
     "frozen scan": Case(layers=9, frozen=4),
     "frozen scan, noisy": Case(15, 13, noise=3e-6, frozen=3),
+    "first scan again, exact": Case(15, 13, frozen=0, rough=2e-6, cancels=1e-8),
     "frozen scan, looked at": Case(15, 13, layers=12, frozen=4, looked_at=7, cancels=1e-7),
     "transposed scans": Case(13, 13, is_turned=True),
     "rough start surface": Case(rough=2e-6),
