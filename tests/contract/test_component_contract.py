@@ -120,6 +120,24 @@ class Lacking:
     inputs = outputs = ()
 
 
+class Forgetful(FunctionComponent):
+    """Adds up its steps, and saves nothing of that."""
+
+    def __init__(self) -> None:
+        super().__init__(outputs=[Y], step=self._count)
+        self._kept = np.zeros(2)
+
+    def _count(self, time_ns: int, step_ns: int, values: Values) -> Values:
+        self._kept = self._kept + 1
+        return {"y": self._kept}
+
+    def save(self) -> bytes:
+        return b""
+
+    def restore(self, state: bytes) -> None:
+        self._kept = np.zeros(2)
+
+
 numbers = iter(range(1_000))
 
 
@@ -141,6 +159,18 @@ numbers = iter(range(1_000))
         (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of a second component"),
         (outputs_of_a_step_stay_as_they_were, counting, "y differs from that of the same arrays two steps later"),
         (restored_component_continues_with_the_same_bits, counting, "FunctionComponent has no save"),
+        (restored_component_continues_with_the_same_bits, Forgetful, "y differs from that of the restored one in ste"),
+        (names_of_ports_are_unique, lambda: FunctionComponent(inputs=[Y, Y]), "twice among y, y"),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], step=lambda *_: {"y": np.zeros(2), "z": np.zeros(2)}),
+            r"do_step 0 returns \['y', 'z'\]; declared are \['y'\]",
+        ),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], step=lambda *_: {"y": np.zeros(2, np.float32)}),
+            r"do_step 0 returns y as \(\(2,\), 'float32'\); declared is \(\(2,\), 'float64'\)",
+        ),
     ],
 )
 def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], Component], message: str) -> None:

@@ -13,7 +13,7 @@ from lxml import etree
 from matplotlib.figure import Figure
 
 from inkloop.cli import main
-from inkloop.component import Job
+from inkloop.component import Ink, Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.job_picture import target_picture
 from inkloop.exchange.layer_job import bake
@@ -172,6 +172,38 @@ def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch
     for axes, edges in ((above, [-0.05, 1.95, -0.05, 1.75]), (cut, [-0.05, 1.95, 0.0, 30.0])):
         assert axes.images[0].get_extent() == pytest.approx(edges, rel=1e-9, abs=0.0)
     assert above.images[0].get_array().count(axis=0).tolist() == [0, *[3] * 16, 0, 0, 0]
+
+
+class Below:
+    """Ink A lies below 20 um, and farther along x it reaches higher."""
+
+    def contains(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return z < np.where(x > 2.5e-4, 2.5e-5, 2e-5)
+
+    def intervals(self, x: np.ndarray, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        raise NotImplementedError
+
+
+def test_picture_of_two_inks_shows_each_where_it_belongs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From above at half of the height; the cut goes through a quarter of the part, in 200 rows up to the top."""
+    mask, drawn = np.zeros((6, 9), np.bool_), list[Figure]()
+    mask[1:5, 2:7] = True
+    target = np.where(mask, 4.8e-5, 0.0)
+    target[1] /= 2.0
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *to, **how: [drawn.append(figure), save(figure, *to, **how)])
+    inks = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+    target_picture(Job(6, 9, 1e-4, target, mask, inks=inks, region=Below()), "Steps")
+    above, cut = drawn[0].axes
+    assert above.lines[0].get_ydata() == pytest.approx([0.3, 0.3], rel=1e-9, abs=0.0)
+    ink = np.ma.filled(above.images[0].get_array(), np.nan)
+    np.testing.assert_array_equal(np.unique(ink[2:7, 1:3]), [1.0])  # at 24 um
+    np.testing.assert_array_equal(np.unique(ink[2:7, 3:5]), [0.0])
+    assert np.isfinite(ink).sum() == mask.sum()
+    rows = np.ma.filled(cut.images[0].get_array(), np.nan)
+    counts = [[int((column == ink).sum()) for ink in (0.0, 1.0)] for column in rows.T]
+    expected = [[0, 0], [20, 4], [20, 28], [25, 23], [25, 23], [0, 0]]
+    assert counts == [[pytest.approx(um * 200 / 48, abs=1) for um in each] for each in expected]
 
 
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:

@@ -388,6 +388,9 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
         ("[components.controller]", "run = { step_s = 0.5 }\n[components.controller]", 17.0),
         ("[components.controller]", "run = { layers_max = 2 }\n[components.controller]", 7.0),
         ("[components.controller]", "run = { time_max_s = 50.0 }\n[components.controller]", 50.0),
+        ("height_um = 15.2", "height_um = 14.0", 34.0),  # 1.8 layers
+        ("height_um = 15.2", "height_um = 10.6", 25.0),  # 1.4
+        ("scan_duration_s = 0.0", "scan_duration_s = 2.5\n[run]\nlayers_max = 2", 7.0 + 2 * 2.5),
     ],
 )
 def test_experiment_ends_when_a_print_ought_to_be_over(old: str, new: str, expected: float, tmp_path: Path) -> None:

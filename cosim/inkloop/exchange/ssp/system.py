@@ -239,10 +239,10 @@ def _stop_s(scenario: Scenario, parts: Mapping[str, Part]) -> float:
     limits, job = scenario.tables.run, scenario.job()
     if limits.time_max_s is not None:
         return limits.time_max_s
-    layers = 3 * round(float(job.target_height.max()) / job.inks[0].layer_height) + 5
+    layers = min(3 * round(float(job.target_height.max()) / job.inks[0].layer_height) + 5, limits.layers_max)
     durations = ("layer_duration", "scan_duration")
     waits = sum(float(part.values.get(name, 0.0)) for part in parts.values() for name in durations)
-    return limits.step_s * (3 * min(layers, limits.layers_max) + 1) + waits * layers
+    return limits.step_s * (3 * layers + 1) + waits * layers
 
 
 def _outside_names(signal: str, port: str, scalars: Sequence[str]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import types
 from contextlib import nullcontext
@@ -29,7 +30,7 @@ from inkloop.tables.schema import BenchTable
 from inkloop.testing import job
 from inkloop_hardware.devices import commands as actions
 from support.benches.bench_run import FMUS, TWO_INKS, write
-from support.places import SCENARIOS
+from support.places import ROOT, SCENARIOS
 
 
 @pytest.mark.parametrize("overrides", [{}, FMUS], ids=["devices", "FMUs"])
@@ -41,9 +42,30 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str
     assert (found["variation"], found["variation_kind"], found["resolution"]) == (0.2, 1, 1e-7)
     assert found["printer_seed"] == scenario.job("printer").seed
     assert found["sensor_seed"] == scenario.job("profiler").seed
+    assert (found["alive_ms"], found["watchdog_ms"]) == (1000, 1000)  # a second of silence
     assert emulation_of(scenario).surface is None
     uneven = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0})
     np.testing.assert_array_equal(emulation_of(uneven).surface, uneven.job("printer").height_start)
+
+
+def test_grid_has_as_many_cells_as_a_node_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    firmware = (ROOT / "hardware/firmware/node/pattern.h").read_text(encoding="utf-8")
+    factors = re.findall(r"PATTERN_CELLS_MAX = (\d+) \* (\d+)", firmware)
+    assert [int(one) * int(other) for one, other in factors] == [commands.NODE_CELLS_MAX]
+    scenario = Scenario.load(write(tmp_path))
+    monkeypatch.setattr(commands, "NODE_CELLS_MAX", 12 * 11)
+    assert emulation_of(scenario).faults == ()
+    monkeypatch.setattr(commands, "NODE_CELLS_MAX", 12 * 11 - 1)
+    with pytest.raises(ScenarioError, match="grid of 12 x 11 cells: the nodes of the bench hold up to 131 cells"):
+        emulation_of(scenario)
+
+
+def test_job_of_the_printer_is_that_of_its_table_and_without_one_that_of_the_scenario(tmp_path: Path) -> None:
+    options = {"components.printer.passes": 1, "components.controller.horizon": 2}
+    scenario = Scenario.load(write(tmp_path), options)
+    assert (commands.job_of_printer(scenario).passes, scenario.job().passes) == (1, 4)
+    assert commands.job_of_printer(scenario).seed == scenario.job("printer").seed
+    assert commands.job_of_printer(Scenario.load(tmp_path / "block.toml", FMUS)).passes == 4
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:

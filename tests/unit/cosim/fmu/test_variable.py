@@ -39,6 +39,11 @@ LONG = variable("Enumeration", items={"off": 0, "full": 2**31})
         (MODE, "full", 4, "int32"),
         (MODE, 0, 0, "int32"),
         (LONG, "full", 2**31, "int64"),
+        (variable("Enumeration", items={"low": -(2**31)}), "low", -(2**31), "int32"),
+        (variable("Enumeration", items={"low": -(2**31) - 1}), "low", -(2**31) - 1, "int64"),
+        (LENGTH, np.uint8(2), 2.0, "float64"),
+        (COUNT, np.uint8(2), 2, "int16"),
+        (MAP, np.asfortranarray([[1, 2, 3], [4, 5, 6]]), [[1, 2, 3], [4, 5, 6]], "uint8"),
     ],
 )
 def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: Any, dtype: str) -> None:
@@ -46,6 +51,7 @@ def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: An
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, expected)
     assert found.shape == np.shape(expected)
+    assert found.flags.c_contiguous
 
 
 @pytest.mark.parametrize(
@@ -74,6 +80,43 @@ def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: An
 def test_value_that_does_not_fit_is_refused_with_what_would(of: Variable, value: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         of.convert(value, SIZES)
+
+
+@pytest.mark.parametrize(
+    ("of", "fault"),
+    [
+        (variable("Float64", dimensions=(0, 3)), None),
+        (variable("Float64", dimensions=(-1, 3)), "has the dimensions -1 x 3"),
+        (variable("Float64", dimensions=64 * (1,)), None),
+        (variable("Float64", dimensions=65 * (1,)), f"has the dimensions {' x '.join('1' * 65)}"),
+        (variable("Float64", dimensions=(5, 5)), None),
+        (variable("Float64", dimensions=(2, 13)), "of 2 x 13 values needs about 0.203 KiB of memory, 0.195 KiB are av"),
+        (variable("Int32", start=("1", "2"), dimensions=(3,)), "has 2 start values for 3"),
+        (variable("Int32", start=("1", "2")), "has 2 start values for one number"),
+        (variable("UInt8", start=("256",)), "has the start value '256'; expected UInt8"),
+    ],
+)
+def test_description_of_a_variable_may_make_no_sense(
+    of: Variable, fault: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 200)
+    found = of.fault(SIZES)
+    assert found is None if fault is None else str(found).startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("causality", "variability", "settable"),
+    [
+        ("parameter", "fixed", True),
+        ("parameter", "tunable", True),
+        ("structuralParameter", "tunable", True),
+        ("parameter", "constant", False),
+        ("input", "fixed", False),
+        ("local", "fixed", False),
+    ],
+)
+def test_parameters_that_may_change_are_settable(causality: str, variability: str, settable: bool) -> None:
+    assert Variable("v", "Float64", causality, variability, (1,)).is_settable is settable
 
 
 def test_limits_are_shown_in_the_unit_of_a_key() -> None:

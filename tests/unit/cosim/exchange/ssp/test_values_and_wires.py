@@ -6,14 +6,16 @@ import io
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import contents, ssd, wires
-from inkloop.exchange.ssp.folder import _begun
+from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, _begun, maestro_tables, osp_structure
 from inkloop.exchange.ssp.structure import Structure
 from inkloop.exchange.ssp.system import Part, System, Wire
 from inkloop.fmu import FmuDescription, Variable
@@ -549,3 +551,99 @@ def test_start_values_replace_those_of_the_description() -> None:
         assert (p.tag, p.attrib, q.tag, q.attrib) == ("Real", {"start": "2.5"}, "Boolean", {"start": "true"})
         kind, declared = ("Enumeration", {"declaredType": "T"}) if enumerations else ("Integer", {})
         assert (r.tag, r.attrib) == (kind, {**declared, "start": "2"})
+
+
+GIVER = described(
+    2,
+    scattered("y", "output", (2,), unit="mm"),
+    scattered("seen", "output", (2,)),
+    variable("n", "Integer", "output"),
+)
+TAKER = described(
+    2,
+    scattered("x", "input", (2,), unit="m"),
+    variable("m", "Integer", "input"),
+    variable("on", "Boolean"),
+    variable("mode", "Enumeration", items=ITEMS),
+    scattered("start", "parameter", (2,)),
+)
+VALUES = {"on": np.asarray(True), "mode": np.asarray(2), "start": np.array([1.5, 2.0])}
+COUNT = Wire(("a", "n"), ("b", "m"), 1.0, 0.0, Transfer(dtype="int32"))
+FROM_OUTSIDE = Wire(("", "given"), ("b", "x"), 1.0, 0.0, Transfer())
+TO_OUTSIDE = Wire(("a", "y"), ("", "y"), 1.0, 0.0, Transfer())
+
+
+def joined(*wires: Wire, names: tuple[str, str] = ("a", "b")) -> System:
+    """A giver and a taker of scalars, stepped every half second for nine."""
+    parts = [Part(names[0], Path("a.fmu"), GIVER, {}), Part(names[1], Path("b.fmu"), TAKER, VALUES)]
+    return System("it", "It", parts, wires, {}, 0.5, 9.0, "")
+
+
+def heights(gain: float, offset: float, factor: float) -> Wire:
+    return Wire(("a", "y"), ("b", "x"), gain, offset, Transfer(factor, offset))
+
+
+def test_maestro_gets_what_its_files_can_say() -> None:
+    """It records the outputs that are scalars or connected; enumerations begin in their FMU."""
+    tables = maestro_tables(joined(COUNT, FROM_OUTSIDE, TO_OUTSIDE))
+    assert tables[MULTI_MODEL] == {
+        "fmus": {"{a}": "a.fmu", "{b}": "b.fmu"},
+        "connections": {"{a}.a.n": ["{b}.b.m"]},
+        "parameters": {"{b}.b.on": True, "{b}.b.start[1]": 1.5, "{b}.b.start[2]": 2.0},
+    }
+    run = tables[CONFIGURATION]
+    assert (run["startTime"], run["endTime"], run["algorithm"]) == (0.0, 9.0, {"type": "fixed-step", "size": 0.5})
+    assert run["logVariables"] == {"{a}.a": ["y[1]", "y[2]", "n"], "{b}.b": []}
+
+
+def test_every_wire_and_name_that_maestro_does_not_know_is_an_error() -> None:
+    wires = [heights(*line) for line in ((2.0, 0.0, 2.0), (1.0, 0.5, 1.0), (1.0, 0.0, 1e-3), (1.0, 0.0, 1.0))]
+    with pytest.raises(ScenarioError) as caught:
+        maestro_tables(joined(*wires))
+    assert [error.partition(",")[0] for error in caught.value.errors] == ["a.y to b.x has a gain"] * 3
+    with pytest.raises(ScenarioError, match=r"components\.b-2: Maestro takes letters, digits and _ in names") as caught:
+        maestro_tables(joined(names=("a_1", "b-2")))
+    assert len(caught.value.errors) == 1
+
+
+def test_libcosim_gets_start_values_steps_and_functions() -> None:
+    """A function for each element whose number changes, by the units too; its files know no enumerations."""
+    root = ET.fromstring(osp_structure(joined(COUNT, FROM_OUTSIDE, TO_OUTSIDE, heights(2.0, 0.5, 2e-3))))
+    texts = [root.findtext(f"{{*}}{name}") for name in ("StartTime", "BaseStepSize", "Algorithm")]
+    assert texts == ["0.0", "0.5", "fixedStep"]
+    first, second = root.iterfind(".//{*}Simulator")
+    assert first.attrib == {"name": "a", "source": "a.fmu", "stepSize": "0.5"}
+    assert len(first) == 0
+    values = {each.get("variable"): each[0] for each in second.iterfind("{*}InitialValues/{*}InitialValue")}
+    assert {name: (value.tag.partition("}")[2], value.get("value")) for name, value in values.items()} == {
+        "on": ("Boolean", "true"), "start[1]": ("Real", "1.5"), "start[2]": ("Real", "2.0")
+    }  # fmt: skip
+    lines = [each.attrib for each in root.iterfind("{*}Functions/{*}LinearTransformation")]
+    assert [(line["factor"], line["offset"]) for line in lines] == [("0.002", "0.5")] * 2
+    (plain,) = root.iterfind("{*}Connections/{*}VariableConnection")
+    assert [each.attrib for each in plain] == [{"simulator": "a", "name": "n"}, {"simulator": "b", "name": "m"}]
+    assert len(root.findall("{*}Connections/{*}SignalConnection")) == 4
+    assert ET.fromstring(osp_structure(joined(COUNT))).find("{*}Functions") is None
+
+
+def test_signal_of_the_outside_has_one_connector_however_many_take_it() -> None:
+    wires = [FROM_OUTSIDE, Wire(("", "given"), ("c", "x"), 1.0, 0.0, Transfer()), TO_OUTSIDE]
+    both = joined(*wires)
+    more = replace(both, parts=[*both.parts, Part("c", Path("c.fmu"), TAKER, {})])
+    root = ET.fromstring(ssd.description(more, "1.0"))
+    found = [(each.get("name"), each.get("kind")) for each in root.iterfind("{*}System/{*}Connectors/{*}Connector")]
+    assert found == [("given[1]", "input"), ("given[2]", "input"), ("y[1]", "output"), ("y[2]", "output")]
+    assert len(root.findall(".//{*}Connection")) == 6
+
+
+def test_enumerations_of_an_array_are_written_one_by_one_and_real_numbers_of_32_bits_with_their_unit() -> None:
+    known = described(
+        3, variable("modes", "Enumeration", items=ITEMS, dimensions=(2,)), variable("f", "Float32", unit="um")
+    )
+    values = {"modes": np.array([2, 1]), "f": np.asarray(2.5)}
+    one = System("it", "It", [Part("b", Path("b.fmu"), known, values)], (), {}, 0.5, 9.0, "")
+    root = ET.fromstring(ssd.parameters(one, "2.0"))
+    modes, single = root[0]
+    assert [each.get("value") for each in modes[0]] == ["squared", "plain"]
+    assert modes[0].attrib == {"name": "b.modes"}
+    assert (single[0].tag.partition("}")[2], single[0].attrib) == ("Float32", {"value": "2.5", "unit": "um"})
