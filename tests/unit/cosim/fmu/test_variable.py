@@ -9,7 +9,7 @@ import pytest
 
 from inkloop.fmu import Variable
 from inkloop.fmu.variable import summary
-from inkloop.units import conversion, defined_unit, is_known, si_unit
+from inkloop.units import conversion, defined_unit, is_defined, is_known, si_unit, unit_conversion
 
 SIZES = {"nx": 2}
 FORCE = {"kg": 1, "m": 1, "s": -2}
@@ -174,3 +174,28 @@ def test_unit_that_means_what_it_says_stays_a_plain_name() -> None:
     assert si_unit(force) == ("kg.m.s-2", 1e-3)
     assert (is_known(force), is_known("um"), is_known("V")) == (False, True, False)
     assert is_known(defined_unit("inch", {"m": 1}, 0.0254, 0.0))
+
+
+def test_unit_with_an_offset_is_of_no_quantity_here_whatever_its_name() -> None:
+    """Keys and gains know factors alone."""
+    level = defined_unit("um", {"m": 1}, 1e-6, 2.0)
+    assert (si_unit(level), is_known(level), is_defined(level)) == (("um", 1.0), False, True)
+    assert unit_conversion(level, "m") == (1e-6, 2.0)
+    assert conversion(level, "m") is None
+
+
+def test_mere_number_is_no_defined_unit() -> None:
+    share, force = defined_unit("%", {}, 0.01, 0.0), defined_unit("N", FORCE, 1.0, 0.0)
+    assert [is_defined(unit) for unit in ("m", share, force, "V")] == [True, False, True, False]
+
+
+def test_unit_that_one_side_defines_is_taken_by_its_name_on_the_other() -> None:
+    known = defined_unit("click", FORCE, 3.0, 0.0)
+    assert unit_conversion(known, "click") == unit_conversion("click", known) == (1.0, 0.0)
+    assert unit_conversion(known, "tick") is None
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(0.0, 0.0), (np.inf, 0.0), (1.0, np.nan), (1.0, -np.inf)])
+def test_definition_that_converts_nothing_is_refused(factor: float, offset: float) -> None:
+    with pytest.raises(ValueError, match=f"unit 'x' has factor {factor}, offset {offset}; expected numbers, no factor"):
+        defined_unit("x", {"m": 1}, factor, offset)
