@@ -467,6 +467,7 @@ def test_print_ends_when_its_last_layer_is_scanned_and_counts_for_layers_printed
     scans = printing(layers_scanned=(-1, 0, 1, 2, 3))
     course = LayerCourse({"profiler": scans}, layers_max=2)
     assert course.endless == "no component counts layers"
+    assert course.place({"profiler": {"layers_scanned": np.asarray(5)}}) == ""
     with pytest.raises(ScenarioError, match="nothing ends this run: no component counts layers; set time_max_s"):
         Master({"profiler": scans}, [], step_ns=1, course=course).run()
     parts = {"printer": printing(layers_printed=(0, 1, 2, 2, 2, 2)), "profiler": scans}
