@@ -29,6 +29,7 @@ from inkloop.master.wiring import Connection
 from inkloop.printing.print import Print
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from support.benches.bench_run import BLOCK
 from support.fmus import amplifier
 
 VERSIONS = {"1.0": "2", "2.0": "3"}
@@ -224,6 +225,35 @@ def test_grid_beyond_what_is_quick_in_fmi_2_is_written_with_a_warning(
 def test_names_that_other_tools_refuse_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"components.my printer: other tools take letters"):
         exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
+
+
+def test_what_no_system_file_can_say_is_an_error(tmp_path: Path) -> None:
+    turned = '[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\nmirror = "x"\n'
+    with pytest.raises(ScenarioError) as caught:
+        system_of(scenario_in(tmp_path, TEXT + turned), "2", tmp_path)
+    assert caught.value.errors == ("connections: printer.height to profiler.height turns a map, which SSP cannot say",)
+    (tmp_path / "block.toml").write_text(BLOCK.replace('"LayerMpc"\nhorizon = 1', '"OpenLoop"'), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        system_of(Scenario.load(tmp_path / "block.toml"), "2", tmp_path)
+    first, *others = caught.value.errors
+    assert first == "none of its components is an FMU that could be packed"
+    assert others == [
+        f"{name}: kind {kind} is no FMU"
+        for name, kind in {
+            "controller": "OpenLoop",
+            "printer": "hardware.printer",
+            "profiler": "hardware.profiler",
+        }.items()
+    ]
+
+
+def test_foreign_fmu_of_fmi_3_stays_out_of_a_system_of_fmi_2(tmp_path: Path) -> None:
+    amplifier.build(tmp_path, 3)
+    lamp = '[components.lamp]\nkind = "Fmu"\nfile = "amplifier3.fmu"\n'
+    scenario = scenario_in(tmp_path, TEXT + lamp)
+    (note,) = system_of(scenario, "2", tmp_path).notes()
+    assert re.fullmatch(r"lamp is not in it: .*amplifier3\.fmu is FMI 3, all else FMI 2", note)
+    assert system_of(scenario, "3", tmp_path).part("lamp").description.fmi == 3
 
 
 def test_fmpy_runs_the_system_with_the_controller_outside(tmp_path: Path) -> None:

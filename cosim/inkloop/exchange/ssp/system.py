@@ -190,12 +190,11 @@ def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folde
 
 def _with_values(part: Part) -> Part:
     """Values that differ from the FMU's start values."""
-    sizes = part.description.default_sizes
-    kept = {name: value for name, value in part.values.items() if _is_changed(part.variable(name), value, sizes)}
+    kept = {name: value for name, value in part.values.items() if _is_changed(part.variable(name), value)}
     return replace(part, values=kept)
 
 
-def _is_changed(variable: Variable, value: NDArray[Any], sizes: Mapping[str, int]) -> bool:
+def _is_changed(variable: Variable, value: NDArray[Any]) -> bool:
     if variable.type == TEXT:
         return str(value) != "".join(variable.start)
     numbers = [float({"true": 1, "false": 0}.get(text, text)) for text in variable.start]

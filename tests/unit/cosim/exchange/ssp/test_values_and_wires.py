@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.component import Port
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import contents, ssd, wires
 from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, _begun, maestro_tables, osp_structure
 from inkloop.exchange.ssp.structure import Structure
-from inkloop.exchange.ssp.system import Part, System, Wire
+from inkloop.exchange.ssp.system import Part, System, Wire, _wires, _with_values
 from inkloop.fmu import FmuDescription, Variable
-from inkloop.master.wiring import Transfer
+from inkloop.master.wiring import Connection, Transfer
 from inkloop.units import defined_unit
+from support.toys import FunctionComponent
 
 NAMES = " ".join(
     f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"'
@@ -558,6 +560,7 @@ GIVER = described(
     scattered("y", "output", (2,), unit="mm"),
     scattered("seen", "output", (2,)),
     variable("n", "Integer", "output"),
+    variable("free", "Integer", "output"),
 )
 TAKER = described(
     2,
@@ -593,7 +596,7 @@ def test_maestro_gets_what_its_files_can_say() -> None:
     }
     run = tables[CONFIGURATION]
     assert (run["startTime"], run["endTime"], run["algorithm"]) == (0.0, 9.0, {"type": "fixed-step", "size": 0.5})
-    assert run["logVariables"] == {"{a}.a": ["y[1]", "y[2]", "n"], "{b}.b": []}
+    assert run["logVariables"] == {"{a}.a": ["y[1]", "y[2]", "n", "free"], "{b}.b": []}
 
 
 def test_every_wire_and_name_that_maestro_does_not_know_is_an_error() -> None:
@@ -647,3 +650,41 @@ def test_enumerations_of_an_array_are_written_one_by_one_and_real_numbers_of_32_
     assert [each.get("value") for each in modes[0]] == ["squared", "plain"]
     assert modes[0].attrib == {"name": "b.modes"}
     assert (single[0].tag.partition("}")[2], single[0].attrib) == ("Float32", {"value": "2.5", "unit": "um"})
+
+
+def test_signal_for_the_outside_leaves_as_it_is_and_once() -> None:
+    """Whoever takes it there decides; what comes from there is converted here."""
+    both = FunctionComponent([Port("u", "mm")], [Port("y", "m")])
+    outside = FunctionComponent([Port("x", "mm"), Port("w", "m")], [Port("z", "m")])
+    connections = [
+        Connection("a.y", "c.x", 2.0, 5.0),
+        Connection("c.z", "a.u", 3.0, 1.0),
+        Connection("a.y", "c.w"),
+        Connection("c.z", "c.w"),
+    ]
+    found = _wires(connections, {"a": both, "c": outside}, {"a": Part("a", Path("a.fmu"), GIVER, {})})
+    assert found == [
+        Wire(("a", "y"), ("", "y"), 1.0, 0.0, Transfer()),
+        Wire(("", "z"), ("a", "u"), 3.0, 1.0, Transfer(3e3, 1.0)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("of", "value", "changed"),
+    [
+        (variable("v", start=("2",), dimensions=(2,)), [2.0, 2.0], False),
+        (variable("v", start=("2",), dimensions=(2,)), [2.0, 3.0], True),
+        (variable("v", start=("1", "2"), dimensions=(2,)), [1.0, 2.0], False),
+        (variable("v", start=("1", "2"), dimensions=(2,)), [2.0, 1.0], True),
+        (variable("v", start=("1", "2"), dimensions=(3,)), [1.0, 2.0, 3.0], True),
+        (variable("v"), 0.0, True),
+        (variable("v", "Boolean", start=("true",)), True, False),
+        (variable("v", "String", start=("a b",)), "a b", False),
+        (variable("v", "String", start=("a b",)), "a", True),
+    ],
+)
+def test_parameters_are_written_where_they_differ_from_the_start_values(
+    of: Variable, value: Any, changed: bool
+) -> None:
+    part = Part("a", Path("a.fmu"), described(3, of), {"v": np.asarray(value)})
+    assert ("v" in _with_values(part).values) is changed
