@@ -17,6 +17,7 @@ from lxml import etree
 from pyssp_standard import SSP
 from pyssp_standard.standard import ModelicaStandard
 
+from inkloop import __version__
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import omsimulator, ssd
@@ -92,6 +93,7 @@ def test_omsimulator_finds_identifiers_and_its_master(version: str, tmp_path: Pa
     for root in roots.values():
         assert re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", root.get("name"))
         assert (root.get("name"), root.get("description")) == ("block", "Block, 6 x 5 droplets")
+        assert root.get("generationTool") == f"inkloop {__version__}"
     (top,) = roots["SystemStructure.ssd"].iterfind("{*}System")
     names = [top.get("name"), *(element.get("name") for element in top.iterfind("{*}Elements/{*}Component"))]
     assert omsimulator.refused(names) == []
@@ -374,6 +376,22 @@ def test_export_ends_with_what_comes_next(
     assert capsys.readouterr().out.splitlines()[-1] == f"  next: {words.format(out=out)}"
     if to == "maestro":
         assert all((out / name).is_file() for name in words.split()[-2:])
+    if to != "ssp":
+        assert describe(out / "printer.fmu").variables["status"].type == (
+            "Integer" if to == "maestro" else "Enumeration"
+        )
+
+
+def test_folder_has_the_name_of_scenario_and_format_and_others_fmus_keep_their_binaries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amplifier.build(tmp_path, 2)
+    scenario_in(tmp_path, TEXT + '[components.lamp]\nkind = "Fmu"\nfile = "amplifier2.fmu"\n')
+    monkeypatch.chdir(tmp_path)
+    native = fmpy.platform_tuple
+    assert main(["export", "ssp", "block.toml", "--to", "osp", "--platforms", native]) == 0
+    assert describe(tmp_path / "block-osp" / "lamp.fmu").platforms == (fmpy.platform,)
+    assert describe(tmp_path / "block-osp" / "printer.fmu").platforms == (fmpy.platform,)
 
 
 @EVERY_VERSION
@@ -391,6 +409,9 @@ def test_job_of_another_grid_is_reported_with_both_grids(version: str, tmp_path:
         scenario_of(path, {"grid.nx": 9})
     assert caught.value.errors == (message.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
     assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
+    with pytest.raises(ScenarioError, match=r"grid\.nx is 0; expected") as caught:
+        scenario_of(path, {"grid.nx": 0})
+    assert "of a grid of" not in str(caught.value)
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -407,6 +428,8 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
     assert "--job goes with an .ssp" in capsys.readouterr().err
     assert main(["export", "ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
     assert "SSP 1.0 takes FMI 2 only; add --ssp 2.0" in capsys.readouterr().err
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "--fmi", "3", "--ssp", "2.0"]) == 1
+    assert "--fmi 3: osp takes FMI 2 only; leave --fmi out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -176,6 +176,16 @@ def test_unit_is_the_one_that_the_file_defines() -> None:
     system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("a.bed", "60", unit="celsius"))}
 </ssd:ParameterBindings><ssd:Elements><ssd:Component name="a"/></ssd:Elements></ssd:System>"""
     assert parameters(system, known=warm) == ({"a": {"bed": 333.15}}, [])
+    own = '<ssv:Units><ssc:Unit name="celsius"><ssc:BaseUnit K="1" factor="2"/></ssc:Unit></ssv:Units>'
+    assert parameters(system.replace("</ssv:Parameters>", f"</ssv:Parameters>{own}"), known=warm) == (
+        {"a": {"bed": 120.0}},
+        [],
+    )
+    pieces = '<ssv:Units><ssc:Unit name="pieces"><ssc:BaseUnit/></ssc:Unit></ssv:Units>'
+    assert read(more=bound(entry("a.bare[1,1]", "5", unit="pieces"), units=pieces)) == (
+        {"bare": [[5.0, 0.0], [0.0, 0.0]]},
+        [],
+    )
 
 
 @pytest.mark.parametrize("in_file", [False, True])
@@ -253,7 +263,10 @@ def nested(*connections: str, connectors: str = "") -> tuple[Any, list[str]]:
         "a": described(3, variable("y", "Float64", "output", unit="mm")),
         "b": described(3, variable("x", "Float64", "input", unit="m")),
         "sub_c": described(
-            3, variable("x", "Float64", "input", unit="m"), variable("y", "Float64", "output", unit="m")
+            3,
+            variable("x", "Float64", "input", unit="m"),
+            variable("y", "Float64", "output", unit="m"),
+            variable("p", unit="m"),
         ),
     }
     errors: list[str] = []
@@ -296,6 +309,39 @@ def test_connector_of_another_quantity_on_the_way_is_an_error() -> None:
         "the connection from a.y to sub.in goes from [mm] to [s]",
         "the connection from sub.in to sub.c.x goes from [s] to [m]",
     ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "inside", "gain"), [("1", "", 1e3), ("s", '<ssc:LinearTransformation factor="2"/>', 4e3)]
+)
+def test_number_passes_a_connector_without_a_unit_or_by_a_transformation(unit: str, inside: str, gain: float) -> None:
+    """The number of mm is then taken for one of m."""
+    connectors = f'<ssd:Connector name="in" kind="input"><ssc:Real unit="{unit}"/></ssd:Connector>'
+    (table,), errors = nested(joint("a.y", "sub.in", inside), "", joint("in", "c.x", inside), connectors=connectors)
+    assert errors == []
+    assert table == {"source": "a.y", "target": "sub_c.x", "gain": pytest.approx(gain, rel=1e-12, abs=0.0)}
+
+
+def test_outputs_that_meet_at_a_connector_feed_inputs_alone() -> None:
+    ends = joint("a.y", "sub.in"), "", joint("c.y", "in"), joint("in", "c.x")
+    tables, errors = nested(*ends, connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == []
+    assert sorted((table["source"], table["target"]) for table in tables) == [
+        ("a.y", "sub_c.x"),
+        ("sub_c.y", "sub_c.x"),
+    ]
+
+
+def test_connector_of_a_system_may_lead_to_a_parameter() -> None:
+    ends = joint("a.y", "sub.in"), "", joint("in", "c.p"), joint("in", "c.x")
+    tables, errors = nested(*ends, connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == []
+    assert [(table["source"], table["target"]) for table in tables] == [("a.y", "sub_c.x")]
+
+
+def test_unknown_component_is_answered_with_those_of_its_system() -> None:
+    assert nested(joint("x.y", "b.x"), "")[1] == ["a connection names component 'x'; known: a, b, sub"]
+    assert nested("", "", joint("x.y", "c.x"))[1] == ["a connection names component 'x'; known: c"]
 
 
 def test_unit_of_a_connector_is_by_its_name_the_one_that_arrives() -> None:
@@ -400,6 +446,7 @@ def line(text: str) -> str:
         (line('offset="0.5"'), "", {"offset_um": 0.5e6}),
         (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_um": -3e6}),
         ("", 'suppressUnitConversion="true"', {"gain": 1000.0}),  # the number of mm taken for one of m
+        ("", 'suppressUnitConversion="1"', {"gain": 1000.0}),
         (line('factor="2"'), 'suppressUnitConversion="false"', {"gain": 2.0}),
     ],
 )
@@ -427,6 +474,7 @@ def test_transformation_becomes_gain_and_offset(inside: str, more: str, expected
 def test_wire_that_no_scenario_has_is_reported(connections: Any, options: Any, message: str) -> None:
     _, errors = wired(*connections, **options)
     assert message in errors[0]
+    assert len(errors) == 1
 
 
 OUT = described(
@@ -492,8 +540,12 @@ def test_transformation_beside_units_with_an_offset_is_explained(suppressed: boo
 def test_parameters_behind_connectors_are_named() -> None:
     system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("size", "3"))}</ssd:ParameterBindings>
 <ssd:Connectors><ssd:Connector name="size" kind="parameter"/></ssd:Connectors>
-<ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/></ssd:Elements><ssd:Connections>
+<ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/><ssd:System name="sub"><ssd:Connectors>
+<ssd:Connector name="size" kind="parameter"/></ssd:Connectors><ssd:Elements><ssd:Component name="c"/></ssd:Elements>
+<ssd:Connections><ssd:Connection startConnector="size" endElement="c" endConnector="length"/></ssd:Connections>
+</ssd:System></ssd:Elements><ssd:Connections>
 <ssd:Connection startConnector="size" endElement="a" endConnector="length"/>
+<ssd:Connection startElement="sub" startConnector="size" endElement="a" endConnector="count"/>
 <ssd:Connection startElement="b" startConnector="y" endElement="a" endConnector="length"/>
 </ssd:Connections></ssd:System>"""
     known = {**KNOWN, "b": described(2, variable("y", "Real", "calculatedParameter"))}
