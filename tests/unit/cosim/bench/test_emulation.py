@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 import types
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -189,4 +191,76 @@ def test_replay_that_differs_is_reported_with_layer_and_cell_or_as_too_short() -
     assert "from layer 1 on: 1 cells, the first is (0, 1), 1 in the run and 2 in the replay" in patterns
     assert "from layer 2 on: 1 cells, the first is (1, 2), nan in the run and 1 in the replay" in scans
     assert differences(run(3), run(2)) == ["the replay has 1 layer, the run 2 layers"]
+    assert differences(run(2), run(1)) == ["the replay has 0 layers, the run 1 layer"]
     assert differences(run(2), run(3)) == []
+
+
+class Emulated:
+    """Stands for the emulator at once ended by Ctrl-C; `given` are its arguments, `channel` where it listens."""
+
+    given: dict[str, Any]
+
+    def __init__(self, parameters: dict[str, float], **given: Any) -> None:
+        Emulated.given = {"parameters": parameters, **given}
+        self.channel = f"socket://127.0.0.1:{given['port'] or 4711}"
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def wait(self) -> int:
+        raise KeyboardInterrupt
+
+
+def emulated(scenario: Scenario | None, **chosen: Any) -> tuple[dict[str, Any], list[str], dict[str, Any]]:
+    """Arguments of the emulator, the lines that are shown, and the result."""
+    options = argparse.Namespace(**{"port": None, "pty": False, "folder": None, "fault": [], **chosen})
+    console = Mock()
+    assert commands.emulate(scenario, options, console) == 0
+    return Emulated.given, [each.args[0] for each in console.sentence.mock_calls], console.result.call_args.kwargs
+
+
+def test_emulator_listens_where_it_is_asked_to_and_says_what_to_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop_hardware.emulated_bench.EmulatedBench", Emulated)
+    here = {"bench.channel": "socket://127.0.0.1:28550", "bench.faults": [{"kind": "unplugged"}]}
+    scenario = Scenario.load(write(tmp_path), here)
+    given, lines, result = emulated(scenario, fault=["loss:probability=0.5"], folder=Path("kept"))
+    assert (given["port"], given["terminal"], given["folder"]) == (28550, False, Path("kept"))
+    assert [fault.partition(":")[0] for fault in given["faults"]] == ["unplugged", "loss"]
+    assert [line for line in lines if line.startswith("injected fault: ")] == [
+        f"injected fault: {fault}" for fault in given["faults"]
+    ]
+    assert f"in another terminal: inkloop run {scenario.source}" in lines
+    assert lines[1] == f"12 x 11 cells, ink and sensor from {scenario.source}"
+    assert lines[-1] == "Ctrl-C ends it; journals and surface are kept in kept"
+    assert result == {"channel": "socket://127.0.0.1:28550"}
+    given, lines, _ = emulated(scenario, port=0)
+    assert given["port"] == 0
+    assert lines[-2] == (
+        f"in another terminal: inkloop run {scenario.source} --set bench.interface=slcan "
+        "--set bench.channel=socket://127.0.0.1:4711"
+    )
+    assert lines[-1] == "Ctrl-C ends it; the next start is a new part"
+    given, lines, _ = emulated(None)
+    assert (given["parameters"], given["port"], given["faults"], given["surface"]) == ({}, 0, [], None)
+    assert not any("cells" in line for line in lines)
+
+
+def test_lines_of_an_action_are_shown_and_the_records_of_nodes_are_json_too() -> None:
+    console = Mock()
+    commands._show(["done"], console)
+    console.result.assert_called_once_with(lines=["done"])
+    record = BusEvent("head", 3)
+    commands._show(["done", record], console)
+    console.result.assert_called_with(lines=["done", str(record)], nodes=[{"node": "head", "count": 3}])
+    assert [each.args[0] for each in console.sentence.mock_calls] == ["done", "done", str(record)]
+
+
+@dataclass(frozen=True)
+class BusEvent:
+    """A record of a node."""
+
+    node: str
+    count: int
