@@ -25,6 +25,8 @@ from inkloop.components import catalog
 from inkloop.components.devices import KINDS
 from inkloop.components.kind import Bench
 from inkloop.errors import ComponentError, ScenarioError
+from inkloop.fmu import describe
+from inkloop.fmu_writer.archive import unpack
 from inkloop.printing.on_devices import check_listening, local_port
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -48,6 +50,23 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str
     assert emulation_of(scenario).surface is None
     uneven = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0})
     np.testing.assert_array_equal(emulation_of(uneven).surface, uneven.job("printer").height_start)
+
+
+def test_exported_bench_begins_with_surface_and_faults_of_the_scenario(tmp_path: Path) -> None:
+    """Cell (i, j) at 11 i + j, in the description and in the file that the binary reads."""
+    out, uneven = tmp_path / "out" / "it.fmu", "substrate.wave_um=3.0"
+    faults = "bench.faults=[{kind='loss', probability=0.5}, {kind='unplugged'}]"
+    words = ["--out", str(out), "--set", uneven, "--set", faults]
+    assert main(["export", "bench", str(write(tmp_path)), *words]) == 0
+    surface = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0}).job("printer").height_start
+    assert surface is not None
+    assert surface.shape == (12, 11)
+    variables = describe(out).variables
+    np.testing.assert_array_equal([float(text) for text in variables["height_start"].start], surface.ravel())
+    assert variables["faults"].start == ("loss:probability=0.5; unplugged",)
+    members = unpack(out)
+    assert surface.astype("<f8").tobytes() in members["resources/bench.bin"]
+    assert b"wave_um = 3.0" in members["documentation/scenario.toml"]
 
 
 def test_grid_has_as_many_cells_as_a_node_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
