@@ -277,9 +277,9 @@ def test_limit_of_time_stays_out_of_a_block_and_that_of_layers_is_in_it(monkeypa
     written: list[tuple[Any, ...]] = []
     monkeypatch.setattr(layer_job, "bake", lambda scenario: baked)
     monkeypatch.setattr(layer_job, "write", lambda *what, **how: written.append(what))
-    for scenario, told in ((limited, True), (Scenario.load(quick_cuboid()), False)):
+    for own, told in ((limited, True), (Scenario.load(quick_cuboid()), False)):
         console = Mock()
-        assert layer_job.export(scenario, Namespace(out=None, fmi="2", platforms=None), console) == 0
+        assert layer_job.export(own, Namespace(out=None, fmi="2", platforms=None), console) == 0
         first, *others = [each.args[0] for each in console.sentence.mock_calls]
         assert first.endswith(".fmu: LayerDeposition, ProfileSensor, LayerController in one block, a layer each 1 s")
         assert any("time_max_s is not in it" in line for line in others) is told
