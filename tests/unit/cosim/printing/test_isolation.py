@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,3 +56,21 @@ def test_print_that_is_still_recorded_as_running_did_not_end_well(
         .splitlines()[0]
         .endswith(f"no layer was finished; fix the cause, then continue with `inkloop resume {tmp_path}`")
     )
+
+
+@pytest.mark.parametrize(
+    ("refusal", "advice"),
+    [
+        (None, "fix the cause, then continue with `inkloop resume {}`"),
+        ("printer has no save", "the run cannot be resumed: printer has no save"),
+    ],
+)
+def test_layers_that_a_crash_left_are_counted_from_the_start_surface(
+    refusal: str | None, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Result.begin(tmp_path, "", {})
+    monkeypatch.setattr(isolation.checkpoint, "last", lambda place: SimpleNamespace(layer=7, refusal=refusal))
+    with pytest.raises(ComponentError) as raised:
+        ended(-11, tmp_path, monkeypatch)
+    told = str(raised.value).splitlines()[0]
+    assert told.endswith(f"; layers 0 to 7 are in {tmp_path}; {advice.format(tmp_path)}")

@@ -248,3 +248,16 @@ def test_event_that_is_in_effect_at_the_start_alone_marks_the_start_alone() -> N
     )
     result = printed(Loop(layers_max=2, events=events))
     assert result.dataset.modified.values.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(("error", "told"), [(NewPart, False), (RuntimeError, True)])
+def test_failed_print_on_devices_names_what_the_bench_takes(
+    error: type[Exception], told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Kept, "is_device", True, raising=False)
+    monkeypatch.setattr(Kept, "error", error)
+    with pytest.raises(ComponentError) as raised:
+        printed(Loop(fails_ns=5 * SECOND // 2), tmp_path)
+    kept, bench = f"layers 0 to 2 are in {tmp_path}", f" (`inkloop bench` takes {tmp_path} as SCENARIO)"
+    remedy = f"; fix the cause{bench}, then continue with `inkloop resume {tmp_path}`"
+    assert str(raised.value).split("\n")[1] == kept + (remedy if told else bench)
