@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -225,3 +227,37 @@ def test_paths_are_completed_to_files_or_folders() -> None:
     (commands,) = (action for action in whole._actions if action.dest == "command_name")
     found = {action.dest: getattr(action, "complete", None) for action in commands.choices["run"]._actions}  # type: ignore[index]
     assert (found["scenario"], found["out"], found["pictures"]) == (shtab.FILE, shtab.DIR, None)
+
+
+def test_classes_of_a_job_stand_next_to_it(block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an .ssp, which lies elsewhere."""
+    looked: list[Path] = []
+
+    @contextmanager
+    def classes_from(folder: Path) -> Iterator[None]:
+        looked.append(folder)
+        yield
+
+    read = Mock()
+    monkeypatch.setattr("inkloop.scenario.packaged.classes_from", classes_from)
+    monkeypatch.setattr("inkloop.exchange.ssp.reading.scenario_of", read)
+    other = tmp_path / "jobs" / "job.toml"
+    for words, place in (([], tmp_path / "elsewhere"), (["--job", str(other)], other.parent)):
+        system = tmp_path / "elsewhere" / "it.ssp"
+        chosen = parser().parse_args(["validate", str(system), *words])
+        with options.scenario_of(chosen):
+            assert looked.pop() == place
+        assert read.call_args.args == (system, {}, other if words else None)
+    with options.scenario_of(parser().parse_args(["validate", str(block)])):
+        assert looked == [tmp_path]
+
+
+def test_isolated_print_has_the_folder_of_a_print(block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Under the name of the scenario; its subprocess gets the words and that folder."""
+    isolated = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.isolation.run_isolated", isolated)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(block), "--isolate"]) == 4
+    folder = Path("runs/block")
+    words = ["run", str(block), "--isolate", "--no-isolate", "--out", str(folder)]
+    isolated.assert_called_once_with(words, folder, [])
