@@ -226,3 +226,15 @@ def test_fmi_2_grid_that_takes_importers_minutes_is_told(tmp_path, monkeypatch, 
     caplog.clear()
     export_fmu("ProfileSensor", fmi="3", nx=7, ny=1, out=tmp_path / "it.fmu")
     assert not caplog.records
+
+
+def test_definition_takes_the_emulated_parameters_of_another_but_for_its_own(tmp_path) -> None:
+    rows = {name: f'{name} = {{ start = 1.0, emulated = "w.{name}" }}' for name in ("gain", "gain_b", "noise")}
+    for folder, lines in (
+        ("base", ["[variables]", *rows.values(), "seed = { start = 2 }"]),
+        ("bench", ["[variables]", 'base = "emulated"', "gain = { start = 3.0 }"]),
+    ):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "variables.toml").write_text("\n".join(lines), encoding="utf-8")
+    found = definition.text_of(tmp_path / "bench" / "variables.toml")
+    assert found.splitlines() == ["[variables]", rows["gain_b"], rows["noise"], "gain = { start = 3.0 }"]
