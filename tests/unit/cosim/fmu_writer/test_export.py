@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop.errors import ComponentError, FmuError
-from inkloop.fmu import FmuComponent
+from inkloop.fmu import FmuComponent, describe
 from inkloop.fmu_writer import c_tables, definition, export
 from inkloop.fmu_writer.archive import pack, unpack
 from inkloop.fmu_writer.export import export_fmu, find_fmu
@@ -226,6 +226,11 @@ def test_fmi_2_grid_that_takes_importers_minutes_is_told(tmp_path, monkeypatch, 
     caplog.clear()
     export_fmu("ProfileSensor", fmi="3", nx=7, ny=1, out=tmp_path / "it.fmu")
     assert not caplog.records
+
+
+def test_fmu_has_nine_by_nine_cells_of_fmi_3_where_nothing_is_chosen(tmp_path) -> None:
+    found = describe(export_fmu("ProfileSensor", out=tmp_path / "it.fmu"))
+    assert (found.grid, found.fmi, found.fixed_grid) == ((9, 9), 3, None)
 
 
 def test_definition_takes_the_emulated_parameters_of_another_but_for_its_own(tmp_path) -> None:

@@ -153,7 +153,7 @@ DROPS = Patterns(
     "",
     1e-4,
     (Ink(), Ink()),
-    Process(),
+    Process(passes=4),
     np.array([[[1, 1, 0], [2, 0, 1]]]),
     LEVELS,
 )
