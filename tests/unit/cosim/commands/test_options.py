@@ -261,3 +261,20 @@ def test_isolated_print_has_the_folder_of_a_print(block: Path, monkeypatch: pyte
     folder = Path("runs/block")
     words = ["run", str(block), "--isolate", "--no-isolate", "--out", str(folder)]
     isolated.assert_called_once_with(words, folder, [])
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "chosen"),
+    [
+        ([], None, {"compare": True, "pictures": ("png",)}),
+        (["--no-compare", "--pictures", "svg", "--out", "x"], Path("x"), {"compare": False, "pictures": ("svg",)}),
+    ],
+)
+def test_choices_of_a_print_arrive(
+    words: list[str], out: Path | None, chosen: dict[str, object], block: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.run.run", run)
+    assert main(["run", str(block), *words]) == 4
+    scenario, place, _ = run.call_args.args
+    assert (scenario.source, place, run.call_args.kwargs) == (str(block), out, chosen)
