@@ -447,6 +447,7 @@ def line(text: str) -> str:
         (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_um": -3e6}),
         ("", 'suppressUnitConversion="true"', {"gain": 1000.0}),  # the number of mm taken for one of m
         ("", 'suppressUnitConversion="1"', {"gain": 1000.0}),
+        (line('factor="1.000001"'), "", {"gain": 1.000001}),
         (line('factor="2"'), 'suppressUnitConversion="false"', {"gain": 2.0}),
     ],
 )
