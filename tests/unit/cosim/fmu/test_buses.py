@@ -31,6 +31,7 @@ from inkloop.fmu.bus import (
 from inkloop.fmu.bus_terminals import BusTerminal, Events, bus_terminals
 from inkloop.fmu.reading import describe
 from inkloop.fmu_writer.archive import pack, unpack
+from inkloop.fmu_writer.documentation import MANIFEST
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from support.benches.bench_run import BLOCK
@@ -93,6 +94,16 @@ def test_bus_of_an_fmu_without_event_mode_cannot_be_served(tmp_path: Path) -> No
     described = describe(tmp_path / "it.fmu")
     assert described.buses == ()
     assert described.unserved == {"bench": "the FMU has no Event Mode (hasEventMode)"}
+
+
+@pytest.mark.parametrize(("word", "simulates"), [("true", True), ("1", True), ("false", False), ("0", False)])
+def test_fmu_in_which_the_bus_is_simulated_says_so(word: str, simulates: bool, tmp_path: Path) -> None:
+    members = unpack(find_fmu("BenchBus"))
+    own = b'isBusSimulationFMU="false"'
+    assert own in members[MANIFEST]
+    said = members[MANIFEST].replace(own, own.replace(b"false", word.encode()))
+    pack(tmp_path / "it.fmu", members | {MANIFEST: said})
+    assert describe(tmp_path / "it.fmu").is_bus_simulation is simulates
 
 
 @pytest.mark.parametrize(
