@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
@@ -263,6 +264,38 @@ def test_event_mode_without_an_end_is_an_error() -> None:
     events = Events(lambda name, *_: [True], [])
     with pytest.raises(ComponentError, match=r"Event Mode at 2\.5 s does not end: 1000 instants"):
         events.handle(2.5, {})
+
+
+class Stays:
+    """Event Mode of which each stay sends its number; a countdown is due at 9 s."""
+
+    def __init__(self) -> None:
+        self.at = list[tuple[float, Mapping[str, bytes]]]()
+
+    def is_due(self, time: float) -> bool:
+        return time >= 9.0
+
+    def handle(self, time: float, received: Mapping[str, bytes]) -> dict[str, bytes]:
+        self.at.append((time, received))
+        return {"bench": str(len(self.at)).encode()}
+
+
+def test_event_mode_is_stayed_in_at_the_end_of_a_step_and_what_it_sent_is_taken_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After a step that asks for it, and one at whose end a countdown is due."""
+    stays, second = Stays(), 10**9
+    part, binding = FmuComponent(find_fmu("BenchBus")), MagicMock()
+    monkeypatch.setattr(part, "_start", lambda: binding)
+    monkeypatch.setattr("inkloop.fmu.component.Events", lambda call, buses: stays)
+    binding.do_step.side_effect = [True, False, False]
+    part.initialize(2 * second, {})
+    for begin in (2, 3, 8):
+        part.advance(begin * second, second, {})
+    assert part.exchange({"bench": b"x"}) == {"bench": b"1234"}
+    assert part.exchange({}) == {}
+    assert stays.at == [(2.0, {}), (3.0, {}), (9.0, {}), (9.0, {"bench": b"x"})]
+    part.terminate()
 
 
 BENCH = f'\n[components.{{}}]\nkind = "Fmu"\nfile = "{find_fmu("BenchBus")}"\n'
