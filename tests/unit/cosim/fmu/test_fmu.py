@@ -206,16 +206,13 @@ def test_what_a_variable_does_not_state_is_that_of_its_type(folder: Path, tmp_pa
     stated = 'min="-1" max="4" unit="degC" relativeQuantity="true"'
     types = {2: f'<SimpleType name="Share"><Real {stated}/></SimpleType>', 3: f'<Float64Type name="Share" {stated}/>'}
     units = '<UnitDefinitions><Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit></UnitDefinitions>'
-    found = describe(
-        altered(
-            build(folder, fmi),
-            tmp_path / "it.fmu",
-            ("<TypeDefinitions>", f"{units}<TypeDefinitions>{types[fmi]}"),
-            (' start="2" min="0" max="10"', ' start="2" max="3" declaredType="Share"'),
-        )
-    ).variables["gain"]
-    assert (found.minimum, found.maximum, found.unit) == ("-1", "3", "degC")
-    assert unit_conversion(found.unit, defined_unit("K", {"K": 1}, 1.0, 0.0)) == (1.0, 0.0)
+    defined = ("<TypeDefinitions>", f"{units}<TypeDefinitions>{types[fmi]}")
+    for own, limits in ((' max="3"', ("-1", "3")), (' min="0"', ("0", "4"))):
+        of_type = (' start="2" min="0" max="10"', f' start="2"{own} declaredType="Share"')
+        path = altered(build(folder, fmi), tmp_path / f"{limits[0]}.fmu", defined, of_type)
+        found = describe(path).variables["gain"]
+        assert (found.minimum, found.maximum, found.unit) == (*limits, "degC")
+        assert unit_conversion(found.unit, defined_unit("K", {"K": 1}, 1.0, 0.0)) == (1.0, 0.0)
 
 
 def test_size_may_stand_behind_what_it_sizes_and_one_of_nothing_without_a_start(folder: Path, tmp_path: Path) -> None:
