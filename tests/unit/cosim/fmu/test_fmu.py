@@ -187,9 +187,9 @@ def test_elements_of_two_enumerations_are_no_array(folder: Path, tmp_path: Path)
 
 def test_first_missing_element_of_a_matrix_is_named(folder: Path, tmp_path: Path) -> None:
     """Of two rows of three, whose second index is the faster one."""
-    places = [(f'"y[{n}]"', f'"y[{place}]"') for n, place in ((1, "1,1"), (2, "1,3"), (3, "2,1"))]
+    places = [(f'"y[{n}]"', f'"y[{place}]"') for n, place in ((1, "1,1"), (2, "1,2"), (3, "2,3"))]
     (note,) = describe(altered(build(folder, 2), tmp_path / "it.fmu", *places)).notes
-    assert note.endswith("y[1,2] is missing")
+    assert note.endswith("y[1,3] is missing")
     (note,) = describe(altered(build(folder, 2), tmp_path / "later.fmu", ('"y[1]"', '"y[4]"'))).notes
     assert note.endswith("y[1] is missing")
 
