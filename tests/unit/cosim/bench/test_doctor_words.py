@@ -102,7 +102,8 @@ def examined(
     monkeypatch.setattr("inkloop_hardware.doctor.doctor.examine", examine)
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     options: Any = SimpleNamespace(self_test=self_test, yes=yes)
-    return doctor.examine(None, options, Terminal(quiet=True)), *asked
+    code = doctor.examine(None, options, Terminal(quiet=True))
+    return code, asked[0]
 
 
 def test_errors_alone_make_the_exit_code_and_a_self_test_needs_a_yes(monkeypatch: pytest.MonkeyPatch) -> None:

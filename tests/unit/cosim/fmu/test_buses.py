@@ -244,7 +244,11 @@ def test_countdown_clock_ticks_when_it_is_due(delay) -> None:
 def test_bus_sends_in_every_instant_that_its_clock_ticks_in_and_gets_its_frames_in_the_first() -> None:
     """Event Mode begins with the end of initialisation, later it is entered."""
     calls = list[str]()
-    answers = {"getClock": [True, True, False, False], "getBinary": [b"ab", b"c"], "updateDiscreteStates": [1, 1, 0, 0]}
+    answers: dict[str, list[Any]] = {
+        "getClock": [True, True, False, False],
+        "getBinary": [b"ab", b"c"],
+        "updateDiscreteStates": [1, 1, 0, 0],
+    }
     given = {name: iter(values) for name, values in answers.items()}
 
     def call(name: str, *arguments: Any) -> Any:

@@ -264,10 +264,11 @@ def test_values_that_are_no_inputs_are_left_alone(folder: Path) -> None:
         assert found["y"].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_differences_and_levels_are_no_array(folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("true", ["true", "1"])
+def test_differences_and_levels_are_no_array(folder: Path, tmp_path: Path, true: str) -> None:
     units = '<UnitDefinitions><Unit name="m"><BaseUnit m="1" offset="2"/></Unit></UnitDefinitions><TypeDefinitions>'
     of_x2 = 'valueReference="101" causality="input"><Real'
-    changes = ("<TypeDefinitions>", units), (of_x2, of_x2 + ' relativeQuantity="true"')
+    changes = ("<TypeDefinitions>", units), (of_x2, of_x2 + f' relativeQuantity="{true}"')
     (note,) = describe(altered(build(folder, 2), tmp_path / "it.fmu", *changes)).notes
     assert note.endswith("one of x[3] and x[2] is a difference (relativeQuantity)")
 

@@ -415,7 +415,7 @@ def test_first_interrupt_is_told_to_every_block_and_the_second_is_not_deferred()
 
 
 def test_end_of_the_print_goes_before_the_limit_of_time_and_both_before_an_interrupt() -> None:
-    def end(**limits: int) -> list[str]:
+    def end(**limits: Any) -> list[str]:
         """Reasons of a course that ends at 2, of a run that is interrupted at once."""
         part = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")], step=lambda *_: {
             "layers_printed": np.asarray(1, np.int32)})  # fmt: skip

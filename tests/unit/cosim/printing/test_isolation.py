@@ -15,7 +15,7 @@ from inkloop.results.result import Result
 
 def ended(code: int, folder: Path, monkeypatch: pytest.MonkeyPatch, foreign: tuple[str, ...] = ()) -> int:
     """What becomes of the exit code of the subprocess, which is not started."""
-    monkeypatch.setattr(isolation.subprocess, "call", lambda *_, **__: code)
+    monkeypatch.setattr(isolation, "subprocess", SimpleNamespace(call=lambda *_, **__: code))
     return run_isolated(["run", "it.toml"], folder, foreign)
 
 
@@ -69,7 +69,8 @@ def test_layers_that_a_crash_left_are_counted_from_the_start_surface(
     refusal: str | None, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Result.begin(tmp_path, "", {})
-    monkeypatch.setattr(isolation.checkpoint, "last", lambda place: SimpleNamespace(layer=7, refusal=refusal))
+    kept = SimpleNamespace(last=lambda place: SimpleNamespace(layer=7, refusal=refusal))
+    monkeypatch.setattr(isolation, "checkpoint", kept)
     with pytest.raises(ComponentError) as raised:
         ended(-11, tmp_path, monkeypatch)
     told = str(raised.value).splitlines()[0]

@@ -402,7 +402,7 @@ def test_new_folder_is_the_first_that_is_free(tmp_path: Path, monkeypatch: pytes
 
 
 def test_comparison_runs_have_folders_of_plain_letters() -> None:
-    names = {"open loop": {}, "Half size (50 %)!": {}}
+    names: dict[str, Any] = {"open loop": {}, "Half size (50 %)!": {}}
     scenario: Any = SimpleNamespace(tables=SimpleNamespace(compare=names), variant=lambda name: f"variant {name}")
     found = list(printing_run._runs(scenario, Path("out"), True))
     assert [(place.as_posix(), variant) for place, variant in found[1:]] == [

@@ -137,6 +137,9 @@ def test_fmu_in_an_ssp_is_named_by_its_place_there(tmp_path: Path) -> None:
     with fmu_file(path / "resources" / "amplifier2.fmu") as found:
         assert found.read_bytes() == (tmp_path / "amplifier2.fmu").read_bytes()
     assert not found.exists()
+    (tmp_path / "folder.ssp").mkdir()
+    with fmu_file(tmp_path / "folder.ssp" / "it.fmu") as found:
+        assert found == tmp_path / "folder.ssp" / "it.fmu"
     with pytest.raises(FmuError, match=r"theirs\.ssp/resources/none\.fmu: cannot be read"):
         fmu_file(path / "resources" / "none.fmu").__enter__()
 
