@@ -203,13 +203,14 @@ def test_original_error_is_shown_with_its_calls(capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["run", "s.toml", "--ouut=x"], "unknown arguments: --ouut=x; did you mean --out?"),
+        (["run", "s.toml", "--ouut=a/long/path"], "unknown arguments: --ouut=a/long/path; did you mean --out?"),
         (["run", "s.toml", "--ouut", "x", "--sett"], "did you mean --out or --set?"),
         (["run", "s.toml", "--zzz"], "unknown arguments: --zzz\n"),
         (
             ["export", "LayerDeposition"],
             "there is no command 'LayerDeposition'; `inkloop export` is now `inkloop export fmu`",
         ),
+        (["--verison"], "inkloop: error: the following arguments are required: COMMAND"),
         (["export", "layer"], "there is no command 'layer'; did you mean layers?"),
     ],
 )
