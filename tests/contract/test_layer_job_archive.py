@@ -202,7 +202,8 @@ def test_picture_of_two_inks_shows_each_where_it_belongs(monkeypatch: pytest.Mon
     target_picture(Job(6, 9, 1e-4, target, mask, inks=inks, region=Below()), "Steps")
     above, cut = drawn[0].axes
     assert above.lines[0].get_ydata() == pytest.approx([0.3, 0.3], rel=1e-9, abs=0.0)
-    ink, rows = (np.ma.filled(np.ma.asarray(axes.images[0].get_array()), np.nan) for axes in (above, cut))
+    shown: list[Any] = [axes.images[0].get_array() for axes in (above, cut)]
+    ink, rows = (np.ma.filled(each, np.nan) for each in shown)
     np.testing.assert_array_equal(np.unique(ink[2:7, 1:3]), [1.0])  # at 24 um
     np.testing.assert_array_equal(np.unique(ink[2:7, 3:5]), [0.0])
     assert np.isfinite(ink).sum() == mask.sum()
