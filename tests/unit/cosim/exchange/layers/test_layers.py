@@ -97,7 +97,9 @@ def test_bitmaps_are_the_pattern_and_their_sums_are_the_counted_droplets(form: s
     manifest, inks = manifest_of(tmp_path / "out"), Scenario.load(SCENARIOS / "two-materials.toml").job().inks
     assert (manifest["passes"], manifest["drop_levels"], manifest["drop_split"]) == (4, 1, None)
     heights = {ink: about["layer_height_um"] for ink, about in manifest["inks"].items()}
-    assert heights == pytest.approx({"A": inks[0].layer_height * 1e6, "B": inks[1].layer_height * 1e6}, abs=0.0)
+    assert heights == pytest.approx(
+        {"A": inks[0].layer_height * 1e6, "B": inks[1].layer_height * 1e6}, rel=1e-12, abs=0.0
+    )
     assert heights["A"] != heights["B"]
 
 
