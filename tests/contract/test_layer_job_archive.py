@@ -256,6 +256,7 @@ def test_block_has_one_part_of_each_role_and_wires_of_the_contract() -> None:
     assert obstacles(whole, *good) == []
     odd = [
         Wire(("p", "height"), ("s", "bias"), 1.0, 0.0, Transfer()),
+        Wire(("p", "surface"), ("s", "height"), 1.0, 0.0, Transfer()),
         Wire(("p", "droplets_a"), ("c", "droplets_a"), 1.0, 0.0, Transfer()),
         Wire(("s", "measured_height"), ("p", "measured_height"), 1.0, 0.0, Transfer()),
         Wire(("p", "height"), ("s", "height"), 2.0, 0.0, Transfer()),
@@ -263,6 +264,7 @@ def test_block_has_one_part_of_each_role_and_wires_of_the_contract() -> None:
     ]
     assert [error.partition("connections: ")[2].partition(",")[0] for error in obstacles(whole, *odd)] == [
         "p.height to s.bias is none of the layer contract",
+        "p.surface to s.height is none of the layer contract",
         "p.droplets_a to c.droplets_a is none of the layer contract",
         "s.measured_height to p.measured_height is none of the layer contract",
         "p.height to s.height has a gain or an offset",
