@@ -129,9 +129,9 @@ def toml_tables(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        lines = text.splitlines() or [""]
+        lines = text.splitlines()
         found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", str(error))
-        number = min(int(found[1]), len(lines)) if found and found[1] else len(lines)
+        number = int(found[1]) if found and found[1] else len(lines)
         line, reason = lines[number - 1].strip(), str(error)[: found.start() if found else None]
         key = line.partition("=")[0].strip()
         odd = next((letter for letter in key if not letter.isascii()), None)

@@ -12,6 +12,7 @@ import pytest
 
 from inkloop.component import Component, Port, Values
 from inkloop.components import catalog, fmu_kind
+from inkloop.contract import contract_ports
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import export_fmu
 from inkloop.testing import (
@@ -120,6 +121,24 @@ class Lacking:
     inputs = outputs = ()
 
 
+class Forgetful(FunctionComponent):
+    """Adds up its steps, and saves nothing of that."""
+
+    def __init__(self) -> None:
+        super().__init__(outputs=[Y], step=self._count)
+        self._kept = np.zeros(2)
+
+    def _count(self, time_ns: int, step_ns: int, values: Values) -> Values:
+        self._kept = self._kept + 1
+        return {"y": self._kept}
+
+    def save(self) -> bytes:
+        return b""
+
+    def restore(self, state: bytes) -> None:
+        self._kept = np.zeros(2)
+
+
 numbers = iter(range(1_000))
 
 
@@ -141,6 +160,18 @@ numbers = iter(range(1_000))
         (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of a second component"),
         (outputs_of_a_step_stay_as_they_were, counting, "y differs from that of the same arrays two steps later"),
         (restored_component_continues_with_the_same_bits, counting, "FunctionComponent has no save"),
+        (restored_component_continues_with_the_same_bits, Forgetful, "y differs from that of the restored one in ste"),
+        (names_of_ports_are_unique, lambda: FunctionComponent(inputs=[Y, Y]), "twice among y, y"),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], step=lambda *_: {"y": np.zeros(2), "z": np.zeros(2)}),
+            r"do_step 0 returns \['y', 'z'\]; declared are \['y'\]",
+        ),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], step=lambda *_: {"y": np.zeros(2, np.float32)}),
+            r"do_step 0 returns y as \(\(2,\), 'float32'\); declared is \(\(2,\), 'float64'\)",
+        ),
     ],
 )
 def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], Component], message: str) -> None:
@@ -151,3 +182,21 @@ def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], 
 def test_writing_into_an_input_is_caught() -> None:
     with pytest.raises(ValueError, match="read-only"):
         inputs_are_left_alone(writing)
+
+
+def test_checks_print_and_scan_a_layer_a_second_on_a_surface_that_slopes_and_grows() -> None:
+    given: list[Values] = []
+
+    def step(time_ns: int, step_ns: int, values: Values) -> Values:
+        given.append({**values, "time": np.asarray((time_ns, step_ns))})
+        return {}
+
+    names = ("layers_printed", "layers_scanned", "layer_command", "valid", "pattern", "height", "status")
+    outputs_are_as_declared_from_the_start_on(lambda: FunctionComponent(contract_ports((2, 3), *names), step=step))
+    for k, values in enumerate(given):
+        assert values["time"].tolist() == [k * 10**9, 10**9]
+        assert [int(values[name]) for name in (*names[:3], "status")] == [k, k, k, 0]
+        assert values["valid"].all()
+        assert values["pattern"].tolist() == [[1, 1, 1], [1, 1, 1]]
+        np.testing.assert_allclose(values["height"], k * 1e-6 * np.arange(6).reshape(2, 3) / 5, rtol=1e-12)
+    assert len(given) == 3

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 import zipfile
+from argparse import Namespace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import fmpy
 import numpy as np
@@ -13,12 +17,15 @@ from lxml import etree
 from matplotlib.figure import Figure
 
 from inkloop.cli import main
-from inkloop.component import Job
+from inkloop.component import Ink, Job
 from inkloop.errors import FmuError, ScenarioError
+from inkloop.exchange import layer_job
 from inkloop.exchange.job_picture import target_picture
-from inkloop.exchange.layer_job import bake
+from inkloop.exchange.layer_job import _obstacles, bake
+from inkloop.exchange.ssp.system import System, Wire
 from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.export import export_fmu
+from inkloop.master.wiring import Transfer
 from inkloop.scenario.file import Scenario
 from support.fmus.fmu_checkers import by_fmpy, by_fmutool
 from support.fmus.fmu_driver import OK, Driver
@@ -174,6 +181,37 @@ def test_picture_of_the_target_is_cut_through_the_middle_of_the_part(monkeypatch
     assert above.images[0].get_array().count(axis=0).tolist() == [0, *[3] * 16, 0, 0, 0]
 
 
+class Below:
+    """Ink A lies below 20 um, and farther along x it reaches higher."""
+
+    def contains(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return z < np.where(x > 2.5e-4, 2.5e-5, 2e-5)
+
+    def intervals(self, x: np.ndarray, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        raise NotImplementedError
+
+
+def test_picture_of_two_inks_shows_each_where_it_belongs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From above at half of the height; the cut goes through a quarter of the part, in 200 rows up to the top."""
+    mask, drawn = np.zeros((6, 9), np.bool_), list[Figure]()
+    mask[1:5, 2:7] = True
+    target = np.where(mask, 4.8e-5, 0.0)
+    target[1] /= 2.0
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *to, **how: drawn.append(figure))
+    inks = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+    target_picture(Job(6, 9, 1e-4, target, mask, inks=inks, region=Below()), "Steps")
+    above, cut = drawn[0].axes
+    assert above.lines[0].get_ydata() == pytest.approx([0.3, 0.3], rel=1e-9, abs=0.0)
+    shown: list[Any] = [axes.images[0].get_array() for axes in (above, cut)]
+    ink, rows = (np.ma.filled(each, np.nan) for each in shown)
+    np.testing.assert_array_equal(np.unique(ink[2:7, 1:3]), [1.0])  # at 24 um
+    np.testing.assert_array_equal(np.unique(ink[2:7, 3:5]), [0.0])
+    assert np.isfinite(ink).sum() == mask.sum()
+    counts = [[int((column == ink).sum()) for ink in (0.0, 1.0)] for column in rows.T]
+    expected = [[0, 0], [20, 4], [20, 28], [25, 23], [25, 23], [0, 0]]
+    assert counts == [[pytest.approx(um * 200 / 48, abs=1) for um in each] for each in expected]
+
+
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:
     with pytest.raises(FmuError, match="inkloop export job SCENARIO"):
         export_fmu(MODEL, fmi="2", nx=9, ny=9, fixed=True, out=tmp_path / "it.fmu")
@@ -193,3 +231,63 @@ def test_layer_takes_as_long_as_printing_and_scanning_it() -> None:
     own = bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 1.0})).own
     assert (own["layer_duration"], own["scan_duration"], own["layer_period"]) == (2.0, 6.0, 8.0)
     assert bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 30.0})).own["layer_period"] == 30.0
+
+
+def obstacles(roles: dict[str, str], *wires: Wire, outside: dict[str, str] | None = None) -> list[str]:
+    """Those of components of our kinds with these roles."""
+    tables: Any = SimpleNamespace(components={name: SimpleNamespace(kind="LayerDeposition") for name in roles})
+    scenario: Any = SimpleNamespace(tables=tables)
+    return list(_obstacles(scenario, System("it", "It", (), wires, outside or {}, 1.0, 9.0, ""), roles))
+
+
+def test_block_has_one_part_of_each_role_and_wires_of_the_contract() -> None:
+    assert obstacles({"p": "printer", "q": "printer", "s": "profiler"}) == [
+        "p and q are each a printer; a block has one: keep one",
+        "no component is the controller of the block; add one of kind LayerController",
+    ]
+    lamp = "components.lamp: is no FMU; a block is made of "
+    (error,) = obstacles({"p": "printer", "s": "profiler"}, outside={"lamp": "is no FMU"})
+    assert error.startswith(lamp)
+    whole = {"c": "controller", "p": "printer", "s": "profiler"}
+    good = [
+        Wire(one, other, 1.0, 0.0, Transfer())
+        for one, other in ((("p", "height"), ("s", "height")), (("lamp", "on"), ("p", "pattern")))
+    ]
+    assert obstacles(whole, *good) == []
+    odd = [
+        Wire(("p", "height"), ("s", "bias"), 1.0, 0.0, Transfer()),
+        Wire(("p", "surface"), ("s", "height"), 1.0, 0.0, Transfer()),
+        Wire(("p", "droplets_a"), ("c", "droplets_a"), 1.0, 0.0, Transfer()),
+        Wire(("s", "measured_height"), ("p", "measured_height"), 1.0, 0.0, Transfer()),
+        Wire(("p", "height"), ("s", "height"), 2.0, 0.0, Transfer()),
+        Wire(("p", "height"), ("s", "height"), 1.0, 1e-6, Transfer()),
+    ]
+    assert [error.partition("connections: ")[2].partition(",")[0] for error in obstacles(whole, *odd)] == [
+        "p.height to s.bias is none of the layer contract",
+        "p.surface to s.height is none of the layer contract",
+        "p.droplets_a to c.droplets_a is none of the layer contract",
+        "s.measured_height to p.measured_height is none of the layer contract",
+        "p.height to s.height has a gain or an offset",
+        "p.height to s.height has a gain or an offset",
+    ]
+
+
+def test_limit_of_time_stays_out_of_a_block_and_that_of_layers_is_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    limited = Scenario.load(quick_cuboid(), {"run.time_max_s": 50.0, "run.layers_max": 7})
+    baked = bake(limited)
+    assert (baked.own["layers_max"], baked.stop_s) == (7, 50.0)
+    written: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(layer_job, "bake", lambda scenario: baked)
+    monkeypatch.setattr(layer_job, "write", lambda *what, **how: written.append(what))
+    for own, told in ((limited, True), (Scenario.load(quick_cuboid()), False)):
+        console = Mock()
+        assert layer_job.export(own, Namespace(out=None, fmi="2", platforms=None), console) == 0
+        first, *others = [each.args[0] for each in console.sentence.mock_calls]
+        assert first.endswith(".fmu: LayerDeposition, ProfileSensor, LayerController in one block, a layer each 1 s")
+        assert any("time_max_s is not in it" in line for line in others) is told
+    assert [what[:2] for what in written] == [(baked, "2")] * 2
+
+
+def test_values_of_a_block_are_shown_by_size_and_range() -> None:
+    assert layer_job._shown(np.arange(6.0).reshape(2, 3)) == "2 x 3 values, 0.0 to 5.0"
+    assert layer_job._shown(np.asarray(True)) == "True"

@@ -238,10 +238,18 @@ def test_resizable_fmu_gets_as_many_intervals_as_the_region_has() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "intervals", "message"), [("LayerController", 65, "expected 1 to 64"), ("ProfileSensor", 3, "no region")]
+    ("model", "intervals", "message"),
+    [
+        ("LayerController", 65, "expected 1 to 64"),
+        ("LayerController", 0, "are 0; expected 1 to 64"),
+        ("ProfileSensor", 3, "no region"),
+    ],
 )
 def test_export_refuses_a_number_of_intervals_that_no_fmu_has(
     model: str, intervals: int, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(FmuError, match=message):
         export_fmu(model, intervals=intervals, out=tmp_path / "no.fmu")
+    for most in (1, INTERVALS_MAX):
+        path = export_fmu("LayerController", nx=2, ny=1, intervals=most, fixed=True, out=tmp_path / "it.fmu")
+        assert describe(path).variables["region_top"].shape({}) == (most, 2, 1)

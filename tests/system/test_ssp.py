@@ -17,6 +17,7 @@ from lxml import etree
 from pyssp_standard import SSP
 from pyssp_standard.standard import ModelicaStandard
 
+from inkloop import __version__
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import omsimulator, ssd
@@ -29,6 +30,7 @@ from inkloop.master.wiring import Connection
 from inkloop.printing.print import Print
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from support.benches.bench_run import BLOCK
 from support.fmus import amplifier
 
 VERSIONS = {"1.0": "2", "2.0": "3"}
@@ -91,6 +93,7 @@ def test_omsimulator_finds_identifiers_and_its_master(version: str, tmp_path: Pa
     for root in roots.values():
         assert re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", root.get("name"))
         assert (root.get("name"), root.get("description")) == ("block", "Block, 6 x 5 droplets")
+        assert root.get("generationTool") == f"inkloop {__version__}"
     (top,) = roots["SystemStructure.ssd"].iterfind("{*}System")
     names = [top.get("name"), *(element.get("name") for element in top.iterfind("{*}Elements/{*}Component"))]
     assert omsimulator.refused(names) == []
@@ -226,6 +229,35 @@ def test_names_that_other_tools_refuse_are_an_error(tmp_path: Path) -> None:
         exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
 
 
+def test_what_no_system_file_can_say_is_an_error(tmp_path: Path) -> None:
+    turned = '[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\nmirror = "x"\n'
+    with pytest.raises(ScenarioError) as caught:
+        system_of(scenario_in(tmp_path, TEXT + turned), "2", tmp_path)
+    assert caught.value.errors == ("connections: printer.height to profiler.height turns a map, which SSP cannot say",)
+    (tmp_path / "block.toml").write_text(BLOCK.replace('"LayerMpc"\nhorizon = 1', '"OpenLoop"'), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        system_of(Scenario.load(tmp_path / "block.toml"), "2", tmp_path)
+    first, *others = caught.value.errors
+    assert first == "none of its components is an FMU that could be packed"
+    assert others == [
+        f"{name}: kind {kind} is no FMU"
+        for name, kind in {
+            "controller": "OpenLoop",
+            "printer": "hardware.printer",
+            "profiler": "hardware.profiler",
+        }.items()
+    ]
+
+
+def test_foreign_fmu_of_fmi_3_stays_out_of_a_system_of_fmi_2(tmp_path: Path) -> None:
+    amplifier.build(tmp_path, 3)
+    lamp = '[components.lamp]\nkind = "Fmu"\nfile = "amplifier3.fmu"\n'
+    scenario = scenario_in(tmp_path, TEXT + lamp)
+    (note,) = system_of(scenario, "2", tmp_path).notes()
+    assert re.fullmatch(r"lamp is not in it: .*amplifier3\.fmu is FMI 3, all else FMI 2", note)
+    assert system_of(scenario, "3", tmp_path).part("lamp").description.fmi == 3
+
+
 def test_fmpy_runs_the_system_with_the_controller_outside(tmp_path: Path) -> None:
     """Three full layers, commanded from outside at every third step, are the layers of the open loop."""
     path, _ = exported(tmp_path, "1.0", OPEN_LOOP.replace("passes = 4, ", "").replace("diagonal", "raster"))
@@ -344,6 +376,22 @@ def test_export_ends_with_what_comes_next(
     assert capsys.readouterr().out.splitlines()[-1] == f"  next: {words.format(out=out)}"
     if to == "maestro":
         assert all((out / name).is_file() for name in words.split()[-2:])
+    if to != "ssp":
+        assert describe(out / "printer.fmu").variables["status"].type == (
+            "Integer" if to == "maestro" else "Enumeration"
+        )
+
+
+def test_folder_has_the_name_of_scenario_and_format_and_others_fmus_keep_their_binaries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amplifier.build(tmp_path, 2)
+    scenario_in(tmp_path, TEXT + '[components.lamp]\nkind = "Fmu"\nfile = "amplifier2.fmu"\n')
+    monkeypatch.chdir(tmp_path)
+    native = fmpy.platform_tuple
+    assert main(["export", "ssp", "block.toml", "--to", "osp", "--platforms", native]) == 0
+    assert describe(tmp_path / "block-osp" / "lamp.fmu").platforms == (fmpy.platform,)
+    assert describe(tmp_path / "block-osp" / "printer.fmu").platforms == (fmpy.platform,)
 
 
 @EVERY_VERSION
@@ -361,6 +409,9 @@ def test_job_of_another_grid_is_reported_with_both_grids(version: str, tmp_path:
         scenario_of(path, {"grid.nx": 9})
     assert caught.value.errors == (message.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
     assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
+    with pytest.raises(ScenarioError, match=r"grid\.nx is 0; expected") as caught:
+        scenario_of(path, {"grid.nx": 0})
+    assert "of a grid of" not in str(caught.value)
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -377,6 +428,8 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
     assert "--job goes with an .ssp" in capsys.readouterr().err
     assert main(["export", "ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
     assert "SSP 1.0 takes FMI 2 only; add --ssp 2.0" in capsys.readouterr().err
+    assert main(["export", "ssp", str(tmp_path / "block.toml"), "--to", "osp", "--fmi", "3", "--ssp", "2.0"]) == 1
+    assert "--fmi 3: osp takes FMI 2 only; leave --fmi out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -388,6 +441,9 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
         ("[components.controller]", "run = { step_s = 0.5 }\n[components.controller]", 17.0),
         ("[components.controller]", "run = { layers_max = 2 }\n[components.controller]", 7.0),
         ("[components.controller]", "run = { time_max_s = 50.0 }\n[components.controller]", 50.0),
+        ("height_um = 15.2", "height_um = 14.0", 34.0),  # 1.8 layers
+        ("height_um = 15.2", "height_um = 10.6", 25.0),  # 1.4
+        ("scan_duration_s = 0.0", "scan_duration_s = 2.5\n[run]\nlayers_max = 2", 7.0 + 2 * 2.5),
     ],
 )
 def test_experiment_ends_when_a_print_ought_to_be_over(old: str, new: str, expected: float, tmp_path: Path) -> None:

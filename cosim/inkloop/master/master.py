@@ -145,9 +145,8 @@ class Master:
         return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
 
     def _initialize(self) -> None:
-        order = initial_order(self._feeds)
-        for k, name in enumerate(order):
-            if reason := without_start(name, self._feeds, self._outputs, order[:k]):
+        for name in initial_order(self._feeds):
+            if reason := without_start(name, self._feeds, self._outputs):
                 raise ComponentError(reason)
             begin = perf_counter_ns()
             try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, TypeAlias
@@ -95,10 +95,13 @@ Feeds: TypeAlias = Mapping[str, Sequence[tuple[str, str, str, Transfer]]]
 """Result of `feeds`."""
 
 
-def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready: Container[str]) -> str | None:
-    """Errors that prevent initialization: a component in a loop that gets an output without start value."""
+def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values]) -> str | None:
+    """Errors that prevent initialization: a component in a loop that gets an output without start value.
+
+    outputs: start values, or those of components that are initialized, which are finite.
+    """
     for port, source, output, _ in feeds[name]:
-        if source not in ready and not np.isfinite(outputs[source][output]).all():
+        if not np.isfinite(outputs[source][output]).all():
             return (
                 f"{name}.{port} stands in a loop with {source}.{output}, which has no start value (it is not finite); "
                 f"give the port a start, or put {source} before {name} in the scenario"

@@ -104,6 +104,24 @@ def test_a_map_has_the_shape_of_the_grid_and_a_number_has_none(signal: Signal) -
     assert contract_ports((3, 4), signal.name, LAYER_COMMAND) == (port, SIGNALS[LAYER_COMMAND].port((3, 4)))
 
 
+def test_ports_are_equal_where_all_of_their_elements_start_alike() -> None:
+    row, column = (Port("x", shape=(2, 2), start=np.array([[1.0, 2.0]]).reshape(form)) for form in ((1, 2), (2, 1)))
+    assert row != column
+    assert row == Port("x", shape=(2, 2), start=np.array([[1.0, 2.0]]))
+    for one, other in ((0.0, -0.0), (np.nan, float("nan"))):
+        assert Port("x", start=one) == Port("x", start=other)
+        assert hash(Port("x", start=one)) == hash(Port("x", start=other))
+    others: list[object] = [
+        Port("y"),
+        Port("x", "m"),
+        Port("x", shape=(1,)),
+        Port("x", dtype="int32"),
+        Port("x", start=1.0),
+        "x",
+    ]
+    assert Port("x") not in others
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "fmus").glob("*/variables.toml")), ids=lambda path: path.parent.name)
 def test_fmus_declare_the_signals_as_the_table_does(path: Path) -> None:
     """Sequence numbers and optional signals also start from the same value; a map without a connection may differ."""

@@ -4,14 +4,18 @@ continues.
 
 from __future__ import annotations
 
+import codecs
+import errno
 import os
 import pickle
+import re
 import signal
 import stat
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,17 +23,24 @@ import pytest
 from inkloop import files
 from inkloop.component import Component
 from inkloop.course.layer_course import LayerCourse, contract_connections
-from inkloop.errors import ResultError, ScenarioError
+from inkloop.errors import InkloopError, ResultError, ScenarioError
 from inkloop.files import (
     OWNER_FILE,
     TomlError,
+    c_library,
+    is_full,
+    new_folder,
+    opened_lock,
     read_toml_text,
+    reason_of,
     remove_abandoned,
     replaced,
+    sign_lock,
     temporary_folder,
     toml_tables,
     write_text,
 )
+from inkloop.geometry.library import _INTERFACE
 from inkloop.master.master import Master
 from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.lock import LOCK_FILE, sole_writer
@@ -161,6 +172,76 @@ def test_invalid_toml_is_explained_with_its_line(content: bytes, message: str, t
     assert str(caught.value).startswith(f"is not TOML: {message}")
 
 
+@pytest.mark.parametrize("mark", [codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE])
+def test_text_in_sixteen_bits_is_told_by_its_first_two_bytes(mark: bytes, tmp_path: Path) -> None:
+    encoding = "utf-16-le" if mark == codecs.BOM_UTF16_LE else "utf-16-be"
+    (tmp_path / "a.toml").write_bytes(mark + "a = 1".encode(encoding))
+    with pytest.raises(TomlError, match="the file is UTF-16; save it as UTF-8"):
+        read_toml_text(tmp_path / "a.toml")
+
+
+def test_byte_that_is_no_utf_8_is_found_in_its_line(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes(b"a = 1\r\nb = '\xb5'\nc = 2\nd = 3\n")
+    with pytest.raises(TomlError, match=r"line 2 is not UTF-8; byte 0xb5 is 'µ' in an older encoding"):
+        read_toml_text(tmp_path / "a.toml")
+
+
+def test_text_that_ends_too_early_is_explained_at_its_last_line() -> None:
+    for text, line in (
+        ("a = 1\nb = [1,\n2", "line 3, `2`: "),
+        ('a = """x\n', 'line 1, `a = """x`: '),
+        ("=", "line 1, `=`: "),
+    ):
+        with pytest.raises(TomlError) as caught:
+            toml_tables(text)
+        assert str(caught.value).startswith(f"is not TOML: {line}")
+
+
+@pytest.mark.parametrize(
+    ("number", "words", "full"),
+    [
+        (errno.ENOSPC, "the disk is full", True),
+        (errno.EDQUOT, "the disk quota is used up", True),
+        (errno.EFBIG, "the file becomes larger than the disk or a limit (ulimit -f) allows", True),
+        (errno.ELOOP, "a link lies there, which is not followed", False),
+        (errno.EACCES, "Permission denied", False),
+    ],
+)
+def test_reason_of_an_error_is_told_in_words(number: int, words: str, full: bool) -> None:
+    error = OSError(number, os.strerror(number))
+    assert (reason_of(error), is_full(error)) == (words, full)
+    assert reason_of(OSError("no number")) == "no number"
+    assert reason_of(MemoryError()).startswith("the memory is exhausted")
+
+
+def test_signature_of_a_lock_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
+    (tmp_path / "lock").write_text("process 1 " + 80 * "x")
+    file = opened_lock(tmp_path / "lock")
+    try:
+        sign_lock(file)
+    finally:
+        os.close(file)
+    assert re.fullmatch(rf"process {os.getpid()} since [\d :-]{{19}}", (tmp_path / "lock").read_text())
+
+
+def test_folder_that_came_meanwhile_is_kept(tmp_path: Path) -> None:
+    """An empty one, too, which the system would replace."""
+    making = new_folder(tmp_path / "out")
+    (making.__enter__() / "a").touch()
+    (tmp_path / "out").mkdir()
+    with pytest.raises(FileExistsError, match="is there already"):
+        making.__exit__(None, None, None)
+    assert [path.name for path in tmp_path.rglob("*")] == ["out"]
+
+
+def test_error_of_another_file_keeps_its_name(tmp_path: Path) -> None:
+    """That of a file under a temporary name is one of the file to be written."""
+    for written, named in (("partial", "a.txt"), ("other", "other")):
+        with pytest.raises(FileNotFoundError) as caught, replaced(tmp_path / "a.txt") as partial:
+            (partial if written == "partial" else tmp_path / "other").read_text()
+        assert caught.value.filename == str(tmp_path / named)
+
+
 def test_error_of_a_scenario_passes_between_processes() -> None:
     error = ScenarioError("part.toml", ["grid.nx is 0; needs at least 1", "ink is missing"])
     copy = pickle.loads(pickle.dumps(error))
@@ -222,8 +303,38 @@ def test_what_is_not_surely_abandoned_stays(place: Path, monkeypatch: pytest.Mon
     for folder in others[1:]:
         (folder / OWNER_FILE).touch()
     assert remove_abandoned(place) == []  # without a lock file, of this process, of another name
+    elsewhere = place / "elsewhere"
+    elsewhere.touch()
+    (others[0] / OWNER_FILE).symlink_to(elsewhere)
+    assert remove_abandoned(place) == []  # a link is no lock
+    (others[0] / OWNER_FILE).unlink()
     (others[0] / OWNER_FILE).touch()
     monkeypatch.setattr(files, "take_lock", lambda file: (_ for _ in ()).throw(OSError("no locks here")))
     assert remove_abandoned(place) == []
     monkeypatch.undo()
     assert remove_abandoned(place) == [others[0]]
+
+
+def loaded(interface: int, **entry_points: Any) -> Any:
+    return c_library("inkloop.geometry", "inkloop_columns", "INKLOOP_COLUMNS_LIB", interface, entry_points)
+
+
+def test_library_of_other_sources_than_its_modules_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Older and newer ones; also one that lacks a function, and a file that is none."""
+    for interface in (_INTERFACE - 1, _INTERFACE + 1):
+        with pytest.raises(InkloopError, match="was built from other sources than this Python code; run make"):
+            loaded(interface)
+    assert loaded(_INTERFACE).inkloop_columns_interface() == _INTERFACE
+    with pytest.raises(InkloopError, match=r"is not inkloop_columns of this inkloop \(.*nothing.*\); install inkloop"):
+        loaded(_INTERFACE, nothing=(None, ()))
+    with pytest.raises(InkloopError, match=r"inkloop_none\.\w+ is not installed \(looked for .*inkloop.geometry"):
+        c_library("inkloop.geometry", "inkloop_none", "INKLOOP_COLUMNS_LIB", 1, {})
+    for name, words in (
+        ("none.so", "no such file; unset it"),
+        (".", "no such file; unset it"),
+        ("a.so", "is not inkl"),
+    ):
+        (tmp_path / "a.so").write_text("no library")
+        monkeypatch.setenv("INKLOOP_COLUMNS_LIB", str(tmp_path / name))
+        with pytest.raises(InkloopError, match=words):
+            loaded(_INTERFACE)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import resource
+import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -34,6 +36,7 @@ from inkloop.limits import (
     parsed_xml,
     size_text,
     unpacked_error,
+    usable_cores,
 )
 from inkloop.metrology import map_file
 from inkloop.metrology.map_readers import read_instrument, read_tiff
@@ -83,7 +86,9 @@ def test_archive_may_unpack_to_much_or_be_packed_tightly_but_not_both(
     assert error.startswith("unpacks to 4 MiB, 10")  # deflate makes 1000 zeros one byte
     assert "at most 200 times are taken" in error
     with archive(tmp_path, 4 * MIB, zipfile.ZIP_STORED) as large:
-        assert unpacked_error(large) is None
+        for most in (limits.UNPACKED_MAX, 4 * MIB):
+            monkeypatch.setattr(limits, "UNPACKED_MAX", most)
+            assert unpacked_error(large) is None
         monkeypatch.setattr(limits, "UNPACKED_MAX", MIB)
         assert unpacked_error(large) == "unpacks to 4 MiB; at most 1 MiB are taken"
 
@@ -110,6 +115,29 @@ def test_memory_is_what_a_container_and_those_around_it_leave(tmp_path: Path, mo
     cache = {"cgroup__box__memory.stat": "anon 2500\ninactive_file 400\n", "cgroup__box__job__memory.max": "max\n"}
     system(tmp_path, monkeypatch, self__cgroup="0::/box/job\n", **limit, **cache)
     assert available_memory() == 5000 - 3000 + 400
+    (tmp_path / "memory.max").write_text("10")  # beyond the outermost group
+    (tmp_path / "memory.current").write_text("0")
+    assert available_memory() == 5000 - 3000 + 400
+    (tmp_path / "cgroup/box/memory.max").write_text("2000")
+    assert available_memory() == 0
+
+
+def test_memory_is_what_the_limit_of_the_address_space_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1000 pages the program has 600, of which 20 are in memory."""
+    system(tmp_path, monkeypatch, self__statm="600 20 5 1 0 30 0\n")
+    page = resource.getpagesize()
+    monkeypatch.setattr(resource, "getrlimit", lambda what: (1000 * page, -1) if what == resource.RLIMIT_AS else (1, 1))
+    assert available_memory() == 400 * page
+
+
+@pytest.mark.parametrize(("limit", "most"), [("0", 1), ("1", 1), ("1000000", None), ("many", None), ("", None)])
+def test_threads_are_as_many_as_the_environment_says_and_at_least_one(
+    limit: str, most: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    cores = usable_cores()
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    assert usable_cores() == (most or cores)
 
 
 def test_free_disk_of_a_folder_to_be_made_is_that_of_its_place(tmp_path: Path) -> None:
@@ -117,6 +145,7 @@ def test_free_disk_of_a_folder_to_be_made_is_that_of_its_place(tmp_path: Path) -
     assert found is not None
     assert here is not None
     assert abs(found - here) < GIB
+    assert abs(found - shutil.disk_usage(tmp_path).free) < GIB
 
 
 @pytest.mark.parametrize(
@@ -137,8 +166,10 @@ def test_size_is_written_for_a_person(count: float, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(0.142, "0.142 s"), (7000, "117 min"), (9000, "2.5 h"), (1e7, "2,778 h"), (1e9, "277,778 h")]
-)
+    ("seconds", "text"),
+    [(0.142, "0.142 s"), (119, "119 s"), (120, "2 min"), (7000, "117 min"), (7200, "2 h"), (9000, "2.5 h"),
+     (1e7, "2,778 h"), (1e9, "277,778 h")],
+)  # fmt: skip
 def test_time_is_written_for_a_person(seconds: float, text: str) -> None:
     assert duration_text(seconds) == text
 

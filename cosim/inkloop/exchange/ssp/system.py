@@ -190,12 +190,11 @@ def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folde
 
 def _with_values(part: Part) -> Part:
     """Values that differ from the FMU's start values."""
-    sizes = part.description.default_sizes
-    kept = {name: value for name, value in part.values.items() if _is_changed(part.variable(name), value, sizes)}
+    kept = {name: value for name, value in part.values.items() if _is_changed(part.variable(name), value)}
     return replace(part, values=kept)
 
 
-def _is_changed(variable: Variable, value: NDArray[Any], sizes: Mapping[str, int]) -> bool:
+def _is_changed(variable: Variable, value: NDArray[Any]) -> bool:
     if variable.type == TEXT:
         return str(value) != "".join(variable.start)
     numbers = [float({"true": 1, "false": 0}.get(text, text)) for text in variable.start]
@@ -239,10 +238,10 @@ def _stop_s(scenario: Scenario, parts: Mapping[str, Part]) -> float:
     limits, job = scenario.tables.run, scenario.job()
     if limits.time_max_s is not None:
         return limits.time_max_s
-    layers = 3 * round(float(job.target_height.max()) / job.inks[0].layer_height) + 5
+    layers = min(3 * round(float(job.target_height.max()) / job.inks[0].layer_height) + 5, limits.layers_max)
     durations = ("layer_duration", "scan_duration")
     waits = sum(float(part.values.get(name, 0.0)) for part in parts.values() for name in durations)
-    return limits.step_s * (3 * min(layers, limits.layers_max) + 1) + waits * layers
+    return limits.step_s * (3 * layers + 1) + waits * layers
 
 
 def _outside_names(signal: str, port: str, scalars: Sequence[str]) -> tuple[str, ...]:

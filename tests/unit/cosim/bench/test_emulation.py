@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
+import re
 import sys
 import types
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -22,6 +25,8 @@ from inkloop.components import catalog
 from inkloop.components.devices import KINDS
 from inkloop.components.kind import Bench
 from inkloop.errors import ComponentError, ScenarioError
+from inkloop.fmu import describe
+from inkloop.fmu_writer.archive import unpack
 from inkloop.printing.on_devices import check_listening, local_port
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -29,7 +34,7 @@ from inkloop.tables.schema import BenchTable
 from inkloop.testing import job
 from inkloop_hardware.devices import commands as actions
 from support.benches.bench_run import FMUS, TWO_INKS, write
-from support.places import SCENARIOS
+from support.places import ROOT, SCENARIOS
 
 
 @pytest.mark.parametrize("overrides", [{}, FMUS], ids=["devices", "FMUs"])
@@ -41,9 +46,47 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str
     assert (found["variation"], found["variation_kind"], found["resolution"]) == (0.2, 1, 1e-7)
     assert found["printer_seed"] == scenario.job("printer").seed
     assert found["sensor_seed"] == scenario.job("profiler").seed
+    assert (found["alive_ms"], found["watchdog_ms"]) == (1000, 1000)  # a second of silence
     assert emulation_of(scenario).surface is None
     uneven = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0})
     np.testing.assert_array_equal(emulation_of(uneven).surface, uneven.job("printer").height_start)
+
+
+def test_exported_bench_begins_with_surface_and_faults_of_the_scenario(tmp_path: Path) -> None:
+    """Cell (i, j) at 11 i + j, in the description and in the file that the binary reads."""
+    out, uneven = tmp_path / "out" / "it.fmu", "substrate.wave_um=3.0"
+    faults = "bench.faults=[{kind='loss', probability=0.5}, {kind='unplugged'}]"
+    words = ["--out", str(out), "--set", uneven, "--set", faults]
+    assert main(["export", "bench", str(write(tmp_path)), *words]) == 0
+    surface = Scenario.load(tmp_path / "block.toml", {"substrate.wave_um": 3.0}).job("printer").height_start
+    assert surface is not None
+    assert surface.shape == (12, 11)
+    variables = describe(out).variables
+    np.testing.assert_array_equal([float(text) for text in variables["height_start"].start], surface.ravel())
+    assert variables["faults"].start == ("loss:probability=0.5; unplugged",)
+    members = unpack(out)
+    assert surface.astype("<f8").tobytes() in members["resources/bench.bin"]
+    assert b"wave_um = 3.0" in members["documentation/scenario.toml"]
+
+
+def test_grid_has_as_many_cells_as_a_node_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    firmware = (ROOT / "hardware/firmware/node/pattern.h").read_text(encoding="utf-8")
+    factors = re.findall(r"PATTERN_CELLS_MAX = (\d+) \* (\d+)", firmware)
+    assert [int(one) * int(other) for one, other in factors] == [commands.NODE_CELLS_MAX]
+    scenario = Scenario.load(write(tmp_path))
+    monkeypatch.setattr(commands, "NODE_CELLS_MAX", 12 * 11)
+    assert emulation_of(scenario).faults == ()
+    monkeypatch.setattr(commands, "NODE_CELLS_MAX", 12 * 11 - 1)
+    with pytest.raises(ScenarioError, match="grid of 12 x 11 cells: the nodes of the bench hold up to 131 cells"):
+        emulation_of(scenario)
+
+
+def test_job_of_the_printer_is_that_of_its_table_and_without_one_that_of_the_scenario(tmp_path: Path) -> None:
+    options = {"components.printer.passes": 1, "components.controller.horizon": 2}
+    scenario = Scenario.load(write(tmp_path), options)
+    assert (commands.job_of_printer(scenario).passes, scenario.job().passes) == (1, 4)
+    assert commands.job_of_printer(scenario).seed == scenario.job("printer").seed
+    assert commands.job_of_printer(Scenario.load(tmp_path / "block.toml", FMUS)).passes == 4
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
@@ -167,4 +210,76 @@ def test_replay_that_differs_is_reported_with_layer_and_cell_or_as_too_short() -
     assert "from layer 1 on: 1 cells, the first is (0, 1), 1 in the run and 2 in the replay" in patterns
     assert "from layer 2 on: 1 cells, the first is (1, 2), nan in the run and 1 in the replay" in scans
     assert differences(run(3), run(2)) == ["the replay has 1 layer, the run 2 layers"]
+    assert differences(run(2), run(1)) == ["the replay has 0 layers, the run 1 layer"]
     assert differences(run(2), run(3)) == []
+
+
+class Emulated:
+    """Stands for the emulator at once ended by Ctrl-C; `given` are its arguments, `channel` where it listens."""
+
+    given: dict[str, Any]
+
+    def __init__(self, parameters: dict[str, float], **given: Any) -> None:
+        Emulated.given = {"parameters": parameters, **given}
+        self.channel = f"socket://127.0.0.1:{given['port'] or 4711}"
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def wait(self) -> int:
+        raise KeyboardInterrupt
+
+
+def emulated(scenario: Scenario | None, **chosen: Any) -> tuple[dict[str, Any], list[str], dict[str, Any]]:
+    """Arguments of the emulator, the lines that are shown, and the result."""
+    options = argparse.Namespace(**{"port": None, "pty": False, "folder": None, "fault": [], **chosen})
+    console = Mock()
+    assert commands.emulate(scenario, options, console) == 0
+    return Emulated.given, [each.args[0] for each in console.sentence.mock_calls], console.result.call_args.kwargs
+
+
+def test_emulator_listens_where_it_is_asked_to_and_says_what_to_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop_hardware.emulated_bench.EmulatedBench", Emulated)
+    here = {"bench.channel": "socket://127.0.0.1:28550", "bench.faults": [{"kind": "unplugged"}]}
+    scenario = Scenario.load(write(tmp_path), here)
+    given, lines, result = emulated(scenario, fault=["loss:probability=0.5"], folder=Path("kept"))
+    assert (given["port"], given["terminal"], given["folder"]) == (28550, False, Path("kept"))
+    assert [fault.partition(":")[0] for fault in given["faults"]] == ["unplugged", "loss"]
+    assert [line for line in lines if line.startswith("injected fault: ")] == [
+        f"injected fault: {fault}" for fault in given["faults"]
+    ]
+    assert f"in another terminal: inkloop run {scenario.source}" in lines
+    assert lines[1] == f"12 x 11 cells, ink and sensor from {scenario.source}"
+    assert lines[-1] == "Ctrl-C ends it; journals and surface are kept in kept"
+    assert result == {"channel": "socket://127.0.0.1:28550"}
+    given, lines, _ = emulated(scenario, port=0)
+    assert given["port"] == 0
+    assert lines[-2] == (
+        f"in another terminal: inkloop run {scenario.source} --set bench.interface=slcan "
+        "--set bench.channel=socket://127.0.0.1:4711"
+    )
+    assert lines[-1] == "Ctrl-C ends it; the next start is a new part"
+    given, lines, _ = emulated(None)
+    assert (given["parameters"], given["port"], given["faults"], given["surface"]) == ({}, 0, [], None)
+    assert not any("cells" in line for line in lines)
+
+
+def test_lines_of_an_action_are_shown_and_the_records_of_nodes_are_json_too() -> None:
+    console = Mock()
+    commands._show(["done"], console)
+    console.result.assert_called_once_with(lines=["done"])
+    record = BusEvent("head", 3)
+    commands._show(["done", record], console)
+    console.result.assert_called_with(lines=["done", str(record)], nodes=[{"node": "head", "count": 3}])
+    assert [each.args[0] for each in console.sentence.mock_calls] == ["done", "done", str(record)]
+
+
+@dataclass(frozen=True)
+class BusEvent:
+    """A record of a node."""
+
+    node: str
+    count: int

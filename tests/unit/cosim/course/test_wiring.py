@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from inkloop.component import Port
 from inkloop.course.layer_course import contract_connections, open_inputs
 from inkloop.master.wiring import Connection, check
@@ -35,6 +37,20 @@ def test_printer_goes_before_its_shadow() -> None:
     assert Connection("shadow.height", "profiler.height") in wires
     assert Connection("shadow.layers_followed", "profiler.layers_printed") in wires
     assert Connection("shadow.layers_followed", "controller.layers_printed") not in wires
+
+
+@pytest.mark.parametrize(
+    ("port", "giver"),
+    [
+        ("layer_command", 'a controller, e.g. [components.controller] with kind = "LayerMpc"'),
+        ("layers_printed", 'a printer, e.g. [components.printer] with kind = "LayerDeposition"'),
+        ("layers_scanned", 'a profiler, e.g. [components.profiler] with kind = "ProfileSensor"'),
+    ],
+)
+def test_open_input_is_answered_with_who_gives_it(port: str, giver: str) -> None:
+    part = FunctionComponent(inputs=[Port(port, dtype="int32"), Port("speed")])
+    (error,) = open_inputs({"part": part}, [])
+    assert error.endswith(f"add {giver}, or name a source under [[connections]]")
 
 
 def test_open_input_is_asked_about_unless_its_component_calls_it_optional() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
@@ -16,11 +17,14 @@ from inkloop.fmu.bus import (
     CONFIGURATION,
     CONFIRM,
     FORMAT_ERROR,
+    STATUS,
+    WAKEUP,
     BusEnd,
     BusFrame,
     BusLink,
     BusLinks,
     BusNode,
+    format_error,
     operation,
     operations,
     transmit,
@@ -28,6 +32,7 @@ from inkloop.fmu.bus import (
 from inkloop.fmu.bus_terminals import BusTerminal, Events, bus_terminals
 from inkloop.fmu.reading import describe
 from inkloop.fmu_writer.archive import pack, unpack
+from inkloop.fmu_writer.documentation import MANIFEST
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from support.benches.bench_run import BLOCK
@@ -92,6 +97,16 @@ def test_bus_of_an_fmu_without_event_mode_cannot_be_served(tmp_path: Path) -> No
     assert described.unserved == {"bench": "the FMU has no Event Mode (hasEventMode)"}
 
 
+@pytest.mark.parametrize(("word", "simulates"), [("true", True), ("1", True), ("false", False), ("0", False)])
+def test_fmu_in_which_the_bus_is_simulated_says_so(word: str, simulates: bool, tmp_path: Path) -> None:
+    members = unpack(find_fmu("BenchBus"))
+    own = b'isBusSimulationFMU="false"'
+    assert own in members[MANIFEST]
+    said = members[MANIFEST].replace(own, own.replace(b"false", word.encode()))
+    pack(tmp_path / "it.fmu", members | {MANIFEST: said})
+    assert describe(tmp_path / "it.fmu").is_bus_simulation is simulates
+
+
 @pytest.mark.parametrize(
     ("content", "codes"),
     [
@@ -106,6 +121,32 @@ def test_operations_are_those_of_the_binary(content, codes) -> None:
     found = list(operations(content))
     assert [each.code for each in found] == codes
     assert b"".join(each.content for each in found) == content
+
+
+@pytest.mark.parametrize(
+    ("frame", "content"),
+    [
+        (BusFrame(0x123, b"abc"), b"\x10\0\0\0\x13\0\0\0\x23\x01\0\0\0\0\x03\0abc"),
+        (BusFrame(0x18DA00F1, bytes(8), True), b"\x10\0\0\0\x18\0\0\0\xf1\0\xda\x18\x01\0\x08\0" + bytes(8)),
+        (BusFrame(0x7FF, b"", False, True), b"\x10\0\0\0\x10\0\0\0\xff\x07\0\0\0\x01\0\0"),
+    ],
+)
+def test_frame_is_written_as_the_standard_has_it_and_read_again(frame: BusFrame, content: bytes) -> None:
+    assert transmit(frame) == content
+    (found,) = operations(content)
+    assert found.frame == frame
+
+
+@pytest.mark.parametrize("data", [bytes(9), b"ab"])
+def test_frame_of_another_length_than_it_states_or_than_can_takes_is_none(data: bytes) -> None:
+    (found,) = operations(operation(0x10, b"\x23\x01\0\0\0\0" + max(3, len(data)).to_bytes(2, "little") + data))
+    assert (found.code, found.frame) == (0x10, None)
+
+
+@pytest.mark.parametrize(("size", "quoted"), [(300, 300), (0x1_0001, 0xFFFF)])
+def test_format_error_quotes_what_its_length_can_count(size: int, quoted: int) -> None:
+    (found,) = operations(format_error(size * b"x"))
+    assert found.content[8:] == quoted.to_bytes(2, "little") + quoted * b"x"
 
 
 class Node:
@@ -128,14 +169,25 @@ def carried(one: Node, other: Node, *, ideal: bool) -> None:
 
 
 def test_master_carries_frames_to_the_partner_and_confirms_them() -> None:
-    """Configurations stay; what is no operation is answered and goes no further."""
-    one = Node(transmit(FRAME) + operation(CONFIGURATION, b"\1" + bytes(4)) + operation(0x99, b""))
+    """What is between a node and its bus stays; what is no operation is answered and goes no further."""
+    own = operation(CONFIGURATION, b"\1" + bytes(4)) + operation(CONFIRM, bytes(4)) + operation(STATUS, b"\1")
+    further = operation(WAKEUP, b"") + format_error(b"?")
+    one = Node(transmit(FRAME) + own + further + operation(0x99, b""))
     other = Node()
     carried(one, other, ideal=True)
-    assert other.got == transmit(FRAME)
+    assert other.got == transmit(FRAME) + further
     confirm, error = operations(one.got)
     assert confirm.content == operation(CONFIRM, (0x123).to_bytes(4, "little"))
     assert (error.code, error.content[10:]) == (FORMAT_ERROR, operation(0x99, b""))
+
+
+def test_frames_that_cross_arrive_and_are_confirmed_both() -> None:
+    frames = FRAME, BusFrame(0x7, b"xyz")
+    one, other = (Node(transmit(frame)) for frame in frames)
+    carried(one, other, ideal=True)
+    own, others = (operation(CONFIRM, frame.identifier.to_bytes(4, "little")) for frame in frames)
+    assert one.got == own + transmit(frames[1])
+    assert other.got == transmit(frames[0]) + others
 
 
 def test_bus_simulation_gets_everything_and_confirms_itself() -> None:
@@ -169,6 +221,8 @@ class Countdown:
             case "getIntervalDecimal" if self.asks:
                 arguments[1][0], arguments[2][0] = self.delay, 2
                 self.asks = False
+            case "getIntervalDecimal":
+                arguments[2][0] = 1  # unchanged
         return None
 
 
@@ -185,6 +239,67 @@ def test_countdown_clock_ticks_when_it_is_due(delay) -> None:
         assert events.handle(1.25, {}) == {"bus": b"frame"}
     assert ("setClock", [4], [True]) in binding.calls
     assert not events.is_due(9.0)
+
+
+def test_bus_sends_in_every_instant_that_its_clock_ticks_in_and_gets_its_frames_in_the_first() -> None:
+    """Event Mode begins with the end of initialisation, later it is entered."""
+    calls = list[str]()
+    answers: dict[str, list[Any]] = {
+        "getClock": [True, True, False, False],
+        "getBinary": [b"ab", b"c"],
+        "updateDiscreteStates": [1, 1, 0, 0],
+    }
+    given = {name: iter(values) for name, values in answers.items()}
+
+    def call(name: str, *arguments: Any) -> Any:
+        calls.append(name)
+        return [next(given[name])] if name in given else None
+
+    events = Events(call, [BusTerminal("bus", 1, 2, 3, 4, "triggered")])
+    assert events.handle(0.0, {"bus": b"frame"}) == {"bus": b"abc"}
+    instants = ["getClock", "getBinary", "updateDiscreteStates"]
+    assert calls == ["setClock", "setBinary", *instants, *instants, "getClock", "updateDiscreteStates", "enterStepMode"]
+    calls.clear()
+    assert events.handle(1.0, {}) == {}
+    assert calls == ["enterEventMode", "getClock", "updateDiscreteStates", "enterStepMode"]
+
+
+def test_event_mode_without_an_end_is_an_error() -> None:
+    events = Events(lambda name, *_: [True], [])
+    with pytest.raises(ComponentError, match=r"Event Mode at 2\.5 s does not end: 1000 instants"):
+        events.handle(2.5, {})
+
+
+class Stays:
+    """Event Mode of which each stay sends its number; a countdown is due at 9 s."""
+
+    def __init__(self) -> None:
+        self.at = list[tuple[float, Mapping[str, bytes]]]()
+
+    def is_due(self, time: float) -> bool:
+        return time >= 9.0
+
+    def handle(self, time: float, received: Mapping[str, bytes]) -> dict[str, bytes]:
+        self.at.append((time, received))
+        return {"bench": str(len(self.at)).encode()}
+
+
+def test_event_mode_is_stayed_in_at_the_end_of_a_step_and_what_it_sent_is_taken_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After a step that asks for it, and one at whose end a countdown is due."""
+    stays, second = Stays(), 10**9
+    part, binding = FmuComponent(find_fmu("BenchBus")), MagicMock()
+    monkeypatch.setattr(part, "_start", lambda: binding)
+    monkeypatch.setattr("inkloop.fmu.component.Events", lambda call, buses: stays)
+    binding.do_step.side_effect = [True, False, False]
+    part.initialize(2 * second, {})
+    for begin in (2, 3, 8):
+        part.advance(begin * second, second, {})
+    assert part.exchange({"bench": b"x"}) == {"bench": b"1234"}
+    assert part.exchange({}) == {}
+    assert stays.at == [(2.0, {}), (3.0, {}), (9.0, {}), (9.0, {"bench": b"x"})]
+    part.terminate()
 
 
 BENCH = f'\n[components.{{}}]\nkind = "Fmu"\nfile = "{find_fmu("BenchBus")}"\n'

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+import shutil
 import zipfile
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -11,15 +12,18 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock, call
 
+import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from inkloop.component import Component, Values
+from inkloop.component import Component, Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
 from inkloop.fmu.binding import ERROR, WARNING, Binding
+from inkloop.fmu.value_group import Accessor, ValueGroup, is_large
 from inkloop.fmu_writer.export import find_fmu
+from inkloop.units import defined_unit, unit_conversion
 from support.fmus.amplifier import altered, build
 
 pytestmark = pytest.mark.compiled
@@ -140,6 +144,10 @@ def test_wrong_parameter_is_refused_before_anything_starts(
         (('"x[2]"', '"x[99999999999999999999]"'), "x[2] is missing"),
         (('"x[2]"', '"x[-1]"'), "they have indices below 0"),
         (('"y[2]"', '"x"'), "there is a variable x"),
+        (('valueReference="101" causality="input"', 'valueReference="101" causality="local"'),
+         "x[3] has causality input, x[2] has causality local"),
+        (('valueReference="101" causality="input"><Real', 'valueReference="101" causality="input"><Real min="1"'),
+         "x[3] has minimum none, x[2] has minimum 1"),
         (('valueReference="101" causality="input"><Real unit="m"', 'valueReference="101" causality="input"><Real'),
          "x[3] has unit m, x[2] has unit 1"),
         (('valueReference="101" causality="input"', 'valueReference="101" causality="output"'),
@@ -162,10 +170,105 @@ def test_elements_that_are_no_array_stay_single_and_info_says_why(
     assert f"note: the elements of x stay single variables: {note}" in list(found.lines())
 
 
-def test_differences_and_levels_are_no_array(folder: Path, tmp_path: Path) -> None:
+def test_elements_of_two_enumerations_are_no_array(folder: Path, tmp_path: Path) -> None:
+    other = '<SimpleType name="Other"><Enumeration><Item name="low" value="1"/></Enumeration></SimpleType>'
+    kind = '<Enumeration declaredType="{}" start="1"/>'
+    (note,) = describe(
+        altered(
+            build(folder, 2),
+            tmp_path / "it.fmu",
+            ("</TypeDefinitions>", f"{other}</TypeDefinitions>"),
+            ('<Real unit="m" start="0"/>', kind.format("Mode")),
+            (f'"101" causality="input">{kind.format("Mode")}', f'"101" causality="input">{kind.format("Other")}'),
+        )
+    ).notes
+    assert note.endswith("x[3] has items plain, squared, x[2] has items low")
+
+
+def test_first_missing_element_of_a_matrix_is_named(folder: Path, tmp_path: Path) -> None:
+    """Of two rows of three, whose second index is the faster one."""
+    places = [(f'"y[{n}]"', f'"y[{place}]"') for n, place in ((1, "1,1"), (2, "1,2"), (3, "2,3"))]
+    (note,) = describe(altered(build(folder, 2), tmp_path / "it.fmu", *places)).notes
+    assert note.endswith("y[1,3] is missing")
+    (note,) = describe(altered(build(folder, 2), tmp_path / "later.fmu", ('"y[1]"', '"y[4]"'))).notes
+    assert note.endswith("y[1] is missing")
+
+
+def test_element_without_a_start_value_starts_at_0(folder: Path, tmp_path: Path) -> None:
+    of_x2 = 'valueReference="101" causality="input"><Real unit="m" start="{}"'
+    starts = [*STARTS[2][:1], *STARTS[2][2:], (of_x2.format(0), of_x2.removesuffix(' start="{}"'))]
+    found = describe(altered(build(folder, 2), tmp_path / "it.fmu", *starts)).variables
+    assert (found["x"].start, found["y"].start) == (("1", "0", "3"), ())
+
+
+@BOTH
+def test_what_a_variable_does_not_state_is_that_of_its_type(folder: Path, tmp_path: Path, fmi: int) -> None:
+    stated = 'min="-1" max="4" unit="degC" relativeQuantity="true"'
+    types = {2: f'<SimpleType name="Share"><Real {stated}/></SimpleType>', 3: f'<Float64Type name="Share" {stated}/>'}
+    units = '<UnitDefinitions><Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit></UnitDefinitions>'
+    defined = ("<TypeDefinitions>", f"{units}<TypeDefinitions>{types[fmi]}")
+    for own, limits in ((' max="3"', ("-1", "3")), (' min="0"', ("0", "4"))):
+        of_type = (' start="2" min="0" max="10"', f' start="2"{own} declaredType="Share"')
+        path = altered(build(folder, fmi), tmp_path / f"{limits[0]}.fmu", defined, of_type)
+        found = describe(path).variables["gain"]
+        assert (found.minimum, found.maximum, found.unit) == (*limits, "degC")
+        assert unit_conversion(found.unit, defined_unit("K", {"K": 1}, 1.0, 0.0)) == (1.0, 0.0)
+
+
+def test_size_may_stand_behind_what_it_sizes_and_one_of_nothing_without_a_start(folder: Path, tmp_path: Path) -> None:
+    behind = altered(build(folder, 3), tmp_path / "it.fmu", (_N, ""), ("</ModelVariables>", f"{_N}</ModelVariables>"))
+    assert describe(behind).grid is None
+    assert [port.shape for port in describe(behind).ports("output", {"n": 4})] == [(), (4,), (4,)]
+    bare = _N.replace(' start="3"', "").replace('"n" valueReference="1"', '"m" valueReference="8"')
+    assert describe(altered(build(folder, 3), tmp_path / "bare.fmu", (_N, _N + bare))).default_sizes == {"n": 3}
+
+
+def test_platform_is_a_folder_with_a_file(folder: Path, tmp_path: Path) -> None:
+    path = shutil.copyfile(build(folder, 3), tmp_path / "it.fmu")
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("binaries/readme.txt", "")
+        archive.writestr("binaries/aarch64-linux/amplifier.so", "")
+    assert describe(path).platforms == tuple(sorted(["aarch64-linux", fmpy.platform_tuple]))
+
+
+def test_first_map_of_the_inputs_is_the_grid(folder: Path, tmp_path: Path) -> None:
+    """An output of another form counts where no input is a map."""
+    maps = [(f'"{name}[{n}]"', f'"{name}[{place}]"') for name, places in (("y", "n,1"), ("x", "1,n")) for n in (1, 2, 3)
+            for place in [places.replace("n", str(n))]]  # fmt: skip
+    assert describe(altered(build(folder, 2), tmp_path / "both.fmu", *maps)).grid == (1, 3)
+    assert describe(altered(build(folder, 2), tmp_path / "one.fmu", *maps[:3])).grid == (3, 1)
+
+
+def test_variables_that_differ_in_numbers_alone_share_a_row_from_nine_on(folder: Path, tmp_path: Path) -> None:
+    def info(count: int) -> list[str]:
+        more = "".join(f'<Float64 name="s{n}" valueReference="{500 + n}" causality="input"/>' for n in range(count))
+        path = tmp_path / f"{count}.fmu"
+        found = describe(altered(build(folder, 3), path, ("</ModelVariables>", f"{more}</ModelVariables>")))
+        return [line for line in found.lines() if line.startswith("  s") and line.endswith("  Float64")]
+
+    assert [line.split()[0] for line in info(8)] == [f"s{n}" for n in range(8)]
+    assert info(9) == ["  s0 to s8 (9)  Float64"]
+
+
+def test_fmu_begins_at_the_time_of_the_master(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    part, binding = FmuComponent(build(folder, 3)), MagicMock()
+    monkeypatch.setattr(part, "_start", lambda: binding)
+    part.initialize(5 * SECOND // 2, {})
+    binding.enter_initialization.assert_called_once_with(2.5)
+    part.terminate()
+
+
+def test_values_that_are_no_inputs_are_left_alone(folder: Path) -> None:
+    with begun(folder, 3) as part:
+        found = part.do_step(0, SECOND, {"on": np.array(False), "gain": np.array(5.0)})
+        assert found["y"].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("true", ["true", "1"])
+def test_differences_and_levels_are_no_array(folder: Path, tmp_path: Path, true: str) -> None:
     units = '<UnitDefinitions><Unit name="m"><BaseUnit m="1" offset="2"/></Unit></UnitDefinitions><TypeDefinitions>'
     of_x2 = 'valueReference="101" causality="input"><Real'
-    changes = ("<TypeDefinitions>", units), (of_x2, of_x2 + ' relativeQuantity="true"')
+    changes = ("<TypeDefinitions>", units), (of_x2, of_x2 + f' relativeQuantity="{true}"')
     (note,) = describe(altered(build(folder, 2), tmp_path / "it.fmu", *changes)).notes
     assert note.endswith("one of x[3] and x[2] is a difference (relativeQuantity)")
 
@@ -296,6 +399,9 @@ def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -
     for line in (
         "  on  Boolean = true",
         f"  x   {real} ({size}) [m] = 0",
+        f"  y      {real} ({size}) [m]",
+        "  state      can be saved and restored",
+        "  licence    none",
         f"  count  {'Integer' if fmi == 2 else 'Int32'}",
         f"  gain   {real} = 2",
         "  mode   Enumeration = 1 {1 plain, 2 squared}",
@@ -335,7 +441,9 @@ def test_small_values_and_large_maps_arrive_alike(monkeypatch: pytest.MonkeyPatc
         values = {port.name: port.start_value() for port in part.inputs}
         part.initialize(0, values)
         values |= {"pattern": pattern.T.astype(np.int32), "layer_command": np.int32(1)}
-        found[limit] = {**part.do_step(0, SECOND, values), "state": np.frombuffer(part.save(), np.uint8)}
+        outputs = part.do_step(0, SECOND, values)
+        assert not any(value.flags.writeable for value in outputs.values())
+        found[limit] = {**outputs, "state": np.frombuffer(part.save(), np.uint8)}
         part.terminate()
     for name in found[1]:
         np.testing.assert_array_equal(found[1][name], found[1 << 20][name], err_msg=name)
@@ -371,6 +479,66 @@ def test_step_that_returns_early_ends_where_it_was_to_end() -> None:
     binding._fmi, binding._messages, binding._fmu = 3, deque(), SimpleNamespace(doStep=step)
     binding.do_step(0.0, 300.0)
     assert asked == [(0.0, 300.0), (100.0, 200.0), (250.0, 50.0)]
+
+
+def test_step_that_stays_where_it_began_is_an_error_and_one_that_is_over_early_by_its_own_words_is_not() -> None:
+    reached = iter([(False, False, True, 300.0), (False, False, True, 0.0)])
+    binding: Any = object.__new__(Binding)
+    binding._fmi, binding._messages = 3, deque()
+    binding._fmu = SimpleNamespace(doStep=lambda time, length: next(reached))
+    assert binding.do_step(0.0, 300.0) is False
+    with pytest.raises(ComponentError, match="fmi3DoStep returned early at 0 s, where the step began"):
+        binding.do_step(0.0, 300.0)
+
+
+@pytest.mark.parametrize(("statuses", "calls"), [((2,), "tf"), ((3,), "f"), ((4,), ""), ((3, 2), "f"), ((4, 3), "")])
+def test_instance_is_ended_and_freed_as_far_as_its_worst_answer_allows(statuses: tuple[int, ...], calls: str) -> None:
+    """After an error the standard forbids to terminate it, after a fatal one to free it."""
+    fmu = MagicMock()
+    binding = bound(fmu)
+    for status in statuses:
+        binding._error(status, None, "fmi3DoStep")
+    binding.terminate()
+    binding.free()
+    assert (fmu.terminate.call_count, fmu.fmi3FreeInstance.call_count) == ("t" in calls, "f" in calls)
+
+
+def test_messages_of_a_step_are_those_since_it_began() -> None:
+    binding = bound(MagicMock(doStep=MagicMock(side_effect=FMICallException("fmi3DoStep", 3))))
+    binding._hear(0, b"of the start")
+    with pytest.raises(ComponentError, match=r"^fmi3DoStep returned an error without a message$"):
+        binding.do_step(0.0, 1.0)
+    for status, text in ((0, b"fmi3DoStep: cold"), (WARNING, b"warm")):
+        binding._hear(status, text)
+    assert binding._recent_messages("fmi3DoStep") == ": cold; warm"
+    assert binding._recent_messages() == " without a message"
+
+
+def test_values_that_were_not_taken_without_a_word_are_set_again() -> None:
+    """Refused ones may have been taken in part; those with a warning may be other ones in the FMU."""
+    statuses, given = iter([0, 2, 0, 1, 0]), list[float]()
+
+    def setter(component: int, references: object, count: int, values: int) -> int:
+        given.append(ctypes.c_double.from_address(values).value)
+        return next(statuses)
+
+    def getter(component: int, references: object, count: int, values: int) -> int:
+        ctypes.c_double.from_address(values).value = 1.0
+        return 0
+
+    group = ValueGroup([Port("x")], "float64", [1], Accessor("fmi2SetReal", setter), Accessor("fmi2GetReal", getter))
+    set_to = [1.0, -1.0, 1.0, 1.0, 4.0, 4.0, 4.0]
+    assert [group.set(0, {"x": np.array(value)}) for value in set_to] == [0, 2, 0, 0, 1, 0, 0]
+    assert given == [1.0, -1.0, 1.0, 4.0, 4.0]
+    assert float(group.get(0)[1]["x"]) == 1.0
+    statuses = iter([0])
+    group.set(0, {"x": np.array(4.0)})
+    assert given == [1.0, -1.0, 1.0, 4.0, 4.0, 4.0]
+
+
+@pytest.mark.parametrize(("cells", "large"), [((1 << 17) - 1, False), (1 << 17, True)])
+def test_map_of_a_mebibyte_forms_a_group_of_its_own(cells: int, large: bool) -> None:
+    assert is_large(Port("height", "m", (cells, 1))) is large
 
 
 @contextmanager
@@ -485,6 +653,7 @@ def test_description_says_whether_a_state_can_be_saved_and_shows_one_start_value
 
     other = rewritten(build(folder, fmi), tmp_path / "it.fmu", without)
     assert (describe(build(folder, fmi)).can_serialize, describe(other).can_serialize) == (True, False)
+    assert "  state      cannot be saved" in list(describe(other).lines())
     started = altered(build(folder, 3), tmp_path / "starts.fmu", *STARTS[3])
     assert "  x   Float64 (n) [m]" in list(describe(started).lines())
 

@@ -9,7 +9,7 @@ import pytest
 
 from inkloop.fmu import Variable
 from inkloop.fmu.variable import summary
-from inkloop.units import conversion, defined_unit, is_known, si_unit
+from inkloop.units import conversion, defined_unit, is_defined, is_known, si_unit, unit_conversion
 
 SIZES = {"nx": 2}
 FORCE = {"kg": 1, "m": 1, "s": -2}
@@ -39,6 +39,11 @@ LONG = variable("Enumeration", items={"off": 0, "full": 2**31})
         (MODE, "full", 4, "int32"),
         (MODE, 0, 0, "int32"),
         (LONG, "full", 2**31, "int64"),
+        (variable("Enumeration", items={"low": -(2**31)}), "low", -(2**31), "int32"),
+        (variable("Enumeration", items={"low": -(2**31) - 1}), "low", -(2**31) - 1, "int64"),
+        (LENGTH, np.uint8(2), 2.0, "float64"),
+        (COUNT, np.uint8(2), 2, "int16"),
+        (MAP, np.asfortranarray([[1, 2, 3], [4, 5, 6]]), [[1, 2, 3], [4, 5, 6]], "uint8"),
     ],
 )
 def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: Any, dtype: str) -> None:
@@ -46,6 +51,7 @@ def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: An
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, expected)
     assert found.shape == np.shape(expected)
+    assert found.flags.c_contiguous
 
 
 @pytest.mark.parametrize(
@@ -74,6 +80,43 @@ def test_value_within_its_limits_is_taken(of: Variable, value: Any, expected: An
 def test_value_that_does_not_fit_is_refused_with_what_would(of: Variable, value: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         of.convert(value, SIZES)
+
+
+@pytest.mark.parametrize(
+    ("of", "fault"),
+    [
+        (variable("Float64", dimensions=(0, 3)), None),
+        (variable("Float64", dimensions=(-1, 3)), "has the dimensions -1 x 3"),
+        (variable("Float64", dimensions=64 * (1,)), None),
+        (variable("Float64", dimensions=65 * (1,)), f"has the dimensions {' x '.join('1' * 65)}"),
+        (variable("Float64", dimensions=(5, 5)), None),
+        (variable("Float64", dimensions=(2, 13)), "of 2 x 13 values needs about 0.203 KiB of memory, 0.195 KiB are av"),
+        (variable("Int32", start=("1", "2"), dimensions=(3,)), "has 2 start values for 3"),
+        (variable("Int32", start=("1", "2")), "has 2 start values for one number"),
+        (variable("UInt8", start=("256",)), "has the start value '256'; expected UInt8"),
+    ],
+)
+def test_description_of_a_variable_may_make_no_sense(
+    of: Variable, fault: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 200)
+    found = of.fault(SIZES)
+    assert found is None if fault is None else str(found).startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("causality", "variability", "settable"),
+    [
+        ("parameter", "fixed", True),
+        ("parameter", "tunable", True),
+        ("structuralParameter", "tunable", True),
+        ("parameter", "constant", False),
+        ("input", "fixed", False),
+        ("local", "fixed", False),
+    ],
+)
+def test_parameters_that_may_change_are_settable(causality: str, variability: str, settable: bool) -> None:
+    assert Variable("v", "Float64", causality, variability, (1,)).is_settable is settable
 
 
 def test_limits_are_shown_in_the_unit_of_a_key() -> None:
@@ -131,3 +174,28 @@ def test_unit_that_means_what_it_says_stays_a_plain_name() -> None:
     assert si_unit(force) == ("kg.m.s-2", 1e-3)
     assert (is_known(force), is_known("um"), is_known("V")) == (False, True, False)
     assert is_known(defined_unit("inch", {"m": 1}, 0.0254, 0.0))
+
+
+def test_unit_with_an_offset_is_of_no_quantity_here_whatever_its_name() -> None:
+    """Keys and gains know factors alone."""
+    level = defined_unit("um", {"m": 1}, 1e-6, 2.0)
+    assert (si_unit(level), is_known(level), is_defined(level)) == (("um", 1.0), False, True)
+    assert unit_conversion(level, "m") == (1e-6, 2.0)
+    assert conversion(level, "m") is None
+
+
+def test_mere_number_is_no_defined_unit() -> None:
+    share, force = defined_unit("%", {}, 0.01, 0.0), defined_unit("N", FORCE, 1.0, 0.0)
+    assert [is_defined(unit) for unit in ("m", share, force, "V")] == [True, False, True, False]
+
+
+def test_unit_that_one_side_defines_is_taken_by_its_name_on_the_other() -> None:
+    known = defined_unit("click", FORCE, 3.0, 0.0)
+    assert unit_conversion(known, "click") == unit_conversion("click", known) == (1.0, 0.0)
+    assert unit_conversion(known, "tick") is None
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(0.0, 0.0), (np.inf, 0.0), (1.0, np.nan), (1.0, -np.inf)])
+def test_definition_that_converts_nothing_is_refused(factor: float, offset: float) -> None:
+    with pytest.raises(ValueError, match=f"unit 'x' has factor {factor}, offset {offset}; expected numbers, no factor"):
+        defined_unit("x", {"m": 1}, factor, offset)

@@ -68,6 +68,12 @@ def test_binaries_of_the_built_set_are_for_the_platform_of_their_folder(form: st
     assert platforms_in(b"no binary") == []
 
 
+@pytest.mark.parametrize(("processor", "names"), [(0x8664, ["x86_64-windows"]), (0xAA64, ["aarch64-windows"]), (1, [])])
+def test_binary_of_windows_names_its_processor_behind_the_header_of_dos(processor: int, names: list[str]) -> None:
+    dos = b"MZ" + bytes(0x3A) + struct.pack("<I", 0x50) + bytes(16)
+    assert platforms_in(dos + b"PE\0\0" + struct.pack("<HH", processor, 7)) == names
+
+
 @pytest.mark.parametrize("form", ["fmi2", "fmi3"])
 def test_each_of_several_binaries_is_packed_into_the_folder_of_its_platform(form: str, tmp_path: Path) -> None:
     elf = b"\x7fELF" + bytes(14)

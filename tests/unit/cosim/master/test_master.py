@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from inkloop.component import Port, Status, Values
 from inkloop.course.events import Event
 from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.master.master import Algorithm, Master
+from inkloop.master.interrupt import deferred
+from inkloop.master.master import Algorithm, Master, Turns
 from inkloop.master.wiring import Connection, checked_output
 from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
@@ -397,3 +398,112 @@ def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
     assert recorder.layers == 3
     assert np.isfinite(recorder.dataset().measured_height).all()
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_first_interrupt_is_told_to_every_block_and_the_second_is_not_deferred() -> None:
+    """Also after the inner block has ended, within the outer one."""
+    handler = signal.getsignal(signal.SIGINT)
+    with deferred() as outer:
+        with deferred() as quiet:
+            assert not quiet()
+        with deferred() as inner:
+            signal.raise_signal(signal.SIGINT)
+            assert (inner(), outer(), quiet()) == (True, True, False)
+            assert signal.getsignal(signal.SIGINT) is handler
+        assert signal.getsignal(signal.SIGINT) is handler
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_end_of_the_print_goes_before_the_limit_of_time_and_both_before_an_interrupt() -> None:
+    def end(**limits: Any) -> list[str]:
+        """Reasons of a course that ends at 2, of a run that is interrupted at once."""
+        part = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")], step=lambda *_: {
+            "layers_printed": np.asarray(1, np.int32)})  # fmt: skip
+        course = LayerCourse({"a": part}, layers_max=limits.pop("layers_max", 9))
+        turns = Master({"a": part}, [], step_ns=2, course=course).turns(**limits, interrupted=lambda: True)
+        return list(ended(turns))
+
+    assert end(time_max_ns=0) == ["time_max"]
+    assert end(time_max_ns=0, layers_max=0) == ["layers_max"]
+    assert end() == ["interrupted"]
+
+
+def ended(turns: Turns) -> Iterator[str]:
+    """The reason of a run that takes no step."""
+    yield (yield from turns)  # type: ignore[misc]
+
+
+class Counting:
+    """A clock in nanoseconds that advances by one whenever it is looked at."""
+
+    def __init__(self) -> None:
+        self.now = 0
+
+    def __call__(self) -> int:
+        self.now += 1
+        return self.now
+
+
+def test_time_of_each_part_is_the_sum_of_its_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each call takes 1 ns of this clock: `initialize` and three steps of `a`, one of `b`; the observers see four."""
+    monkeypatch.setattr("inkloop.master.master.perf_counter_ns", Counting())
+    master = Master({"a": counter(), "b": counter()}, [], step_ns=1, every={"b": 3}, observers=[Trace("a.y")])
+    master.run(time_max_ns=3)
+    wall = {name: round(seconds * 1e9) for name, seconds in master.wall_s.items()}
+    calls = 4 + 2 + 4
+    assert wall == {"a": 4, "b": 2, "observers": 4, "total": 2 * calls + 1, "master": 2 * calls + 1 - calls}
+
+
+def printing(**outputs: tuple[int, ...]) -> FunctionComponent:
+    """Puts out these numbers step by step, and starts with the first of each."""
+    given = {name: iter(numbers[1:]) for name, numbers in outputs.items()}
+    ports = [Port(name, dtype="int32", start=numbers[0]) for name, numbers in outputs.items()]
+    return FunctionComponent(
+        outputs=ports, step=lambda *_: {name: np.asarray(next(rest), np.int32) for name, rest in given.items()}
+    )
+
+
+def test_print_ends_when_its_last_layer_is_scanned_and_counts_for_layers_printed_alone() -> None:
+    scans = printing(layers_scanned=(-1, 0, 1, 2, 3))
+    course = LayerCourse({"profiler": scans}, layers_max=2)
+    assert course.endless == "no component counts layers"
+    assert course.place({"profiler": {"layers_scanned": np.asarray(5)}}) == ""
+    with pytest.raises(ScenarioError, match="nothing ends this run: no component counts layers; set time_max_s"):
+        Master({"profiler": scans}, [], step_ns=1, course=course).run()
+    parts = {"printer": printing(layers_printed=(0, 1, 2, 2, 2, 2)), "profiler": scans}
+    course = LayerCourse(parts, layers_max=2)
+    assert (course.endless, LayerCourse(parts).endless) == ("", "no component counts layers")
+    ends: list[int] = []
+    master = Master(parts, [], step_ns=1, course=course, on_end=lambda reason, time_ns, outputs: ends.append(time_ns))
+    assert (master.run(), ends) == ("layers_max", [3])
+    assert course.place(
+        {"printer": {"layers_printed": np.asarray(7)}, "profiler": {"layers_scanned": np.asarray(5)}}
+    ) == ("after layer 7")
+
+
+def test_controller_that_is_told_by_another_component_is_not_told_by_the_course() -> None:
+    """Its input is connected: what the source says counts."""
+    controller = StoppingController()
+    source = Resumable(outputs=[Port("y", dtype="bool")])
+    parts = {"source": source, "controller": controller}
+    wire = Connection("source.y", "controller.looked_at")
+    outputs: dict[str, Values] = {
+        "source": {"y": np.asarray(False)},
+        "controller": {"layer_command": np.asarray(1, np.int32), "stop_reason": np.asarray(64, np.int32)},
+    }
+    point = Checkpoint(0, 1, outputs, {"source": b"", "controller": b""})
+    course = LayerCourse(parts, fed={wire.target})
+    assert Master(parts, [wire], step_ns=10, course=course).run(time_max_ns=10, resume=point) == "stopped"
+    assert controller.told == []
+
+
+@pytest.mark.parametrize(("status", "reason"), [(Status.UNTRUSTED, "time_max"), (Status.FAULT, "fault")])
+def test_untrusted_part_ends_no_print(status: Status, reason: str) -> None:
+    part = printing(status=(0, int(status)))
+    assert Master({"a": part}, [], step_ns=1, course=LayerCourse({"a": part})).run(time_max_ns=1) == reason
+
+
+def test_time_of_a_failure_has_nine_digits() -> None:
+    part = FunctionComponent(step=failing(1_234_567_890, lambda *_: {}, lambda: 1 / 0))
+    with pytest.raises(ComponentError, match=r"^a failed at t = 1\.23456789 s: ZeroDivisionError"):
+        Master({"a": part}, [], step_ns=1_234_567_890, course=None).run(time_max_ns=10**10)

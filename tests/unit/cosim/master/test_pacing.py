@@ -99,3 +99,8 @@ def test_points_are_reached_at_their_time_by_the_clock_counted_from_where_the_ru
         pacing.wait(point * MS)
     assert clock.now_ns - begin == pytest.approx(200 * MS / factor, abs=1)
     assert sentence(pacing.statistics).startswith(f"real time x {factor:g}: 0 of 2 steps late, worst 0 ms")
+
+
+def test_account_of_the_deadlines_is_told_in_milliseconds() -> None:
+    figures = {"real_time_factor": 2.0, "steps": 9, "missed": 4, "worst_s": 0.25, "p99_s": 0.0125}
+    assert sentence(figures) == "real time x 2: 4 of 9 steps late, worst 250 ms, 99 % within 12.5 ms"

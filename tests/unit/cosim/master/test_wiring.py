@@ -7,7 +7,7 @@ import pytest
 
 from inkloop.component import Port
 from inkloop.master.orientation import Orientation
-from inkloop.master.wiring import Connection, Transfer, check, feeds
+from inkloop.master.wiring import Connection, Transfer, check, feeds, initial_order
 from inkloop.units import DefinedUnit
 from support.toys import FunctionComponent
 
@@ -115,7 +115,7 @@ def test_unit_with_an_offset_is_converted_by_itself(source: str, target: str, gi
     assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected, rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize("wire", [Connection("a.y", "b.x", 1.0, 273.15), Connection("a.y", "b.x", 1.0)])
+@pytest.mark.parametrize("wire", [Connection("a.y", "b.x", *line) for line in ((1.0, 273.15), (1.0,), (None, 5.0))])
 def test_gain_or_offset_beside_such_a_conversion_is_refused(wire: Connection) -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y", CELSIUS)]), "b": FunctionComponent(inputs=[Port("x", "K")])}
     (error,) = check(parts, [wire])
@@ -134,6 +134,7 @@ def test_map_arrives_in_the_orientation_of_the_input(nx: int, ny: int, transpose
     wire = Connection("a.y", "b.x", orientation=Orientation(mirror, transpose))
     assert check(parts, [wire]) == []
     arrived = Transfer.of(wire, *ports)(value)
+    np.testing.assert_array_equal(wire.orientation.here(wire.orientation.there(value)), value)
     for i in range(nx):
         for j in range(ny):
             k, m = nx - 1 - i if "x" in mirror else i, ny - 1 - j if "y" in mirror else j
@@ -152,6 +153,25 @@ def test_turn_of_a_scalar_is_refused_and_a_turned_map_gets_advice() -> None:
         "a.z gives 2 x 3, b.w takes 3 x 2: same shape needed; transpose in the connection, or in ports of an FMU, "
         "exchanges the axes",
     ]
+
+
+def test_map_of_another_grid_gets_advice_and_one_of_other_dimensions_none() -> None:
+    parts = {
+        "a": FunctionComponent(outputs=[Port("y", shape=(2, 3))]),
+        "b": FunctionComponent(inputs=[Port("x", shape=(2, 4)), Port("w", shape=(6,))]),
+    }
+    grid, line = check(parts, [Connection("a.y", "b.x"), Connection("a.y", "b.w")])
+    assert grid == (
+        "a.y gives 2 x 3, b.x takes 2 x 4: same shape needed; "
+        "write under [grid] the nx and ny of the one that has no other"
+    )
+    assert line == "a.y gives 2 x 3, b.w takes 6: same shape needed"
+
+
+def test_component_that_feeds_itself_waits_for_its_other_sources_only() -> None:
+    parts = {name: FunctionComponent([Port("x"), Port("own")], [Port("y")]) for name in "bac"}
+    wires = [Connection("a.y", "a.own"), Connection("a.y", "b.x"), Connection("b.y", "c.x"), Connection("c.y", "c.own")]
+    assert initial_order(feeds(parts, wires)) == ["a", "b", "c"]
 
 
 def test_gain_of_one_is_a_gain() -> None:
@@ -189,6 +209,7 @@ def test_array_on_its_way_is_that_of_its_source_or_has_its_type_and_cannot_be_wr
     [
         (Port("y", "s"), 1.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
         (Port("y", "s"), 2.0, "a.y gives [s], b.x takes [m]: same quantity needed"),
+        (Port("y", "1"), 2.0, "a.y gives [1], b.x takes [m]: same quantity needed"),
         (Port("y", "m", (3,)), 1.0, "a.y gives 3, b.x takes a scalar"),
         (Port("y", "m", dtype="int64"), 1.0, "a.y gives int64, b.x takes float64"),
     ],
@@ -198,4 +219,5 @@ def test_mismatch_is_named_with_both_sides(port: Port, gain: float, message: str
     wires = [Connection("a.y", "b.x", gain)] * 2
     error, *_, twice = check(parts, wires)
     assert error.startswith(message)
+    assert "or a gain" not in error
     assert twice.startswith("b.x is fed twice, by a.y and a.y")

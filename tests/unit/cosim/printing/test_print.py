@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from inkloop.component import Values
+from inkloop.component import Ink, Job, Values
 from inkloop.course.events import Event
 from inkloop.course.layer_course import contract_connections
 from inkloop.errors import ComponentError, InkloopError, ResultError
-from inkloop.printing.print import Print
+from inkloop.printing.print import Print, check_first_layer
 from inkloop.results import checkpoint
 from inkloop.results.checkpoint import layer_files
 from inkloop.results.result import Result
@@ -181,3 +182,82 @@ def test_failure_before_the_first_layer_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(ComponentError, match=r"^controller could not be initialized: ZeroDivisionError: [^\n]*$"):
         printed(Broken(), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+INKS = (Ink(), Ink(3e-6, 0.5e-6, 0.1e-6))
+"""Layers of 7.6 and of 5.4 um."""
+
+
+def first_layer(
+    options: dict[str, Any], lacks_um: float = 5.0, *, reason: str = "done", layers: int = 1, kind: str = "LayerMpc"
+) -> None:
+    """A print of a part of 20 um on what is lower by `lacks_um` in its cells, of which one was not measured."""
+    mask = np.zeros((4, 3), np.bool_)
+    mask[1:3] = True
+    target = np.where(mask, 20e-6, 0.0)
+    scan = np.where(mask, target - lacks_um * 1e-6, 300e-6)
+    scan[1, 0] = np.nan
+    part = Job(4, 3, 1e-4, target, mask, inks=INKS)
+    components = {
+        "printer": SimpleNamespace(kind="LayerDeposition"),
+        "own": SimpleNamespace(kind=kind, options=options),
+    }
+    loop: Any = SimpleNamespace(tables=SimpleNamespace(components=components), job=lambda name: part)
+    maps = {"measured_height": (("layer", "x", "y"), np.repeat(scan[None], layers, axis=0))}
+    found: Any = SimpleNamespace(stop_reason=reason, dataset=xr.Dataset(maps))
+    check_first_layer(loop, found)
+
+
+@pytest.mark.parametrize(
+    ("options", "with_", "choice"),
+    [
+        ({}, "alpha = 0.8", "a larger alpha"),
+        ({"alpha": 0.5, "horizon": 4}, "alpha = 0.5, horizon = 4", "a larger alpha or a longer horizon"),
+        ({"alpha": 1.0, "horizon": 1, "finish": True}, "alpha = 1.0, horizon = 1, finish = True", "a longer horizon"),
+        ({"alpha": 0.7, "horizon": 5}, "alpha = 0.7, horizon = 5", "a larger alpha"),
+        ({"alpha": [1.0, 0.5]}, "alpha = [1.0, 0.5]", "a larger alpha"),
+    ],
+)
+def test_print_whose_first_layer_does_not_pay_is_an_error_with_what_can_be_raised(
+    options: dict[str, Any], with_: str, choice: str
+) -> None:
+    with pytest.raises(ComponentError) as raised:
+        first_layer(options)
+    message = str(raised.value)
+    assert message.startswith(f"own: nothing was printed with {with_}, although 5 µm lack on average: ")
+    assert message.endswith(f"; choose {choice}")
+
+
+def test_print_that_lacks_less_than_half_a_layer_or_was_not_ended_by_its_controller_is_none() -> None:
+    """Half of the higher of the two layers."""
+    first_layer({}, 3.7)
+    with pytest.raises(ComponentError, match=r"although 3\.9 µm lack"):
+        first_layer({}, 3.9)
+    first_layer({}, reason="time_max")
+    first_layer({}, layers=2)
+    first_layer({}, kind="OpenLoop")
+    first_layer({"alpha": 1.0, "horizon": 5})
+    first_layer({"alpha": 1.0})
+
+
+def test_event_that_is_in_effect_at_the_start_alone_marks_the_start_alone() -> None:
+    """The start surface belongs to the step that would begin at 0."""
+    events = (
+        Event("printer.pattern", "bias", at_time_ns=0, value=np.asarray(0, np.int32)),
+        Event("printer.pattern", "reset", at_time_ns=SECOND // 2),
+    )
+    result = printed(Loop(layers_max=2, events=events))
+    assert result.dataset.modified.values.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(("error", "told"), [(NewPart, False), (RuntimeError, True)])
+def test_failed_print_on_devices_names_what_the_bench_takes(
+    error: type[Exception], told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Kept, "is_device", True, raising=False)
+    monkeypatch.setattr(Kept, "error", error)
+    with pytest.raises(ComponentError) as raised:
+        printed(Loop(fails_ns=5 * SECOND // 2), tmp_path)
+    kept, bench = f"layers 0 to 2 are in {tmp_path}", f" (`inkloop bench` takes {tmp_path} as SCENARIO)"
+    remedy = f"; fix the cause{bench}, then continue with `inkloop resume {tmp_path}`"
+    assert str(raised.value).split("\n")[1] == kept + (remedy if told else bench)

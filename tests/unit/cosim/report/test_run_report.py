@@ -14,6 +14,7 @@ import xarray as xr
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
+from inkloop.printing import run as printing_run
 from inkloop.printing.run import new_run_folder, print_part
 from inkloop.report import run_report
 from inkloop.report.remarks import remarks, stop_remarks, untrusted_remarks
@@ -398,6 +399,18 @@ def test_new_folder_is_the_first_that_is_free(tmp_path: Path, monkeypatch: pytes
     for place in (tmp_path / "file", tmp_path / "runs"):
         with pytest.raises(ResultError, match="is there already and not empty; name another --out"):
             new_run_folder(place, "plate")
+
+
+def test_comparison_runs_have_folders_of_plain_letters() -> None:
+    names: dict[str, Any] = {"open loop": {}, "Half size (50 %)!": {}}
+    scenario: Any = SimpleNamespace(tables=SimpleNamespace(compare=names), variant=lambda name: f"variant {name}")
+    found = list(printing_run._runs(scenario, Path("out"), True))
+    assert [(place.as_posix(), variant) for place, variant in found[1:]] == [
+        ("out/compare/open-loop", "variant open loop"),
+        ("out/compare/half-size-50", "variant Half size (50 %)!"),
+    ]
+    assert found[0] == (Path("out"), scenario)
+    assert list(printing_run._runs(scenario, Path("out"), False)) == found[:1]
 
 
 def seen() -> xr.Dataset:

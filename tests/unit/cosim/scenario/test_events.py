@@ -193,6 +193,37 @@ def test_component_of_a_manipulated_input_never_knows() -> None:
     assert all(set(inputs) == {"x"} for inputs in got)
 
 
+HALF = np.array([[True, False, False], [True, True, False]])
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (Event("a.y", "override", at_layer=2, value=number(5.0)), "from layer 2: override a.y 5"),
+        (
+            Event("a.y", "bias", at_time_ns=1_500_000_000, value=np.array([[1.5, -2.0, 0.0]]), cells=HALF),
+            "from t = 1.5 s: bias a.y -2 .. 1.5 in 3 cells",
+        ),
+        (
+            Event("a.y", "bias", at_layer=3, value=number(1.0), per_layer=number(0.25)),
+            "from layer 3: bias a.y 1, 0.25 more with each further layer",
+        ),
+        (Event("a.y", "reset", at_layer=4), "from layer 4: reset a.y"),
+    ],
+)
+def test_event_is_told_with_its_begin_place_values_and_cells(event: Event, text: str) -> None:
+    assert str(event) == text
+
+
+def test_event_acts_on_the_input_of_two_ports_of_one_name_and_keeps_the_type_of_the_port() -> None:
+    part = FunctionComponent([Port("z", dtype="int32", start=1)], [Port("z")])
+    manipulator = Manipulator([Event("a.z", "bias", at_layer=1, value=number(2.0))], {"a": part})
+    found = manipulator.inputs("a", {"z": np.asarray(4, np.int32)}, 0, 1)["z"]
+    assert (int(found), found.dtype) == (6, np.int32)
+    given: Values = {"z": number(4.0)}
+    assert manipulator.outputs("a", given, 0, 1) is given
+
+
 OVERRIDE = Event("a.x", "override", at_layer=2, value=number(10.0))
 BIAS = Event("a.x", "bias", at_layer=3, value=number(0.5))
 

@@ -6,6 +6,8 @@ import hashlib
 import io
 import json
 import struct
+from argparse import Namespace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,13 +21,16 @@ from PIL import Image
 from tools import parts
 
 from inkloop.cli import main
+from inkloop.component import Ink
 from inkloop.exchange.layers import BITMAP_FORMATS, archive
 from inkloop.exchange.layers.bitmap import encode, stored_pitch
-from inkloop.exchange.layers.patterns import of_open_loop, of_run
+from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
 from inkloop.printing.run import print_part
+from inkloop.report.terminal import Terminal
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.tables import part_layers as layer_manifest
+from inkloop.tables.schema import Process
 from support.bitmap_readers import png_chunks, stored_bits
 from support.places import SCENARIOS
 
@@ -59,11 +64,14 @@ def manifest_of(folder: Path) -> dict[str, Any]:
 
 def planes(folder: Path, form: str = "tiff") -> list[tuple[dict[str, Any], np.ndarray]]:
     """Each entry of the manifest with the (nx, ny) bits of its file, which has the declared hash."""
-    found = []
-    for entry in manifest_of(folder)["files"]:
+    found, manifest = [], manifest_of(folder)
+    layers = [entry["layer"] for entry in manifest["files"]]
+    assert (manifest["image_format"], manifest["first_layer"], manifest["last_layer"]) == (form, layers[0], layers[-1])
+    for entry in manifest["files"]:
         content = (folder / entry["file"]).read_bytes()
         assert entry["sha256"] == hashlib.sha256(content).hexdigest()
         bits = stored_bits(content, form).T
+        assert (manifest["width_pixels"], manifest["height_pixels"]) == bits.shape
         assert entry["pixels"] == bits.sum()
         assert entry["drops"] == entry["drops_per_pixel"] * bits.sum()
         found.append((entry, bits))
@@ -86,6 +94,13 @@ def test_bitmaps_are_the_pattern_and_their_sums_are_the_counted_droplets(form: s
     droplets = np.column_stack([result.dataset.droplets_a.values, result.dataset.droplets_b.values])
     assert np.array_equal(np.cumsum(counted, axis=0), droplets)
     assert droplets[-1].all()
+    manifest, inks = manifest_of(tmp_path / "out"), Scenario.load(SCENARIOS / "two-materials.toml").job().inks
+    assert (manifest["passes"], manifest["drop_levels"], manifest["drop_split"]) == (4, 1, None)
+    heights = {ink: about["layer_height_um"] for ink, about in manifest["inks"].items()}
+    assert heights == pytest.approx(
+        {"A": inks[0].layer_height * 1e6, "B": inks[1].layer_height * 1e6}, rel=1e-12, abs=0.0
+    )
+    assert heights["A"] != heights["B"]
 
 
 def test_passes_are_numbered_as_they_are_jetted(tmp_path: Path) -> None:
@@ -111,6 +126,8 @@ def test_drops_of_several_sizes_add_up(split: str | None, tmp_path: Path) -> Non
     assert jetted.max() > 3
     assert np.array_equal(np.cumsum(drops.sum(axis=(1, 2))), result.dataset.droplets_a.values)
     names = {entry["file"] for entry, _ in planes(tmp_path / "out", "bmp")}
+    manifest = manifest_of(tmp_path / "out")
+    assert (manifest["drop_levels"], manifest["drop_split"]) == (jetted.max(), split or "planes")
     assert ("L0001_P1_A_b0.bmp" if split == "bits" else "L0001_P1_A_d1.bmp") in names
     if split != "bits":
         assert not np.logical_and.reduce([bits for entry, bits in planes(tmp_path / "out", "bmp")][:2]).any()
@@ -130,6 +147,47 @@ def test_manifest_describes_the_folder(run_folder: str, tmp_path: Path, capsys: 
     assert manifest["inks"]["A"]["layer_height_um"] == pytest.approx(7.6, rel=1e-12, abs=0.0)
     assert manifest["scenario_sha256"] == result.run["sha256"]["scenario"]
     assert [entry["file"] for entry in manifest["files"]] == ["L0002_P1_A.png"]
+
+
+LEVELS = np.array([[[1, 2, 9], [2, 1, 0]]])
+DROPS = Patterns(
+    "by hand",
+    "",
+    1e-4,
+    (Ink(), Ink()),
+    Process(passes=4),
+    np.array([[[1, 1, 0], [2, 0, 1]]]),
+    LEVELS,
+)
+"""Of two inks, a layer of 2 x 3 cells; no droplet where the level is 9."""
+
+
+def test_sizes_of_drops_are_those_of_the_droplets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Written next to the reader, under the name of the folder, however it is named."""
+    assert DROPS.levels == 2
+    assert replace(DROPS, drop_level=None).levels == 1
+    assert replace(DROPS, pattern=0 * DROPS.pattern).levels == 1
+    (tmp_path / "plate").mkdir()
+    monkeypatch.chdir(tmp_path / "plate")
+    options = Namespace(out=None, format="png", layers=None, passes=False, drop_levels="bits")
+    assert archive.export(DROPS, Path(), options, Terminal(as_json=True)) == 0
+    streams = capsys.readouterr()
+    assert json.loads(streams.out)["drops"] == 5
+    assert "wrote plate-layers: layers 1 to 1, bitmaps: 4, drops: 5; by hand" in streams.err
+    found = {entry["file"]: bits for entry, bits in planes(Path("plate-layers"), "png")}
+    assert list(found) == ["L0001_P1_A_b0.png", "L0001_P1_A_b1.png", "L0001_P1_B_b0.png", "L0001_P1_B_b1.png"]
+    assert [np.argwhere(bits).tolist() for bits in found.values()] == [[[0, 0]], [[0, 1]], [], [[1, 0]]]
+    assert manifest_of(Path("plate-layers"))["passes"] == 1
+    with Image.open("plate-layers/L0001_P1_B_b1.png") as picture:
+        assert picture.info["Title"] == "layer 1, pass 1, ink B, b1"
+
+
+def test_droplet_of_a_run_without_a_size_is_one_drop() -> None:
+    result = printed("cuboid", *GREY.items())
+    bare = result.dataset.assign(drop_level=0 * result.dataset.drop_level)
+    assert (of_run(Result(bare, result.run), "run").drop_level == 1).all()
 
 
 def test_layers_that_were_aborted_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
-from inkloop.exchange.layers.surface import floor_of, write_body
+from inkloop.exchange.layers.surface import closed_body, floor_of, write_body
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
@@ -112,8 +112,10 @@ def test_a_body_is_closed_and_has_the_volume_of_the_map(
     corners = (stl_corners if form == "stl" else glb_corners)(tmp_path / "body") / scale
     check_closed(corners)
     assert enclosed(corners) == pytest.approx(under(map_, floor_of(map_)), rel=1e-5, abs=0.0)
-    for um, floor in ((10.0, -DX), (-10.0, -1e-5 - DX)):  # a pixel below all
-        assert floor_of(HeightMap(np.full((2, 2), um * 1e-6), DX, DY)) == pytest.approx(floor, rel=1e-12, abs=0.0)
+    for um, floor in ((10.0, -DX), (-10.0, -1e-5 - DX)):  # a pixel, along its shorter side, below all
+        for sides in ((DX, DY), (DY, DX)):
+            low = np.array([[um, 30.0], [20.0, um]]) * 1e-6
+            assert floor_of(HeightMap(low, *sides)) == pytest.approx(floor, rel=1e-12, abs=0.0)
 
 
 def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
@@ -137,9 +139,43 @@ def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None
     z[2, 2] = np.nan
     with pytest.raises(ResultError, match="1 of 24 cells have no height"):
         write_body(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
-    with pytest.raises(ResultError, match="needs 2 x 2"):
-        write_body(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
+    for shape in ((5, 1), (1, 5)):
+        with pytest.raises(ResultError, match=rf"has {shape[0]} x {shape[1]} cells; a body needs 2 x 2"):
+            write_body(tmp_path / "body.stl", HeightMap(np.ones(shape), DX, DY), "stl")
     assert not list(tmp_path.iterdir())
+
+
+def test_body_stands_where_its_map_lies() -> None:
+    """Corners of the surface, of the foot below, and the middle of the floor."""
+    map_ = HeightMap(np.array([[1e-5, 2e-5, 3e-5], [4e-5, 5e-5, 6e-5]]), DX, DY, x0=1e-3, y0=-2e-3)
+    vertices, _ = closed_body(map_, -1e-4)
+    corners = [(1e-3, -2e-3, 1e-5), (1e-3, -2e-3 + 2 * DY, 3e-5), (1e-3 + DX, -2e-3, 4e-5)]
+    assert vertices[[0, 2, 3]].tolist() == [pytest.approx(corner, rel=1e-12, abs=0.0) for corner in corners]
+    assert vertices[6].tolist() == pytest.approx((1e-3, -2e-3, -1e-4), rel=1e-12, abs=0.0)
+    assert vertices[-1].tolist() == pytest.approx((1e-3 + DX / 2, -2e-3 + DY, -1e-4), rel=1e-12, abs=0.0)
+
+
+def test_surface_is_named_by_run_map_and_layer_and_described(
+    run_folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lacking = int((~printed().dataset.valid.values[-1]).sum())
+    assert main(["export", "surface", run_folder, "--format", "tiff", "--map", "measured", "--json"]) == 0
+    streams = capsys.readouterr()
+    assert [path.name for path in tmp_path.iterdir()] == ["run-measured-L0002.tif"]
+    told = json.loads(streams.out)
+    assert (told["file"], told["cells"], told["without_height"]) == ("run-measured-L0002.tif", [12, 12], lacking)
+    assert told["pitch_um"] == pytest.approx(263.256, rel=1e-9, abs=0.0)
+    assert f"12 x 12 cells of 263.256 µm, {lacking} of them without a height" in streams.err
+    assert "heights in µm as float32" in streams.err
+    filled = ["--map", "measured", "--layer", "1", "--fill-um", "5"]
+    assert main(["export", "surface", run_folder, "--format", "npy", *filled]) == 0
+    z, valid = np.load(tmp_path / "run-measured-L0001.npy"), printed().dataset.valid.values[1]
+    np.testing.assert_allclose(z[~valid], 5e-6, rtol=1e-12)
+    assert (np.abs(z[valid] - 5e-6) > 1e-12).all()
+    assert "cells of 263.256 µm\n" in capsys.readouterr().out
+    assert main(["export", "surface", run_folder, "--format", "stl", "--layer", "0"]) == 0
+    assert "floor at z = -263.256 µm; lengths in mm, z up" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("form", "options"), [("sdf", {}), ("x3p", {}), ("tif", {}), ("npy", {"unit": "m"})])

@@ -137,6 +137,9 @@ def test_fmu_in_an_ssp_is_named_by_its_place_there(tmp_path: Path) -> None:
     with fmu_file(path / "resources" / "amplifier2.fmu") as found:
         assert found.read_bytes() == (tmp_path / "amplifier2.fmu").read_bytes()
     assert not found.exists()
+    (tmp_path / "folder.ssp").mkdir()
+    with fmu_file(tmp_path / "folder.ssp" / "it.fmu") as found:
+        assert found == tmp_path / "folder.ssp" / "it.fmu"
     with pytest.raises(FmuError, match=r"theirs\.ssp/resources/none\.fmu: cannot be read"):
         fmu_file(path / "resources" / "none.fmu").__enter__()
 
@@ -196,3 +199,35 @@ def test_parameter_with_the_name_of_an_option_is_refused(tmp_path: Path) -> None
             archive.writestr(name, theirs.read_bytes() if name.endswith(".fmu") else ours.read(name))
     with pytest.raises(ScenarioError, match=r"parameter first\.file has the name of an option of a scenario"):
         scenario_of(other)
+
+
+def test_connections_of_the_job_to_other_inputs_stay(tmp_path: Path) -> None:
+    other = '[[connections]]\nsource = "first.y"\ntarget = "second.x"\noffset_um = 4.0\n'
+    scenario = scenario_of(packed(tmp_path, connections=wires("second.y", "first.x"), job=JOB + other))
+    found = [(wire.source, wire.target, wire.gain) for wire in scenario.tables.connections]
+    assert found == [("first.y", "second.x", None), ("second.y", "first.x", None)]
+    assert scenario.connections[0].offset == pytest.approx(4e-6, rel=1e-12, abs=0.0)
+
+
+def renamed(folder: Path, path: Path, *changes: tuple[str, str]) -> Path:
+    """The .ssp with another description of its FMU."""
+    theirs, other = folder / "named.fmu", folder / "other.ssp"
+    amplifier.altered(folder / "amplifier2.fmu", theirs, *changes)
+    with zipfile.ZipFile(path) as ours, zipfile.ZipFile(other, "w") as archive:
+        for name in ours.namelist():
+            archive.writestr(name, theirs.read_bytes() if name.endswith(".fmu") else ours.read(name))
+    return other
+
+
+def test_parameter_in_a_unit_of_its_fmu_keeps_its_value(tmp_path: Path) -> None:
+    """A scenario has it in um: 2 inches are 50800."""
+    units = '<UnitDefinitions><Unit name="inch"><BaseUnit m="1" factor="0.0254"/></Unit></UnitDefinitions>'
+    changes = ("<TypeDefinitions>", f"{units}<TypeDefinitions>"), ('<Real start="2"', '<Real unit="inch" start="2"')
+    path = renamed(tmp_path, packed(tmp_path, bindings=bound(parameter("first.gain", "2"))), *changes)
+    options = scenario_of(path).tables.components["first"].options
+    assert options["gain_um"] == pytest.approx(50_800.0, rel=1e-12, abs=0.0)
+
+
+def test_kind_is_no_name_of_a_parameter_and_a_grid_without_cells_is_an_error_of_the_job(tmp_path: Path) -> None:
+    path = renamed(tmp_path, packed(tmp_path, bindings=bound(parameter("first.kind", "3"))), ('"gain"', '"kind"'))
+    assert "parameter first.kind has the name of an option of a scenario" in errors_of(path)

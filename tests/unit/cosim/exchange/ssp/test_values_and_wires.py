@@ -6,19 +6,23 @@ import io
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inkloop.component import Port
+from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import contents, ssd, wires
-from inkloop.exchange.ssp.folder import _begun
+from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, _begun, maestro_tables, osp_structure
 from inkloop.exchange.ssp.structure import Structure
-from inkloop.exchange.ssp.system import Part, System, Wire
+from inkloop.exchange.ssp.system import Part, System, Wire, _wires, _with_values
 from inkloop.fmu import FmuDescription, Variable
-from inkloop.master.wiring import Transfer
+from inkloop.master.wiring import Connection, Transfer
 from inkloop.units import defined_unit
+from support.toys import FunctionComponent
 
 NAMES = " ".join(
     f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"'
@@ -172,6 +176,16 @@ def test_unit_is_the_one_that_the_file_defines() -> None:
     system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("a.bed", "60", unit="celsius"))}
 </ssd:ParameterBindings><ssd:Elements><ssd:Component name="a"/></ssd:Elements></ssd:System>"""
     assert parameters(system, known=warm) == ({"a": {"bed": 333.15}}, [])
+    own = '<ssv:Units><ssc:Unit name="celsius"><ssc:BaseUnit K="1" factor="2"/></ssc:Unit></ssv:Units>'
+    assert parameters(system.replace("</ssv:Parameters>", f"</ssv:Parameters>{own}"), known=warm) == (
+        {"a": {"bed": 120.0}},
+        [],
+    )
+    pieces = '<ssv:Units><ssc:Unit name="pieces"><ssc:BaseUnit/></ssc:Unit></ssv:Units>'
+    assert read(more=bound(entry("a.bare[1,1]", "5", unit="pieces"), units=pieces)) == (
+        {"bare": [[5.0, 0.0], [0.0, 0.0]]},
+        [],
+    )
 
 
 @pytest.mark.parametrize("in_file", [False, True])
@@ -249,7 +263,10 @@ def nested(*connections: str, connectors: str = "") -> tuple[Any, list[str]]:
         "a": described(3, variable("y", "Float64", "output", unit="mm")),
         "b": described(3, variable("x", "Float64", "input", unit="m")),
         "sub_c": described(
-            3, variable("x", "Float64", "input", unit="m"), variable("y", "Float64", "output", unit="m")
+            3,
+            variable("x", "Float64", "input", unit="m"),
+            variable("y", "Float64", "output", unit="m"),
+            variable("p", unit="m"),
         ),
     }
     errors: list[str] = []
@@ -292,6 +309,39 @@ def test_connector_of_another_quantity_on_the_way_is_an_error() -> None:
         "the connection from a.y to sub.in goes from [mm] to [s]",
         "the connection from sub.in to sub.c.x goes from [s] to [m]",
     ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "inside", "gain"), [("1", "", 1e3), ("s", '<ssc:LinearTransformation factor="2"/>', 4e3)]
+)
+def test_number_passes_a_connector_without_a_unit_or_by_a_transformation(unit: str, inside: str, gain: float) -> None:
+    """The number of mm is then taken for one of m."""
+    connectors = f'<ssd:Connector name="in" kind="input"><ssc:Real unit="{unit}"/></ssd:Connector>'
+    (table,), errors = nested(joint("a.y", "sub.in", inside), "", joint("in", "c.x", inside), connectors=connectors)
+    assert errors == []
+    assert table == {"source": "a.y", "target": "sub_c.x", "gain": pytest.approx(gain, rel=1e-12, abs=0.0)}
+
+
+def test_outputs_that_meet_at_a_connector_feed_inputs_alone() -> None:
+    ends = joint("a.y", "sub.in"), "", joint("c.y", "in"), joint("in", "c.x")
+    tables, errors = nested(*ends, connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == []
+    assert sorted((table["source"], table["target"]) for table in tables) == [
+        ("a.y", "sub_c.x"),
+        ("sub_c.y", "sub_c.x"),
+    ]
+
+
+def test_connector_of_a_system_may_lead_to_a_parameter() -> None:
+    ends = joint("a.y", "sub.in"), "", joint("in", "c.p"), joint("in", "c.x")
+    tables, errors = nested(*ends, connectors='<ssd:Connector name="in" kind="input"/>')
+    assert errors == []
+    assert [(table["source"], table["target"]) for table in tables] == [("a.y", "sub_c.x")]
+
+
+def test_unknown_component_is_answered_with_those_of_its_system() -> None:
+    assert nested(joint("x.y", "b.x"), "")[1] == ["a connection names component 'x'; known: a, b, sub"]
+    assert nested("", "", joint("x.y", "c.x"))[1] == ["a connection names component 'x'; known: c"]
 
 
 def test_unit_of_a_connector_is_by_its_name_the_one_that_arrives() -> None:
@@ -396,6 +446,8 @@ def line(text: str) -> str:
         (line('offset="0.5"'), "", {"offset_um": 0.5e6}),
         (line('factor="2" offset="-3"'), "", {"gain": 2.0, "offset_um": -3e6}),
         ("", 'suppressUnitConversion="true"', {"gain": 1000.0}),  # the number of mm taken for one of m
+        ("", 'suppressUnitConversion="1"', {"gain": 1000.0}),
+        (line('factor="1.000001"'), "", {"gain": 1.000001}),
         (line('factor="2"'), 'suppressUnitConversion="false"', {"gain": 2.0}),
     ],
 )
@@ -423,6 +475,7 @@ def test_transformation_becomes_gain_and_offset(inside: str, more: str, expected
 def test_wire_that_no_scenario_has_is_reported(connections: Any, options: Any, message: str) -> None:
     _, errors = wired(*connections, **options)
     assert message in errors[0]
+    assert len(errors) == 1
 
 
 OUT = described(
@@ -488,8 +541,12 @@ def test_transformation_beside_units_with_an_offset_is_explained(suppressed: boo
 def test_parameters_behind_connectors_are_named() -> None:
     system = f"""<ssd:System {NAMES}><ssd:ParameterBindings>{bound(entry("size", "3"))}</ssd:ParameterBindings>
 <ssd:Connectors><ssd:Connector name="size" kind="parameter"/></ssd:Connectors>
-<ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/></ssd:Elements><ssd:Connections>
+<ssd:Elements><ssd:Component name="a"/><ssd:Component name="b"/><ssd:System name="sub"><ssd:Connectors>
+<ssd:Connector name="size" kind="parameter"/></ssd:Connectors><ssd:Elements><ssd:Component name="c"/></ssd:Elements>
+<ssd:Connections><ssd:Connection startConnector="size" endElement="c" endConnector="length"/></ssd:Connections>
+</ssd:System></ssd:Elements><ssd:Connections>
 <ssd:Connection startConnector="size" endElement="a" endConnector="length"/>
+<ssd:Connection startElement="sub" startConnector="size" endElement="a" endConnector="count"/>
 <ssd:Connection startElement="b" startConnector="y" endElement="a" endConnector="length"/>
 </ssd:Connections></ssd:System>"""
     known = {**KNOWN, "b": described(2, variable("y", "Real", "calculatedParameter"))}
@@ -549,3 +606,138 @@ def test_start_values_replace_those_of_the_description() -> None:
         assert (p.tag, p.attrib, q.tag, q.attrib) == ("Real", {"start": "2.5"}, "Boolean", {"start": "true"})
         kind, declared = ("Enumeration", {"declaredType": "T"}) if enumerations else ("Integer", {})
         assert (r.tag, r.attrib) == (kind, {**declared, "start": "2"})
+
+
+GIVER = described(
+    2,
+    scattered("y", "output", (2,), unit="mm"),
+    scattered("seen", "output", (2,)),
+    variable("n", "Integer", "output"),
+    variable("free", "Integer", "output"),
+)
+TAKER = described(
+    2,
+    scattered("x", "input", (2,), unit="m"),
+    variable("m", "Integer", "input"),
+    variable("on", "Boolean"),
+    variable("mode", "Enumeration", items=ITEMS),
+    scattered("start", "parameter", (2,)),
+)
+VALUES = {"on": np.asarray(True), "mode": np.asarray(2), "start": np.array([1.5, 2.0])}
+COUNT = Wire(("a", "n"), ("b", "m"), 1.0, 0.0, Transfer(dtype="int32"))
+FROM_OUTSIDE = Wire(("", "given"), ("b", "x"), 1.0, 0.0, Transfer())
+TO_OUTSIDE = Wire(("a", "y"), ("", "y"), 1.0, 0.0, Transfer())
+
+
+def joined(*wires: Wire, names: tuple[str, str] = ("a", "b")) -> System:
+    """A giver and a taker of scalars, stepped every half second for nine."""
+    parts = [Part(names[0], Path("a.fmu"), GIVER, {}), Part(names[1], Path("b.fmu"), TAKER, VALUES)]
+    return System("it", "It", parts, wires, {}, 0.5, 9.0, "")
+
+
+def heights(gain: float, offset: float, factor: float) -> Wire:
+    return Wire(("a", "y"), ("b", "x"), gain, offset, Transfer(factor, offset))
+
+
+def test_maestro_gets_what_its_files_can_say() -> None:
+    """It records the outputs that are scalars or connected; enumerations begin in their FMU."""
+    tables = maestro_tables(joined(COUNT, FROM_OUTSIDE, TO_OUTSIDE))
+    assert tables[MULTI_MODEL] == {
+        "fmus": {"{a}": "a.fmu", "{b}": "b.fmu"},
+        "connections": {"{a}.a.n": ["{b}.b.m"]},
+        "parameters": {"{b}.b.on": True, "{b}.b.start[1]": 1.5, "{b}.b.start[2]": 2.0},
+    }
+    run = tables[CONFIGURATION]
+    assert (run["startTime"], run["endTime"], run["algorithm"]) == (0.0, 9.0, {"type": "fixed-step", "size": 0.5})
+    assert run["logVariables"] == {"{a}.a": ["y[1]", "y[2]", "n", "free"], "{b}.b": []}
+
+
+def test_every_wire_and_name_that_maestro_does_not_know_is_an_error() -> None:
+    wires = [heights(*line) for line in ((2.0, 0.0, 2.0), (1.0, 0.5, 1.0), (1.0, 0.0, 1e-3), (1.0, 0.0, 1.0))]
+    with pytest.raises(ScenarioError) as caught:
+        maestro_tables(joined(*wires))
+    assert [error.partition(",")[0] for error in caught.value.errors] == ["a.y to b.x has a gain"] * 3
+    with pytest.raises(ScenarioError, match=r"components\.b-2: Maestro takes letters, digits and _ in names") as caught:
+        maestro_tables(joined(names=("a_1", "b-2")))
+    assert len(caught.value.errors) == 1
+
+
+def test_libcosim_gets_start_values_steps_and_functions() -> None:
+    """A function for each element whose number changes, by the units too; its files know no enumerations."""
+    root = ET.fromstring(osp_structure(joined(COUNT, FROM_OUTSIDE, TO_OUTSIDE, heights(2.0, 0.5, 2e-3))))
+    texts = [root.findtext(f"{{*}}{name}") for name in ("StartTime", "BaseStepSize", "Algorithm")]
+    assert texts == ["0.0", "0.5", "fixedStep"]
+    first, second = root.iterfind(".//{*}Simulator")
+    assert first.attrib == {"name": "a", "source": "a.fmu", "stepSize": "0.5"}
+    assert len(first) == 0
+    values = {each.get("variable"): each[0] for each in second.iterfind("{*}InitialValues/{*}InitialValue")}
+    assert {name: (value.tag.partition("}")[2], value.get("value")) for name, value in values.items()} == {
+        "on": ("Boolean", "true"), "start[1]": ("Real", "1.5"), "start[2]": ("Real", "2.0")
+    }  # fmt: skip
+    lines = [each.attrib for each in root.iterfind("{*}Functions/{*}LinearTransformation")]
+    assert [(line["factor"], line["offset"]) for line in lines] == [("0.002", "0.5")] * 2
+    (plain,) = root.iterfind("{*}Connections/{*}VariableConnection")
+    assert [each.attrib for each in plain] == [{"simulator": "a", "name": "n"}, {"simulator": "b", "name": "m"}]
+    assert len(root.findall("{*}Connections/{*}SignalConnection")) == 4
+    assert ET.fromstring(osp_structure(joined(COUNT))).find("{*}Functions") is None
+
+
+def test_signal_of_the_outside_has_one_connector_however_many_take_it() -> None:
+    wires = [FROM_OUTSIDE, Wire(("", "given"), ("c", "x"), 1.0, 0.0, Transfer()), TO_OUTSIDE]
+    both = joined(*wires)
+    more = replace(both, parts=[*both.parts, Part("c", Path("c.fmu"), TAKER, {})])
+    root = ET.fromstring(ssd.description(more, "1.0"))
+    found = [(each.get("name"), each.get("kind")) for each in root.iterfind("{*}System/{*}Connectors/{*}Connector")]
+    assert found == [("given[1]", "input"), ("given[2]", "input"), ("y[1]", "output"), ("y[2]", "output")]
+    assert len(root.findall(".//{*}Connection")) == 6
+
+
+def test_enumerations_of_an_array_are_written_one_by_one_and_real_numbers_of_32_bits_with_their_unit() -> None:
+    known = described(
+        3, variable("modes", "Enumeration", items=ITEMS, dimensions=(2,)), variable("f", "Float32", unit="um")
+    )
+    values = {"modes": np.array([2, 1]), "f": np.asarray(2.5)}
+    one = System("it", "It", [Part("b", Path("b.fmu"), known, values)], (), {}, 0.5, 9.0, "")
+    root = ET.fromstring(ssd.parameters(one, "2.0"))
+    modes, single = root[0]
+    assert [each.get("value") for each in modes[0]] == ["squared", "plain"]
+    assert modes[0].attrib == {"name": "b.modes"}
+    assert (single[0].tag.partition("}")[2], single[0].attrib) == ("Float32", {"value": "2.5", "unit": "um"})
+
+
+def test_signal_for_the_outside_leaves_as_it_is_and_once() -> None:
+    """Whoever takes it there decides; what comes from there is converted here."""
+    both = FunctionComponent([Port("u", "mm")], [Port("y", "m")])
+    outside = FunctionComponent([Port("x", "mm"), Port("w", "m")], [Port("z", "m")])
+    connections = [
+        Connection("a.y", "c.x", 2.0, 5.0),
+        Connection("c.z", "a.u", 3.0, 1.0),
+        Connection("a.y", "c.w"),
+        Connection("c.z", "c.w"),
+    ]
+    found = _wires(connections, {"a": both, "c": outside}, {"a": Part("a", Path("a.fmu"), GIVER, {})})
+    assert found == [
+        Wire(("a", "y"), ("", "y"), 1.0, 0.0, Transfer()),
+        Wire(("", "z"), ("a", "u"), 3.0, 1.0, Transfer(3e3, 1.0)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("of", "value", "changed"),
+    [
+        (variable("v", start=("2",), dimensions=(2,)), [2.0, 2.0], False),
+        (variable("v", start=("2",), dimensions=(2,)), [2.0, 3.0], True),
+        (variable("v", start=("1", "2"), dimensions=(2,)), [1.0, 2.0], False),
+        (variable("v", start=("1", "2"), dimensions=(2,)), [2.0, 1.0], True),
+        (variable("v", start=("1", "2"), dimensions=(3,)), [1.0, 2.0, 3.0], True),
+        (variable("v"), 0.0, True),
+        (variable("v", "Boolean", start=("true",)), True, False),
+        (variable("v", "String", start=("a b",)), "a b", False),
+        (variable("v", "String", start=("a b",)), "a", True),
+    ],
+)
+def test_parameters_are_written_where_they_differ_from_the_start_values(
+    of: Variable, value: Any, changed: bool
+) -> None:
+    part = Part("a", Path("a.fmu"), described(3, of), {"v": np.asarray(value)})
+    assert ("v" in _with_values(part).values) is changed

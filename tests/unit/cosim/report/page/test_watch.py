@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import json
 import socket
@@ -11,12 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from inkloop.cli import main
-from inkloop.errors import ResultError
+from inkloop.commands import runs
+from inkloop.errors import InkloopError, ResultError
 from inkloop.printing.print import Print
 from inkloop.printing.run import origin_of, print_part
 from inkloop.printing.so_far import RunFolder, state_of
@@ -267,3 +270,19 @@ def test_port_in_use_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "expected a number from 0" in capsys.readouterr().err
     assert main(["watch", str(tmp_path)]) == 1
     assert "holds no run.json" in capsys.readouterr().err
+
+
+def test_port_is_one_that_a_machine_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Mock()
+    monkeypatch.setattr(server, "Server", made)
+    feed: Any = None
+    for port in (0, 1, 65_535):
+        runs._server(feed, port)
+    assert [each.args[1] for each in made.call_args_list] == [0, 1, 65_535]
+    for port in (-1, 65_536):
+        with pytest.raises(InkloopError, match=f"--port is {port}; expected a number from 0, any free port, to 65535"):
+            runs._server(feed, port)
+    for number, words in ((errno.EADDRINUSE, "is in use, perhaps by another inkloop watch"), (errno.EACCES, "denied;")):
+        made.side_effect = OSError(number, "denied")
+        with pytest.raises(InkloopError, match=f"port 80 .*{words}"):
+            runs._server(feed, 80)

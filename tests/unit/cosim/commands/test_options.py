@@ -1,0 +1,281 @@
+"""Options of the command line: their defaults, how they are read, and that they arrive where they are used."""
+
+from __future__ import annotations
+
+import errno
+import json
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+import shtab
+
+from inkloop import cli
+from inkloop.cli import main, parser
+from inkloop.commands import options
+from inkloop.errors import InkloopError, ScenarioError
+from inkloop.scenario.file import Scenario
+
+BLOCK = """
+title = "a small block"
+grid = { nx = 7, ny = 5 }
+part = { shape = "cuboid", height_um = 15.2, size_x_um = 700.0, size_y_um = 500.0 }
+[components.controller]
+kind = "LayerMpc"
+[components.printer]
+kind = "LayerDeposition"
+[components.profiler]
+kind = "ProfileSensor"
+"""
+
+
+@pytest.fixture
+def block(tmp_path: Path) -> Path:
+    path = tmp_path / "block.toml"
+    path.write_text(BLOCK, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("pairs", "found"),
+    [
+        (["seed=5", " seed = 6 "], {"seed": 6}),
+        (["title=a=b"], {"title": "a=b"}),
+        (["title=two words", "run.step_s=0.5"], {"title": "two words", "run.step_s": 0.5}),
+        (["a.b=[1, 2]"], {"a.b": [1, 2]}),
+    ],
+)
+def test_override_is_a_key_and_a_value(pairs: list[str], found: dict[str, object]) -> None:
+    assert options.overrides_of(pairs, "it") == found
+
+
+def test_every_override_that_is_none_is_named() -> None:
+    with pytest.raises(ScenarioError) as raised:
+        options.overrides_of(["seed", "a..b=1", "=1", ".a=1", "seed=1"], "it")
+    assert [error.partition(": ")[0] for error in raised.value.errors] == [
+        f"--set {pair}" for pair in ("seed", "a..b=1", "=1", ".a=1")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "formats"),
+    [
+        ([], ("png",)),
+        (["--out", "both.svg"], ("svg",)),
+        (["--out", "both"], ("png",)),
+        (["--pictures", "pdf, png"], ("pdf", "png")),
+        (["--no-pictures"], ()),
+    ],
+)
+def test_formats_of_pictures_are_those_asked_for_or_of_the_suffix(words: list[str], formats: tuple[str, ...]) -> None:
+    assert options.formats_of(parser().parse_args(["compare", "run", *words])) == formats
+
+
+@pytest.mark.parametrize(
+    ("chosen", "foreign", "isolated"),
+    [(None, [], False), (None, ["a"], True), (True, [], True), (False, ["a"], False)],
+)
+def test_print_is_isolated_where_it_was_asked_or_an_fmu_is_foreign(
+    chosen: bool | None, foreign: list[str], isolated: bool
+) -> None:
+    scenario: Any = SimpleNamespace(foreign_fmus=foreign)
+    assert options.is_isolated(Namespace(isolate=chosen), scenario) is isolated
+
+
+@pytest.mark.parametrize(
+    ("line", "defaults"),
+    [
+        ("export fmu M", {"fmi": "3", "nx": 9, "ny": 9, "intervals": None, "fixed": False, "force": False}),
+        ("export job s.toml", {"fmi": "2", "platforms": None}),
+        ("export ssp s.toml", {"fmi": None, "ssp": "1.0", "to": "ssp"}),
+        ("export surface r --format stl", {"map": "printed", "layer": None, "part": False, "fill_um": None}),
+        ("export layers r", {"format": "tiff", "passes": False, "drop_levels": None, "layers": None}),
+        ("run s.toml", {"isolate": None, "no_compare": False, "pictures": ("png",), "overrides": []}),
+        ("run s.toml --on-part --set seed=1", {"overrides": ["bench.on_part=true", "seed=1"]}),
+        ("metrology m", {"filter_order": 1, "f_operation": "plane", "profile": None, "missing": 0.2}),
+        ("metrology m --profile", {"profile": "x"}),
+        ("watch r", {"port": 8050}),
+        ("new n", {"shape": "cylinder", "list": False}),
+    ],
+)
+def test_options_have_the_defaults_that_their_help_states(line: str, defaults: dict[str, object]) -> None:
+    found = vars(parser().parse_args(line.split()))
+    assert {name: found[name] for name in defaults} == defaults
+
+
+def test_every_option_of_an_exported_fmu_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
+    export = Mock(return_value=Path("it.fmu"))
+    monkeypatch.setattr("inkloop.fmu_writer.export.export_fmu", export)
+    numbers = ["--nx", "4", "--ny", "5", "--intervals", "3"]
+    assert main(["export", "fmu", "M", "--fmi", "2", *numbers, "--fixed", "--force", "--platforms", "a, b"]) == 0
+    chosen = {"fmi": "2", "nx": 4, "ny": 5, "intervals": 3, "fixed": True, "force": True, "platforms": ("a", "b")}
+    export.assert_called_once_with("M", out=Path("M.fmu"), **chosen)
+
+
+@pytest.mark.parametrize(("words", "give_up"), [(["clear"], False), (["clear", "--give-up"], True), (["home"], False)])
+def test_open_layer_is_given_up_where_it_is_asked(
+    words: list[str], give_up: bool, block: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    act = Mock(return_value=0)
+    monkeypatch.setattr("inkloop.bench.commands.act", act)
+    assert main(["bench", words[0], str(block), *words[1:]]) == 0
+    assert act.call_args.args[1] == words[0]
+    assert act.call_args.kwargs == {"give_up": give_up}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["{folder}", "--channel", "z"], "is a run; leave --channel out"),
+        (["{folder}", "--pixel-um", "5", "--unit", "um"], "is a run; leave --unit and --pixel-um out"),
+        (["{folder}/block.toml", "--layer", "2", "--map", "printed"], "is a map; leave --layer and --map out"),
+        (["{folder}/block.toml", "--map", "printed"], "is a map; leave --map out"),
+    ],
+)
+def test_options_of_a_map_are_none_of_a_run(
+    words: list[str], message: str, block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["metrology", *(word.format(folder=block.parent) for word in words)]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_valid_scenario_is_described_in_figures(block: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", str(block), "--json"]) == 0
+    streams, scenario = capsys.readouterr(), Scenario.load(block)
+    found, footprint = json.loads(streams.out), scenario.footprint
+    printed = int(scenario.job().mask.sum())
+    assert (found["cells"], found["printed_cells"], found["layers"]) == ([7, 5], printed, footprint.layers)
+    assert (found["memory_bytes"], found["disk_bytes"]) == (footprint.memory, footprint.disk)
+    assert footprint.memory != footprint.disk
+    assert found["errors"] == []
+    assert found["components"] == ["controller", "printer", "profiler"]
+    assert f"no errors; 7 x 5 cells, {printed} printed, components controller, printer, profiler; " in streams.err
+
+
+@pytest.mark.parametrize(
+    "option", [["--pitch-um", "5"], ["--unit", "mm"], ["--pixel-um", "5"], ["--count-scale", "1"], ["--channel", "z"],
+               ["--rotate", "x=9"], ["--scale", "2"], ["--height-um", "9"]], ids=lambda words: words[0]
+)  # fmt: skip
+def test_option_of_a_part_is_none_of_a_scenario(
+    option: list[str], block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["geometry", str(block), "--no-pictures", *option]) == 1
+    assert f"{option[0]}: goes with the file of a part; leave it out, or name that file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+        (MemoryError(), 1, "inkloop: the memory is exhausted; take fewer cells or threads, or close other programs\n"),
+        (OSError(errno.ENOSPC, "no space"), 1, "a file: the disk is full\n"),
+        (OSError(errno.EACCES, "denied", "it.fmu"), 1, "it.fmu: denied\n"),
+        (InkloopError("no"), 1, "no\n"),
+    ],
+)
+def test_error_of_a_command_is_told_with_its_file_and_an_exit_code(
+    error: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("inkloop.fmu_writer.export.export_fmu", Mock(side_effect=error))
+    assert main(["export", "fmu", "M"]) == code
+    assert capsys.readouterr().err == said
+
+
+def test_errors_of_a_scenario_are_one_by_one_in_json(block: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", str(block), "--json", "--set", "grid.nx=0", "--set", "grid.ny=0"]) == 1
+    assert [error.partition(";")[0] for error in json.loads(capsys.readouterr().out)["errors"]] == [
+        "grid.nx is 0",
+        "grid.ny is 0",
+    ]
+
+
+def test_original_error_is_shown_with_its_calls(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = Namespace(json=False, traceback=True)
+    options.show_error(InkloopError("it: denied"), shown, PermissionError(errno.EACCES, "denied", "it"))
+    assert capsys.readouterr().err == "PermissionError: [Errno 13] denied: 'it'\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["run", "s.toml", "--ouut=a/long/path"], "unknown arguments: --ouut=a/long/path; did you mean --out?"),
+        (["run", "s.toml", "--ouut", "x", "--sett"], "did you mean --out or --set?"),
+        (["run", "s.toml", "--zzz"], "unknown arguments: --zzz\n"),
+        (
+            ["export", "LayerDeposition"],
+            "there is no command 'LayerDeposition'; `inkloop export` is now `inkloop export fmu`",
+        ),
+        (["--verison"], "inkloop: error: the following arguments are required: COMMAND"),
+        (["export", "layer"], "there is no command 'layer'; did you mean layers?"),
+    ],
+)
+def test_wrong_words_are_answered_with_the_nearest(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(words)
+    assert message in capsys.readouterr().err
+
+
+def test_paths_are_completed_to_files_or_folders() -> None:
+    whole = parser()
+    cli._mark_paths(whole)
+    (commands,) = (action for action in whole._actions if action.dest == "command_name")
+    found = {action.dest: getattr(action, "complete", None) for action in commands.choices["run"]._actions}  # type: ignore[index]
+    assert (found["scenario"], found["out"], found["pictures"]) == (shtab.FILE, shtab.DIR, None)
+
+
+def test_classes_of_a_job_stand_next_to_it(block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an .ssp, which lies elsewhere."""
+    looked: list[Path] = []
+
+    @contextmanager
+    def classes_from(folder: Path) -> Iterator[None]:
+        looked.append(folder)
+        yield
+
+    read = Mock()
+    monkeypatch.setattr("inkloop.scenario.packaged.classes_from", classes_from)
+    monkeypatch.setattr("inkloop.exchange.ssp.reading.scenario_of", read)
+    other = tmp_path / "jobs" / "job.toml"
+    for words, place in (([], tmp_path / "elsewhere"), (["--job", str(other)], other.parent)):
+        system = tmp_path / "elsewhere" / "it.ssp"
+        chosen = parser().parse_args(["validate", str(system), *words])
+        with options.scenario_of(chosen):
+            assert looked.pop() == place
+        assert read.call_args.args == (system, {}, other if words else None)
+    with options.scenario_of(parser().parse_args(["validate", str(block)])):
+        assert looked == [tmp_path]
+
+
+def test_isolated_print_has_the_folder_of_a_print(block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Under the name of the scenario; its subprocess gets the words and that folder."""
+    isolated = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.isolation.run_isolated", isolated)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(block), "--isolate"]) == 4
+    folder = Path("runs/block")
+    words = ["run", str(block), "--isolate", "--no-isolate", "--out", str(folder)]
+    isolated.assert_called_once_with(words, folder, [])
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "chosen"),
+    [
+        ([], None, {"compare": True, "pictures": ("png",)}),
+        (["--no-compare", "--pictures", "svg", "--out", "x"], Path("x"), {"compare": False, "pictures": ("svg",)}),
+    ],
+)
+def test_choices_of_a_print_arrive(
+    words: list[str], out: Path | None, chosen: dict[str, object], block: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.run.run", run)
+    assert main(["run", str(block), *words]) == 4
+    scenario, place, _ = run.call_args.args
+    assert (scenario.source, place, run.call_args.kwargs) == (str(block), out, chosen)
