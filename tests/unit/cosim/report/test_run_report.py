@@ -171,6 +171,14 @@ def test_stop_of_a_print_that_went_on_is_reported_as_history() -> None:
     assert found.startswith("stopped: the scans do not show what was printed: nothing grew")
     (found,) = remarks(Result(stopped.assign_attrs(stop_reason="done"), {}))
     assert found.startswith("was stopped and resumed: nothing grew")
+    twice = stopped.assign(stop_reason=("layer", [0, 0, 128, 0, 64]), stop_layer=("layer", [0, 0, 2, 0, 4]))
+    end, earlier = remarks(Result(twice, {}))
+    assert end.startswith("stopped: the scans do not show what was printed: nothing grew")
+    assert earlier.startswith("was stopped and resumed: the profiler shows the scan of an earlier layer again")
+    assert "as that of layer 2;" in earlier
+    continued = twice.assign(untrusted_reasons=("layer", [0, 0, 64, 0, 64])).drop_vars("stop_reason")
+    (found,) = untrusted_remarks(continued)
+    assert "up to the scan of layer 4:" in found
 
 
 def test_what_a_time_limit_left_out_is_counted_by_stage() -> None:

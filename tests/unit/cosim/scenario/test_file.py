@@ -98,6 +98,11 @@ def test_event_on_an_invalid_component_is_not_blamed(tmp_path: Path) -> None:
     assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
 
 
+def test_layers_of_an_event_may_be_those_of_an_invalid_controller(tmp_path: Path) -> None:
+    text = GOOD.replace('"OpenLoop"', '"OpenLoop"\nlayers = -1') + EVENT.replace("profilr", "profiler")
+    assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.controller.layers"]
+
+
 def test_file_next_to_the_scenario_is_found_while_other_tables_are_invalid(tmp_path: Path) -> None:
     (tmp_path / "lamp.fmu").write_text("no archive")
     lamp = '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n'
