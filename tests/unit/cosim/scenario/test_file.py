@@ -75,6 +75,13 @@ def test_part_may_reach_beyond_no_side_of_the_grid(axis: str, pitches: float, tm
     assert error.startswith("part reaches beyond the grid of 9 x 8 cells")
 
 
+@pytest.mark.parametrize(("axis", "pitches"), [("x", 2.0), ("x", 6.0), ("y", 1.5), ("y", 5.5)])
+def test_part_may_end_on_the_outer_cells_of_the_grid(axis: str, pitches: float, tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD.replace("height_um = 22.8", f"height_um = 22.8\ncenter_{axis}_um = {pitches * 263.256}"))
+    assert Scenario.load(path).job().mask.sum() == 5 * 4
+
+
 EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_height"\nvalue_um = 1.0\n'
 
 
@@ -179,6 +186,10 @@ def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> No
     errors = errors_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
     assert all(error.startswith("compare.no sensor: controller.") for error in errors)
     assert errors[0].startswith("compare.no sensor: controller.measured_height is not connected")
+    blind = GOOD.replace('"ProfileSensor"\nscan_duration_s = 0.0', '"LayerDeposition"')
+    errors = errors_of(tmp_path, blind + '[compare.x.components.controller]\nkind = "OpenLoop"\n')
+    assert errors[0].startswith("controller.measured_height is not connected")
+    assert not [error for error in errors if error.startswith("compare")], "an error of both is told once"
 
 
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'

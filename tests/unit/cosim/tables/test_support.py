@@ -78,6 +78,8 @@ def test_part_with_overhangs_is_refused_with_all_that_can_be_done(tmp_path: Path
     with pytest.raises(ScenarioError) as caught:
         loaded(tmp_path, None)
     (error,) = (text for text in caught.value.errors if "hang" in text)
+    endless = "part reaches beyond the grid of 21 x 21 cells: it has no end; add [support]"
+    assert [text for text in caught.value.errors if text.startswith(endless)]
     cells, share, rest = re.search(r"(\d+) cells \(([\d.]+)%\) .* substrate \((\d+) cells\)", error).groups()
     assert int(cells) == hanging.sum()
     assert float(share) == pytest.approx(100 * hanging.sum() / np.isfinite(bottom).sum(), rel=1e-2, abs=0.0)
