@@ -13,8 +13,9 @@ from inkloop.metrology.evaluation.definitions import Treatment, symbols
 from inkloop.metrology.evaluation.form import CENTRE, central_third, minimax
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Found
+from inkloop.metrology.evaluation.surface import Found, s_filtered
 from inkloop.metrology.evaluation.table import found
+from inkloop.metrology.height_map import HeightMap
 from support.evaluated import STEP, Map, check, check_same, map_of, number, reason, rough
 
 H = 50e-6
@@ -165,6 +166,20 @@ def test_form_that_is_not_there_is_refused() -> None:
         (Subject(map_of(z[:5, :5])), "flatness_ls", "25 cells have a height"),
     ):
         assert words in reason(form(subject), symbol)
+
+
+def test_form_is_that_of_the_heights_after_the_s_filter() -> None:
+    z, mask = frustum()
+    z = z + np.where(mask, np.random.default_rng(4).normal(0.0, 1e-6, z.shape), 0.0)
+    smooth = s_filtered(map_of(z), Treatment(s_filter=6 * STEP))
+    assert isinstance(smooth, HeightMap)
+    found, expected, rough_one = (
+        form(Subject(map_, mask, start=np.zeros_like(z)), s_filter=cutoff)
+        for map_, cutoff in ((map_of(z), 6 * STEP), (smooth, None), (map_of(z), None))
+    )
+    for symbol in ("flatness_ls", "flatness_mz", "parallelism_mz", "step_height_ls", "step_height_mz", "radius_ls"):
+        assert number(found, symbol) == pytest.approx(number(expected, symbol), rel=1e-9, abs=0.0)
+        assert number(found, symbol) != pytest.approx(number(rough_one, symbol), rel=1e-5, abs=0.0)
 
 
 def test_a_step_needs_fifty_cells_in_the_middle_of_its_top() -> None:
