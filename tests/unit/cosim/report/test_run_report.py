@@ -21,7 +21,7 @@ from inkloop.report.run_report import Summary
 from inkloop.results.lock import LOCK_FILE
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
-from inkloop.results.surface import surface
+from inkloop.results.surface import subject_of, surface
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS
 from support.prints import quick_cuboid
@@ -431,6 +431,9 @@ def test_surface_of_a_run_is_that_of_its_name_and_layer() -> None:
     target = surface(dataset, "plate", name="target")
     assert target.source == "plate: target surface"
     assert target.z.max() == 30e-6
+    subject = subject_of(dataset, "plate", name="measured", layer=1)
+    np.testing.assert_array_equal(subject.start, dataset.height[0])
+    np.testing.assert_array_equal(subject.cells, MASK)
     with pytest.raises(ResultError, match=r"holds no layer 3; it has layers 0 \(the start surface\) to 2"):
         surface(dataset, "plate", layer=3)
     with pytest.raises(ResultError, match="holds no layer -1"):
