@@ -221,7 +221,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "two numbers": ("a.obj", OBJ.replace(b"f 1 2 3", b"v 1 2"), {}, "line 25: found 'v 1 2', expected three numbers"),
     "free form": ("a.obj", OBJ + b"surf 0 1 0 1 1 2 3 4\n", {}, "line 33: .*free-form surfaces are not read"),
     "too wide": ("a.stl", meshes.binary_stl(2 * WEDGE), {}, r"reaches from x = -1.05 mm to 6.95 mm; the cells"),
-    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre.*0.04 x .*another unit"),
+    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "lies in the part, which is 0.04 x .*unit"),
     "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),
     "partly turned": ("a.stl", meshes.binary_stl(partly_turned(WEDGE)), {}, "are open, the.*consistent"),
     "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(7\.\d%\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),

@@ -49,7 +49,8 @@ def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = N
     ("old", "new", "error"),
     [
         ("nx = 9", "nx = 0", "grid.nx is 0"),
-        ("nx = 9", 'nx = "9"', "grid.nx is '9'"),
+        ("nx = 9", 'nx = "9"', "grid.nx is '9'; expected a whole number, without quotes and without a unit"),
+        ('title = "small"', 'title = "small"\nevents = [1]', "events.[0] is 1; expected a table, [[events]]"),
         ("nx = 9", "nz = 9", "grid.nz is not a key of this table; did you mean nx or ny?"),
         ("height_um", "hight_um", "did you mean height_um?"),
         ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, staircase, pipe-junction"),
