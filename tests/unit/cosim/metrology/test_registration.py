@@ -101,7 +101,7 @@ def test_cells_outside_the_map_are_not_measured_and_pixels_larger_than_cells_are
     same = PITCH * (1.0 + 1e-9)
     assert cell_means(HeightMap(np.ones((4, 4)), same, same), Registration(), 4, 4, PITCH).share.min() > 0.999
     z = np.full((40, 40), np.nan)
-    z[30, 25] = 2.0  # a four hundredth of cell (1, 1), the third pixel after its middle along x
+    z[33, 25] = 2.0  # a four hundredth of the cell of which it is a pixel
     found = cell_means(HeightMap(z, PITCH / 20, PITCH / 20), Registration(), 3, 3, PITCH)
     assert np.argwhere(np.isfinite(found.mean)).tolist() == [[2, 1]]
     assert found.share[2, 1] == pytest.approx(1 / 400, rel=1e-6, abs=0.0)
