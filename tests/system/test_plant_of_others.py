@@ -98,6 +98,26 @@ def test_names_padded_with_zeros_keep_them() -> None:
         plant_with(*(array("input", f"dose_{i}_{j}", ()) for i in "١٢" for j in "١٢"))
 
 
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [(i, j) for i in (0, 1) for j in (0, 2, 3)],
+        [(i, j) for i in (0, 2) for j in (0, 1)],
+        [(0, 0), (0, 1), (1, 0)],
+        [(i, j) for i in (0, 1) for j in (1, 2)],
+    ],
+)
+def test_numbers_that_count_no_whole_rectangle_are_no_map(cells: list[tuple[int, int]]) -> None:
+    """A gap along either axis, a cell that is missing, axes that begin with different numbers."""
+    with pytest.raises(ScenarioError, match="inputs: none; outputs: z of 2 x 3"):
+        plant_with(*(array("input", f"dose_{i}_{j}", ()) for i, j in cells), array("output", "z", (2, 3), "mm"))
+
+
+def test_numbers_from_nought_to_ten_have_no_zeros_before_them() -> None:
+    found = plant_with(*described("input", "dose_{j}", (1, 11)), array("output", "z", (11,), "mm"))
+    assert (found.pattern.variable, found.pattern.first) == ("dose_{i}", 0)
+
+
 def test_maps_in_two_orders_of_axes_are_one_grid() -> None:
     found = plant_with(array("input", "dose", (4, 3)), array("output", "height", (3, 4), "mm"))
     assert (found.pattern.grid, found.height.grid, found.height.rows) == ((4, 3), (4, 3), True)

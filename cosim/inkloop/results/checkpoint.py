@@ -179,7 +179,7 @@ class Checkpoints:
         except _NoStateError as error:
             if not self._holds_state or self._durable:
                 _save(path, _packed(replace(point, refusal=str(error))), self._durable)
-                self.refusal, self._holds_state = str(error), False
+                self.refusal = str(error)
             return
         self.refusal, self._holds_state = "", True
         self._state_ns, self._state_at = point.time_ns, self._clock()

@@ -79,6 +79,18 @@ def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, objec
 
 
 @pytest.mark.parametrize(
+    ("kind", "options", "is_foreign"),
+    [
+        ("Fmu", {}, True), ("PlainPlant", {}, True), ("PlainPlant", {"plant": "workshop:Fan"}, False),
+        ("Shadow", {}, False), ("Shadow", {"plant": "Fmu"}, True), ("LayerDeposition", {}, False),
+        ("LayerMpc", {"plant": "Fmu"}, False),
+    ],
+)  # fmt: skip
+def test_native_code_of_others_is_that_of_an_fmu_file(kind: str, options: dict[str, Any], is_foreign: bool) -> None:
+    assert catalog.is_foreign_fmu(kind, options) is is_foreign
+
+
+@pytest.mark.parametrize(
     ("options", "expected"),
     [
         ({}, (1, 1, 0)),

@@ -122,6 +122,30 @@ def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
         part.save()
 
 
+class KeptHeap(Heap):
+    """One that can be saved."""
+
+    def save(self) -> bytes:
+        return self._surface.tobytes()
+
+    def restore(self, state: bytes) -> None:
+        self._surface = np.frombuffer(state).reshape(self._surface.shape)
+
+
+def test_restored_plant_goes_on_at_its_own_time() -> None:
+    job = toy_job()
+    first, other = (PlainPlant(job, KeptHeap(job), pattern_input="dots", height_output="surface") for _ in "ab")
+    for part in (first, other):
+        part.initialize(0, inputs(job, 0))
+    for command in (1, 2):
+        first.do_step(9 * SECOND, SECOND, inputs(job, command))
+    other.restore(first.save())
+    assert float(other.do_step(9 * SECOND, SECOND, inputs(job, 3))["height"].max()) == pytest.approx(
+        3 * DROPLET, rel=1e-9, abs=0.0
+    )
+    assert other._plant.times == [(2 * SECOND, SECOND)]  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize(
     ("outputs", "ports", "message"),
     [

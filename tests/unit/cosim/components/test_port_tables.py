@@ -106,6 +106,28 @@ def test_calibration_reads_the_same_both_ways() -> None:
     np.testing.assert_allclose(coming.from_fmu(volts), MAP * 1e-6, atol=1e-18)
 
 
+def test_gain_is_that_of_a_unit_with_its_own_zero() -> None:
+    """Twice the micrometres above 5 um, and one."""
+    gauge = defined_unit("gauge", {"m": 1}, 1e-6, 5e-6)
+    mapped = the_one([Port("U", gauge, (2, 3))], [], {"height": {"variable": "U", "gain": 2.0, "offset": 1.0}})
+    np.testing.assert_allclose(mapped.to_fmu(MAP * 1e-6)["U"], 2.0 * (MAP - 5.0) + 1.0, rtol=1e-9)
+
+
+def test_port_of_no_contract_starts_as_its_variable_in_si() -> None:
+    mapped = the_one([], [Port("T", "mm", start=41.0)], {"gap": "T"})
+    assert (mapped.port.unit, mapped.port.start_value()) == ("m", pytest.approx(0.041, rel=1e-9, abs=0.0))
+
+
+def test_height_in_another_unit_is_mapped_by_itself() -> None:
+    mapped = the_one([], [Port("height", "mm", (2, 3))], {})
+    np.testing.assert_allclose(mapped.from_fmu({"height": MAP}), MAP * 1e-3, rtol=1e-12)
+
+
+def test_truth_of_a_number_is_that_it_is_not_zero() -> None:
+    mapped = the_one([], [Port("seen", shape=(2, 3))], {"valid": "seen"})
+    np.testing.assert_array_equal(mapped.from_fmu({"seen": MAP - 2.0}), MAP != 2.0)
+
+
 def test_counters_of_real_numbers_must_be_whole() -> None:
     mapped = the_one([], [Port("n")], {"layers_printed": "n"})
     assert mapped.from_fmu({"n": np.asarray(3.0)}).dtype == np.int32

@@ -296,6 +296,14 @@ def test_scan_is_held_against_the_layer_that_it_shows(
         assert float(outputs["growth_divergence"]) == pytest.approx(growth * DROPLET, rel=1e-9, abs=0.0)
 
 
+def test_shadow_may_begin_after_layers_of_an_earlier_part_of_the_print() -> None:
+    job = toy_job()
+    shadow = Shadow(job, StartingPrinter)
+    assert int(shadow.initialize(0, inputs(job, 3, 3, 0))["layers_followed"]) == 3
+    values = shadow.do_step(0, SECOND, inputs(job, 4, 4, 1))
+    assert (int(values["layers_followed"]), values["height"].max()) == (4, DROPLET)
+
+
 def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
     assumed = np.array([[0.0, 1.0, 2.0, 3.0]])
     measured, seen = np.array([[10.0, 12.0, 99.0, 0.0]]), np.array([[True, True, True, False]])

@@ -321,6 +321,7 @@ def scenario(folder: Path, *buses: Sequence[str], names: Sequence[str] = ("one",
         ([("one.bench", "other.bench", "third.bench")], "of more partners each is connected to a bus simulation"),
         ([("one.bench", "other.bus")], "buses.[0].between: other.bus is no bus of an FMU; did you mean other.bench"),
         ([("one.bench", "other.bench"), ("one.bench", "x.y")], "one.bench is in buses.[0] already"),
+        ([("x.y", "other.bench"), ("one.bench", "x.z"), ("x.u", "one.bench")], "one.bench is in buses.[1] already"),
     ],
 )
 def test_errors_of_buses_say_what_is_missing(buses, words, tmp_path) -> None:

@@ -87,10 +87,35 @@ def test_a_point_belongs_to_the_nearest_cell_and_an_interval_holds_its_bottom_al
     for point in ((nan, zero, zero + 1e-6), (zero, nan, zero + 1e-6), (zero, zero, nan)):
         assert not columns.contains(*point).any()
     assert not columns.inside(np.full((1, 2), np.nan)).any()
-    y = np.array([-0.51, -0.5, 0.0, 0.49, 0.5, 1.49, 1.5]) * PITCH
-    inside = columns.contains(np.zeros_like(y), y, np.full_like(y, 1e-6))
-    np.testing.assert_array_equal(inside, [False, True, True, True, False, False, False])
-    np.testing.assert_array_equal(columns.top(np.zeros_like(y), y), np.where(inside, 2e-6, 0.0))
+    along = np.array([-0.51, -0.5, 0.0, 0.49, 0.5, 1.49, 1.5]) * PITCH
+    upright = Columns(2, 1, PITCH, np.array([0, 1, 1]), np.array([1e-6]), np.array([2e-6]))
+    for found, x, y in ((columns, np.zeros_like(along), along), (upright, along, np.zeros_like(along))):
+        inside = found.contains(x, y, np.full_like(along, 1e-6))
+        np.testing.assert_array_equal(inside, [False, True, True, True, False, False, False])
+        np.testing.assert_array_equal(found.top(x, y), np.where(inside, 2e-6, 0.0))
+
+
+def test_columns_of_columns_are_those_of_the_nearest_cell() -> None:
+    """On cells of less than half the size, the first of two columns holds for both."""
+    columns = Columns(2, 1, 1.0, np.array([0, 1, 1]), np.array([0.0]), np.array([2e-6]))
+    assert Columns.of_shape(columns, 2, 1, 1.0) is columns
+    assert Columns.of_shape(columns, 2, 1, 0.4).mask.tolist() == [[True], [True]]
+
+
+def test_closed_interval_of_one_height_is_that_height() -> None:
+    point = Ball(0.0, 0.0, 1e-6, 0.0)
+    columns = Columns.of_shape(point, 1, 1, PITCH)
+    heights = [np.nextafter(1e-6, 0.0), 1e-6, np.nextafter(1e-6, 1.0)]
+    assert [bool(columns.inside(np.full((1, 1), z))[0, 0]) for z in heights] == [False, True, False]
+
+
+def test_intervals_of_cells_that_there_are_not_are_refused() -> None:
+    one = np.ones(2)
+    for cells in ([0, 6], [-1, 5]):
+        with pytest.raises(ValueError, match=f"cells are {cells[0]} to {cells[1]}; needs 0 to 5"):
+            Columns.of_intervals(2, 3, PITCH, np.array(cells), 0.0 * one, one)
+    with pytest.raises(ValueError, match="2 cells, 2 bottoms, 1 tops; needs one of each"):
+        Columns.of_intervals(2, 3, PITCH, np.array([0, 1]), 0.0 * one, one[:1])
 
 
 def test_union_of_many_intervals_in_any_order_is_that_of_their_points() -> None:
@@ -131,7 +156,13 @@ def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
         ({"bottoms": [0.0, 0.5], "tops": [0.5, 1.0]}, r"cell \(0, 1\)"),
         ({"bottoms": [0.0, 1.0], "tops": [0.5, np.nan]}, r"cell \(0, 1\)"),
         ({"bottoms": [0.0, 1.0], "tops": [0.5, 1.0]}, r"cell \(0, 1\)"),
+        ({"offsets": [1, 1, 2]}, r"cell \(0, 0\): its offsets do not ascend from 0 to 2"),
+        ({"offsets": [0, 0, 1]}, r"cell \(0, 1\): its offsets do not ascend from 0 to 2"),
+        ({"offsets": [0, 3, 3]}, r"cell \(0, 0\): its offsets do not ascend from 0 to 2"),
+        ({"bottoms": [0.0, 0.0], "tops": [0.0, 2.0]}, "needs bottom < top"),
         ({"pitch": 0.0}, "a length above 0"),
+        ({"ny": 0}, "a grid of 1 x 0 cells"),
+        ({"nx": 0}, "a grid of 0 x 2 cells"),
     ],
 )
 def test_columns_that_do_not_ascend_are_refused(changed, reason) -> None:
@@ -140,8 +171,9 @@ def test_columns_that_do_not_ascend_are_refused(changed, reason) -> None:
     Columns(**good)
     with pytest.raises(ValueError, match=reason):
         Columns(**good | changed)
-    with pytest.raises(ValueError, match="needs one grid"):
-        _ = of(SHAPES[0]) | Columns(**good)
+    for other in ({"nx": 2, "ny": 1}, {"pitch": 2.0}):
+        with pytest.raises(ValueError, match="needs one grid"):
+            _ = Columns(**good | other) | Columns(**good)
 
 
 def test_algebra_of_random_trees_of_balls_is_that_of_their_points() -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns, Placement, load
-from inkloop.geometry.body import Body, walls_on_centers
-from inkloop.geometry.mesh import _filled_by_neighbours
+from inkloop.geometry.body import Body, transformed, walls_on_centers
+from inkloop.geometry.mesh import _filled_by_neighbours, bodies_by_ink, closed_columns
 from inkloop.geometry.mesh_file import read_bodies
 from support import meshes
 
@@ -76,6 +76,7 @@ def test_units_scale_the_part_and_it_stands_on_the_middle_of_the_grid(tmp_path: 
         (Placement("as-is"), (0, 0), (40, 20), (0, 0)),
         (Placement(rotate_deg=(0, 0, 90)), (20, 5), (20, 40), (20, 5)),
         (Placement(mirror="x"), (10, 15), (40, 20), (49, 15)),
+        (Placement(mirror="x", rotate_deg=(0, 0, 90)), (20, 5), (20, 40), (20, 44)),
         (Placement(scale=0.5), (20, 20), (20, 10), (20, 20)),
         (Placement(position=(2.55e-3, 1.05e-3)), (6, 1), (40, 20), (6, 1)),
     ],
@@ -114,6 +115,38 @@ def test_walls_on_rows_of_centres_are_found() -> None:
     box = Body(meshes.box((1e-3, 2.5e-3, 0.0), (4e-3, 6e-3, 1e-3)))
     assert walls_on_centers([box], 1e-3) == pytest.approx((1e-3, 4e-3, 6e-3), rel=1e-12, abs=0.0)
     assert walls_on_centers([Body(box.triangles + 0.5e-3)], 1e-3) == pytest.approx((3e-3,), rel=1e-12, abs=0.0)
+
+
+def test_wall_is_on_a_row_as_far_as_its_coordinates_are_resolved() -> None:
+    """2 per mille of a pitch beside the row, and leaning by half of that."""
+    box = meshes.box((1.002e-3, 2.5e-3, 0.0), (4.5e-3, 6.5e-3, 1e-3))
+    box[box[..., 0] < 2e-3, 0] += box[box[..., 0] < 2e-3][:, 2] * 1e-3
+    for resolution, expected in ((1e-6, ()), (3.1e-6, (1e-3,))):
+        assert walls_on_centers([Body(box, resolution=resolution)], 1e-3) == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
+def test_resolution_of_a_moved_body_is_that_of_its_coarsest_coordinate() -> None:
+    """x + y, y and y of coordinates that are each off by one."""
+    matrix = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    assert transformed(Body(WEDGE, resolution=1.0), matrix, np.zeros(3)).resolution == 2.0
+
+
+@pytest.mark.parametrize(("axis", "name", "cells"), [(0, "x", 60), (1, "y", 50)])
+def test_part_reaches_to_the_edges_of_the_outer_cells_at_most(tmp_path: Path, axis: int, name: str, cells: int) -> None:
+    high = cells / 10 - 0.05
+    for ends, message in (
+        ((-0.049, high - 0.001), ""),
+        ((-0.051, 1.0), f"reaches from {name} = -0.051 mm to 1 mm"),
+        ((1.0, high + 0.001), f"reaches from {name} = 1 mm to {high + 0.001:g} mm"),
+    ):
+        low_corner, high_corner = np.array([1.0, 1.0, 0.0]), np.array([2.0, 2.0, 1.0])
+        low_corner[axis], high_corner[axis] = ends
+        path = written(tmp_path, "box.stl", meshes.binary_stl(meshes.box(tuple(low_corner), tuple(high_corner))))
+        if not message:
+            assert loaded(path, Placement("as-is")).mask.any(axis=1 - axis).sum() == cells
+            continue
+        with pytest.raises(GeometryError, match=f"{message}; the cells lie between -0.05 mm and {high:g} mm"):
+            loaded(path, Placement("as-is"))
 
 
 def holed(triangles: meshes.Triangles, count: int) -> bytes:
@@ -188,7 +221,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "two numbers": ("a.obj", OBJ.replace(b"f 1 2 3", b"v 1 2"), {}, "line 25: found 'v 1 2', expected three numbers"),
     "free form": ("a.obj", OBJ + b"surf 0 1 0 1 1 2 3 4\n", {}, "line 33: .*free-form surfaces are not read"),
     "too wide": ("a.stl", meshes.binary_stl(2 * WEDGE), {}, r"reaches from x = -1.05 mm to 6.95 mm; the cells"),
-    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre.*0.04 x .*another unit"),
+    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "lies in the part, which is 0.04 x .*unit"),
     "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),
     "partly turned": ("a.stl", meshes.binary_stl(partly_turned(WEDGE)), {}, "are open, the.*consistent"),
     "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(7\.\d%\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),
@@ -217,6 +250,52 @@ def test_neighbours_fill_a_small_hole_and_refuse_a_large_one(tmp_path: Path) -> 
     assert changed.size == 0
     with pytest.raises(GeometryError, match=r"takes at most 0\.1%"):
         load(written(tmp_path, "c.stl", holed(TORUS, 200)), 300, 300, 2e-5, unit="mm", open_columns="neighbours")
+
+
+def test_one_column_in_a_thousand_may_be_open_or_inside_out() -> None:
+    closed, single = meshes.box((1, 1, 0), (28, 38, 1)), meshes.box((40, 1, 0), (41, 2, 1))
+    is_top = (single[..., 2] == 1.0).all(axis=1)
+    for other, is_open in ((single[~is_top], True), (single[:, ::-1], False)):
+        found = closed_columns("a", [Body(closed), Body(other)], 60, 50, 1.0, "neighbours")
+        assert (found.occupied, found.open_cells.size, found.inside_out) == (1000, is_open, not is_open)
+        assert found.columns.mask.sum() == 999
+        few = Body(meshes.box((1, 1, 0), (28, 37, 1)))
+        with pytest.raises(GeometryError, match=r"a: 1 of 973 columns \(0\.1%\) are (open|inside out)"):
+            closed_columns("a", [few, Body(other)], 60, 50, 1.0, "neighbours")
+
+
+def test_first_open_columns_are_named_by_their_places(tmp_path: Path) -> None:
+    box = meshes.box((1, 2, 0), (3, 4, 1))
+    path = written(tmp_path, "box.stl", meshes.binary_stl(box[~(box[..., 2] == 1.0).all(axis=1)]))
+    places = re.escape("first at (1, 2) mm, (1, 2.1) mm, (1, 2.2) mm; mend")
+    with pytest.raises(GeometryError, match=r"400 of 400 columns \(100%\) are open.*" + places):
+        loaded(path, Placement("as-is"))
+
+
+def test_ink_of_a_body_is_that_of_its_object_before_that_of_its_material() -> None:
+    both, plain = Body(WEDGE, "lid", "red"), Body(WEDGE, "", "red")
+    found = bodies_by_ink("a", [both, plain], {"red": "A", "lid": "B"})
+    assert found == {"A": [plain], "B": [both]}
+    painted = Body(WEDGE, "lid", paint=("red", "blue"))
+    with pytest.raises(GeometryError, match=r"^a: object 'lid' has triangles of several materials [^;]*$"):
+        bodies_by_ink("a", [painted], {"red": "A", "blue": "B"})
+    with pytest.raises(GeometryError, match=r"no object or material is called 'rod'; did you mean red"):
+        bodies_by_ink("a", [both], {"red": "A", "lid": "B", "rod": "B"})
+
+
+def test_wide_hole_is_filled_from_its_rim_inwards() -> None:
+    columns = Columns.of_intervals(5, 6, 1.0, np.arange(30), np.zeros(30), np.full(30, 7.0))
+    hole = np.array([i * 6 + j for i in (1, 2, 3) for j in (1, 2, 3, 4)])
+    emptied = columns - Columns.of_intervals(5, 6, 1.0, hole, np.zeros(12), np.full(12, 7.0))
+    assert _filled_by_neighbours(emptied, hole).tops.tolist() == [7.0] * 30
+
+
+def test_open_column_at_the_edge_has_the_neighbours_on_the_grid_alone() -> None:
+    """Beyond the last column along y the next row begins."""
+    heights = np.full((5, 2), 9.0)
+    heights[1, 1], heights[3, 1], heights[2, 0], heights[3, 0] = 1.0, 4.0, 5.0, 1.0
+    columns = Columns.of_intervals(5, 2, 1.0, np.arange(10), np.zeros(10), heights.ravel())
+    assert _filled_by_neighbours(columns, np.array([5])).tops[5] == 4.0
 
 
 def test_open_column_is_that_of_the_median_neighbour() -> None:

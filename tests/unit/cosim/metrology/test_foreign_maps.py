@@ -54,6 +54,20 @@ def test_number_that_gdal_declares_as_no_data_is_none(tmp_path: Path) -> None:
     heights = np.where(Z.T == 2.5, -3.4028234663852886e38, Z.T).astype(np.float32)
     tifffile.imwrite(tmp_path / "map.tif", heights, extratags=[(42113, 2, 0, "-3.4028234663852886e+38", True)])
     np.testing.assert_allclose(read(tmp_path / "map.tif", **GIVEN).z, np.where(Z == 2.5, np.nan, Z) * UM, rtol=1e-6)
+    both = read(tmp_path / "map.tif", invalid_value=9.0, **GIVEN).z
+    np.testing.assert_allclose(both, np.where((Z == 2.5) | (Z == 9.0), np.nan, Z) * UM, rtol=1e-6)
+    np.save(tmp_path / "map.npy", Z - 3.0)
+    assert np.argwhere(np.isnan(read(tmp_path / "map.npy", invalid_value=0.0, **GIVEN).z)).tolist() == [[1, 0]]
+
+
+def test_size_of_a_field_is_its_longer_side_and_its_heights_are_nearly_all(tmp_path: Path) -> None:
+    """A field of 0.04 x 15 um, and a spike of 400 um on one of 20 um."""
+    np.savez(tmp_path / "map.npz", z_um=Z, dx_um=0.01, dy_um=5.0)
+    assert read(tmp_path / "map.npz").shape == (4, 3)
+    spike = np.zeros((100, 3))
+    spike[50, 1] = 400.0
+    np.savez(tmp_path / "map.npz", z_um=spike, pixel_um=0.2)
+    assert read(tmp_path / "map.npz").z.max() == pytest.approx(400 * UM, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize("unit", ["\\u00B5m", "\\u03bcm", "um", "micron"])

@@ -254,7 +254,7 @@ HEADER = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the size of its pixels.* does not declare the unit ", {}),
     "unit against unit": (HEADER + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
-    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel_um is 5000", {"pixel": 5e-3}),
+    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel_um is 5000; leave", {"pixel": 5e-3}),
     "two pixel sizes": (HEADER + "1 2\n3 4\n", "but pixel_um is 5 x 6; leave it out", {"pixel": (5e-6, 6e-6)}),
     "slightly another pixel": (HEADER + "1 2\n3 4\n", "but pixel_um is 5.2 x 4", {"pixel": (5.2e-6, 4e-6)}),
     "unknown unit": ("1 2\n3 4\n", "unit is 'inch'; expected one of nm, um", {"unit": "inch", "pixel": 5e-6}),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -171,6 +173,11 @@ def test_awaited_file_has_its_time_limit(tmp_path: Path) -> None:
         scan(part, 0)
     part = profiler(tmp_path, timeout_s=1e-6, complete="done")
     write(tmp_path, 0)
+    part_of_two = profiler(tmp_path, timeout_s=1e-6, replay=True)
+    write(tmp_path, 1)
+    with pytest.raises(ComponentError, match=r"2\.npz did not come within 1e-06 s; the newest there is 1\.npz: scan"):
+        scan(part_of_two, 2)
+    (tmp_path / "1.npz").unlink()
     with pytest.raises(ComponentError, match=r"0\.npz was not complete within .*its \.done mark is missing"):
         scan(part, 0)
     with pytest.raises(ComponentError, match="is no folder; make it"):
@@ -207,6 +214,25 @@ def test_fiducials_place_the_map_as_the_numbers_they_stand_for(tmp_path: Path) -
     found = profiler(tmp_path, registration="fiducials", **points, offset_x_um=0.0, offset_y_um=0.0)
     given = scan(profiler(tmp_path), 0)
     np.testing.assert_allclose(scan(found, 0)["measured_height"], given["measured_height"], atol=1e-12)
+
+
+def test_options_of_a_place_are_lengths_and_angles() -> None:
+    options = {"rotation_deg": 90.0, "offset_x_um": 5.0, "offset_y_um": -7.0, "mirror": "y"}
+    place = MapFolder(JOB, folder=".", registration="fit", **options)._placement  # type: ignore[arg-type]
+    offsets = place.registration.offset_x, place.registration.offset_y
+    assert offsets == pytest.approx((5e-6, -7e-6), rel=1e-9, abs=0.0)
+    assert place.registration == replace(place.registration, rotation=math.pi / 2, mirror="y")
+    assert place.fit_reach == pytest.approx((3 * JOB.pitch, math.pi / 90), rel=1e-9, abs=0.0)
+    own = MapFolder(JOB, folder=".", registration="fit", fit_reach_um=40.0, fit_reach_deg=9.0)._placement
+    assert own.fit_reach == pytest.approx((40e-6, math.pi / 20), rel=1e-9, abs=0.0)
+    assert MapFolder(JOB, folder=".")._placement.fit_reach is None
+
+
+def test_fiducials_of_a_mirrored_map_are_those_of_its_mirror() -> None:
+    points = {"fiducials_map_um": [[0, 0], [900, 0], [0, 300]], "fiducials_grid_um": [[0, 0], [900, 0], [0, -300]]}
+    place = MapFolder(JOB, folder=".", registration="fiducials", mirror="y", **points)._placement  # type: ignore[arg-type]
+    assert place.registration.mirror == "y"
+    assert place.registration.rotation == pytest.approx(0.0, abs=1e-9)
 
 
 def test_restored_folder_goes_on_after_its_last_scan(tmp_path: Path) -> None:
@@ -274,6 +300,14 @@ def test_growing_file_is_taken_when_it_stays_as_it_is_and_an_empty_one_never(tmp
     assert clock.now >= 3.0
 
 
+def test_file_that_is_written_again_in_the_same_size_is_another_one(tmp_path: Path) -> None:
+    path = tmp_path / "7.csv"
+    path.write_text("1,2\n")
+    watched, clock = watch(tmp_path, "stable", (0.3, lambda: os.utime(path, ns=(1, 1))))
+    assert watched.look(7, 0.0) == path
+    assert clock.now >= 0.3 + 0.5
+
+
 def test_done_mark_completes_a_file(tmp_path: Path) -> None:
     (tmp_path / "7.csv").write_text("1,2\n")
     watched, _ = watch(tmp_path, "done", (0.4, (tmp_path / "7.csv.done").touch))
@@ -304,6 +338,9 @@ def test_wait_is_told_after_two_seconds_and_then_every_half_minute(
     now[0] = 70.1
     with pytest.raises(ComponentError, match=r"3\.npz did not come within 70 s"):
         scan(part, 3)
+    part = profiler(tmp_path, timeout_s=70.0)
+    for now[0], layer in ((0.0, 3), (60.0, 4), (130.0, 4)):  # a later layer is awaited anew
+        assert scan(part, layer)["status"] == Status.BUSY
 
 
 def test_files_have_the_number_of_their_layer(tmp_path: Path) -> None:
@@ -312,6 +349,8 @@ def test_files_have_the_number_of_their_layer(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     found = numbered_files(tmp_path, "scan_{layer:04d}_b2.csv", "layer")
     assert {number: path.name for number, path in found.items()} == {7: "scan_0007_b2.csv", 12: "scan_0012_b2.csv"}
+    (tmp_path / "b2_5.csv").touch()
+    assert list(numbered_files(tmp_path, "b2_{layer}.csv", "layer")) == [5]
     assert name_errors("file_name", "a{layer}.csv", "layer", "b") == []
     for template in ("a.csv", "../{layer}.csv", "{layer:.0f}/x.csv"):
         (error,) = name_errors("file_name", template, "layer", "b")

@@ -95,8 +95,16 @@ def test_cells_outside_the_map_are_not_measured_and_pixels_larger_than_cells_are
     assert np.isnan(cells.mean[5:, 5:]).all()
     assert not cells.share[5:, 5:].any()
     assert cells.share[0, 0] == pytest.approx((PITCH / 2 + 15e-6) ** 2 / PITCH**2, rel=1e-9, abs=0.0)
-    with pytest.raises(HeightMapError, match=r"a pixel is 300 µm on the grid, a cell 263\.3 µm"):
-        cell_means(HeightMap(np.ones((9, 9)), 300e-6, 300e-6), Registration(), 5, 5, PITCH)
+    for dx, dy in ((300e-6, 30e-6), (30e-6, 300e-6)):
+        with pytest.raises(HeightMapError, match=r"a pixel is 300 µm on the grid, a cell 263\.3 µm"):
+            cell_means(HeightMap(np.ones((9, 9)), dx, dy), Registration(), 5, 5, PITCH)
+    same = PITCH * (1.0 + 1e-9)
+    assert cell_means(HeightMap(np.ones((4, 4)), same, same), Registration(), 4, 4, PITCH).share.min() > 0.999
+    z = np.full((40, 40), np.nan)
+    z[33, 25] = 2.0  # a four hundredth of the cell of which it is a pixel
+    found = cell_means(HeightMap(z, PITCH / 20, PITCH / 20), Registration(), 3, 3, PITCH)
+    assert np.argwhere(np.isfinite(found.mean)).tolist() == [[2, 1]]
+    assert found.share[2, 1] == pytest.approx(1 / 400, rel=1e-6, abs=0.0)
 
 
 @settings(max_examples=examples(50))
@@ -277,6 +285,7 @@ def test_placed_map_says_how_much_of_the_part_it_shows() -> None:
     for share_min, second in ((0.5, False), (0.39, True)):
         found = Placement(JOB, AT_HOME, share_min=share_min).place(HeightMap(z, 50e-6, 50e-6), 1)
         assert found.valid.all(axis=1).tolist() == [True, second] + [True] * 8
+        np.testing.assert_array_equal(np.isfinite(found.height), found.valid)
 
 
 def test_advice_names_the_places_of_map_and_grid() -> None:
@@ -300,6 +309,23 @@ def test_map_is_fitted_to_the_layers_that_are_printed() -> None:
     assert found.words.endswith("100% of its relief is the part's")
     flat = placement.place(fine(np.ones((10, 8)) * M_PER_UM), 0)  # of the start surface nothing can be fitted
     assert "fitted" not in flat.words
+
+
+def test_map_of_a_staircase_is_fitted_to_the_steps_that_are_printed() -> None:
+    """After the first layer all steps are equally high."""
+    layer = JOB.inks[0].layer_height
+    target = JOB.target_height.copy()
+    target[5:7, 2:6] = layer
+    placement = Placement(replace(JOB, target_height=target), AT_HOME, fit_reach=(300e-6, 0.0))
+    words = placement.place(fine(np.where(JOB.mask, layer, 0.0)), 1).words
+    assert words.endswith("100% of its relief is the part's")
+
+
+def test_datum_leaves_out_as_many_cells_around_the_part_as_it_is_told() -> None:
+    heights = np.where(reference_cells(JOB.mask, 2), 0.0, 30.0 * M_PER_UM)
+    for margin, ground_um in ((1, 30.0), (2, 0.0)):
+        found = Placement(JOB, AT_HOME, datum="offset", datum_margin=margin).place(fine(heights), 0)
+        np.testing.assert_allclose(found.height, heights - ground_um * M_PER_UM, rtol=0.0, atol=1e-12)
 
 
 def test_datum_is_the_median_or_the_plane_of_what_lies_around_the_part() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.report import run_report
-from inkloop.report.model_difference import LayerDifference, ModelDifference, model_difference
+from inkloop.report.model_difference import LayerDifference, ModelDifference, _target, followed, model_difference
 from inkloop.results.result import Result
+from inkloop.tables.job import job_of
+from inkloop.tables.schema import ScenarioFile
 from support.benches.bench_run import BLOCK, printed_with_fmus, write
 
 EXACT = {
@@ -77,6 +80,21 @@ def test_shadow_of_the_run_is_its_model(run: Result) -> None:
     assert found is not None
     assert found.model == "the shadow"
     assert all(row.mean == pytest.approx(2e-6, rel=1e-9, abs=0.0) for row in found.rows)
+
+
+def test_model_prints_with_the_passes_of_the_printer_and_the_inks_of_the_run(run: Result) -> None:
+    text = BLOCK.replace("[components.printer]\n", "[components.printer]\npasses = 1\n")
+    assert text != BLOCK
+    found = model_difference(replace(run, dataset=run.dataset.assign_attrs(scenario=text)))
+    assert found is not None
+    target = _target(run.dataset)
+    job = job_of(ScenarioFile.model_validate(tomllib.loads(BLOCK)), target, "printer")
+    for passes, atol in ((1, 1e-12), (4, 1e-8)):
+        expected = run.dataset.measured_height.values - followed(run.dataset, replace(job, passes=passes))
+        is_same = np.allclose(found.maps, np.where(np.isnan(found.maps), np.nan, expected), 0.0, atol, equal_nan=True)
+        assert is_same == (passes == 1)
+    assert target.inks == 1
+    assert _target(run.dataset.assign(ink=run.dataset.pattern)).inks == 2
 
 
 @pytest.mark.system

@@ -22,7 +22,7 @@ from inkloop.report.run_report import Summary
 from inkloop.results.lock import LOCK_FILE
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
-from inkloop.results.surface import surface
+from inkloop.results.surface import subject_of, surface
 from inkloop.scenario.file import Scenario
 from inkloop_controller.estimation.estimate_figures import TRANSFORMS
 from support.prints import quick_cuboid
@@ -172,6 +172,14 @@ def test_stop_of_a_print_that_went_on_is_reported_as_history() -> None:
     assert found.startswith("stopped: the scans do not show what was printed: nothing grew")
     (found,) = remarks(Result(stopped.assign_attrs(stop_reason="done"), {}))
     assert found.startswith("was stopped and resumed: nothing grew")
+    twice = stopped.assign(stop_reason=("layer", [0, 0, 128, 0, 64]), stop_layer=("layer", [0, 0, 2, 0, 4]))
+    end, earlier = remarks(Result(twice, {}))
+    assert end.startswith("stopped: the scans do not show what was printed: nothing grew")
+    assert earlier.startswith("was stopped and resumed: the profiler shows the scan of an earlier layer again")
+    assert "as that of layer 2;" in earlier
+    continued = twice.assign(untrusted_reasons=("layer", [0, 0, 64, 0, 64])).drop_vars("stop_reason")
+    (found,) = untrusted_remarks(continued)
+    assert "up to the scan of layer 4:" in found
 
 
 def test_what_a_time_limit_left_out_is_counted_by_stage() -> None:
@@ -436,6 +444,9 @@ def test_surface_of_a_run_is_that_of_its_name_and_layer() -> None:
     target = surface(dataset, "plate", name="target")
     assert target.source == "plate: target surface"
     assert target.z.max() == 30e-6
+    subject = subject_of(dataset, "plate", name="measured", layer=1)
+    np.testing.assert_array_equal(subject.start, dataset.height[0])
+    np.testing.assert_array_equal(subject.cells, MASK)
     with pytest.raises(ResultError, match=r"holds no layer 3; it has layers 0 \(the start surface\) to 2"):
         surface(dataset, "plate", layer=3)
     with pytest.raises(ResultError, match="holds no layer -1"):

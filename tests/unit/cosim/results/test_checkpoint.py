@@ -261,6 +261,24 @@ def test_states_take_a_tenth_of_the_time(tmp_path: Path) -> None:
     assert saved == [0, 3, 6, 7], "the state that was loaded is on disk"
 
 
+def test_scan_after_the_last_state_is_no_part_of_it(tmp_path: Path) -> None:
+    checkpoint.STATE_SHARE = 0.1  # the fixture takes it back
+    time, recorder, again = [0.0], recorder_of(), recorder_of()
+
+    def save() -> bytes:
+        time[0] += 2.0
+        return b"state"
+
+    own: Any = SimpleNamespace(save=save, restore=None, is_device=False)
+    written = Checkpoints(tmp_path, {"part": own}, recorder, clock=lambda: time[0])
+    written.initialized(0, {})
+    recorder.scanned = 0
+    written.stepped(1, {})
+    assert names(tmp_path) == ["0000.npz", "0000_1.npz"]
+    Checkpoints(tmp_path, {"part": own}, again).load()
+    assert (names(tmp_path), again.put) == (["0000.npz"], [1])
+
+
 def test_run_that_is_interrupted_keeps_the_state_of_its_last_layer(tmp_path: Path) -> None:
     written, _, saved = seven_layers(tmp_path)
     for _ in range(2):

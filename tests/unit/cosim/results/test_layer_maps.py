@@ -74,6 +74,32 @@ def test_maps_on_disk_take_the_memory_of_what_is_used(tmp_path: Path) -> None:
     xr.testing.assert_identical(run.load(), maps.added_to(TABLE))
 
 
+def test_maps_of_layers_that_were_not_printed_are_left_out_and_of_others_the_last_one_counts(tmp_path: Path) -> None:
+    variables: Any = {"height": (np.dtype(np.float64), {"units": "m"})}
+    rows = [("height", layer, np.full((3, 5), value)) for layer, value in ((0, 1.0), (1, 2.0), (2, 9.0), (1, 3.0))]
+    table = xr.Dataset(coords={"layer": np.arange(2), "x": np.arange(3), "y": np.arange(5)})
+    maps = LayerMaps((2, 3, 5), variables, rows)
+    maps.write(tmp_path / "result.nc", table)
+    for found in (maps.added_to(table), maps.laid_over(table), netcdf.read(tmp_path / "result.nc")):
+        assert found.height[:, 2, 4].values.tolist() == [1.0, 3.0]
+    assert maps.nbytes == 2 * 3 * 5 * 8
+
+
+def test_only_heights_of_large_grids_are_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 3 x 5 cells; a length of no integer type, in metres."""
+    monkeypatch.setattr(layer_maps, "ROUNDED_CELLS", 14)
+    names = {"height": ("f8", "m"), "share": ("f8", "1"), "count": ("i4", "m")}
+    variables: Any = {name: (np.dtype(dtype), {"units": unit}) for name, (dtype, unit) in names.items()}
+    table = xr.Dataset(coords={"layer": [0], "x": np.arange(3), "y": np.arange(5)})
+    rows = [(name, 0, np.full((3, 5), 1.3 * layer_maps.ROUNDED_M)) for name in ("height", "share")]
+    found = LayerMaps((1, 3, 5), variables, rows).added_to(table)
+    assert found.height[0, 0, 0] == layer_maps.ROUNDED_M
+    assert found.share[0, 0, 0] == 1.3 * layer_maps.ROUNDED_M
+    assert [name for name in names if "rounded_to" in found[name].attrs] == ["height"]
+    monkeypatch.setattr(layer_maps, "ROUNDED_CELLS", 15)
+    assert LayerMaps((1, 3, 5), variables, rows).added_to(table).height[0, 0, 0] == 1.3 * layer_maps.ROUNDED_M
+
+
 @pytest.mark.parametrize("name", ["cuboid", "two-materials"])
 def test_maps_of_a_large_result_are_read_when_they_are_used(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

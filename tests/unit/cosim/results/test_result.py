@@ -40,6 +40,18 @@ def test_run_record_states_how_the_run_came_about(result: Result, tmp_path: Path
     assert record["wall_s"]["total"] == result.wall_s > 0
 
 
+@pytest.mark.parametrize(("writer", "is_printed"), [("run", True), ("run/compare/open", True), ("run/compare", False)])
+def test_comparison_run_is_written_by_its_own_process_or_that_of_its_run(
+    writer: str, is_printed: bool, result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "run" / "compare" / "open"
+    Result.begin(folder, result.scenario_text, {"process": 0})
+    monkeypatch.setattr("inkloop.results.result.writer_of", lambda place: "process 7" * (place == tmp_path / writer))
+    words = "being printed by process 7; no layer is finished yet" if is_printed else "was not finished, its process"
+    with pytest.raises(ResultError, match=words):
+        Result.load(folder)
+
+
 def test_figures_of_a_perfect_print(result: Result) -> None:
     figures = result.metrics()
     assert figures["layers"] == 3

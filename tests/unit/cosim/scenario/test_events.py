@@ -12,7 +12,9 @@ from inkloop.course.layer_course import LayerCourse, contract_connections
 from inkloop.errors import ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.results.recorder import Recorder
+from inkloop.scenario.events import read_events
 from inkloop.scenario.file import Scenario
+from inkloop.tables.schema import EventTable
 from support.places import SCENARIOS
 from support.toys import DROPLET, FunctionComponent, toy_job, toy_loop
 
@@ -104,11 +106,11 @@ def test_all_components_and_the_record_see_a_changed_output() -> None:
     np.testing.assert_array_equal(result.estimated_height[1], result.measured_height[1])
 
 
-def load(tmp_path: Path, events: str) -> Scenario:
+def load(tmp_path: Path, events: str, **grid: int) -> Scenario:
     path = tmp_path / "events.toml"
     printer = 'kind = "LayerDeposition"\nnozzle_pitch = 4'
     path.write_text(CUBOID.replace('kind = "LayerDeposition"', printer) + events)
-    return Scenario.load(path)
+    return Scenario.load(path, {f"grid.{edge}": count for edge, count in grid.items()})
 
 
 @pytest.mark.parametrize(
@@ -127,7 +129,9 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ('at_layer = 1\nport = "printer.height"\nvalue_um = [1.5, nan]', "value_um is [1.5, nan]; expected a finite"),
         ('at_layer = 1\nport = "profiler.valid"\nvalue = 0', "value is 0; expected true or false"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncells = [[12, 0]]', "cells has [12, 0]; the grid of"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncells = [[0, -1]]', "cells has [0, -1]; the grid of"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [4]', "nozzles has 4; expected 0 to 3"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [-1]', "nozzles has -1; expected 0 to 3"),
         (
             'at_layer = 1\nport = "profiler.valid"\nvalue = false\nnozzles = [1]',
             "profiler does not declare their number",
@@ -164,8 +168,9 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     scenario = load(
         tmp_path,
         '\n[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
-        'cells = [[3, 4], [5, 1]]\n\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\n'
+        'cells = [[3, 4], [5, 1]]\n\n[[events]]\nat_time_s = 1.001\naction = "bias"\nport = "printer.height"\n'
         "value_um = 3\ntilt_x = 0.01\ntilt_y = -0.03\n",
+        ny=13,
     )
     dead, tilted = scenario.events
     assert dead.cells is not None
@@ -173,10 +178,20 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     assert dead.cells[3, 4]
     assert dead.cells.sum() == 3 * 12 + 1
     assert tilted.value is not None
-    assert tilted.at_time_ns == SECOND // 2
+    assert tilted.at_time_ns == 1001 * SECOND // 1000
     assert tilted.value.mean() == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(np.diff(tilted.value, axis=0), 0.01 * 263.256e-6)
     np.testing.assert_allclose(np.diff(tilted.value, axis=1), -0.03 * 263.256e-6)
+
+
+def test_tilt_of_a_port_is_in_its_unit_and_stands_in_the_middle_of_its_map() -> None:
+    """A slope of one half over cells of a millimetre."""
+    part = FunctionComponent(outputs=[Port("top", "mm", (2, 3))])
+    table = EventTable(at_time_s=0.0, action="bias", port="a.top", tilt_y=0.5)
+    (event,), errors = read_events([table], {"a": part}, {}, 1e-3)
+    assert errors == []
+    assert event.value is not None
+    np.testing.assert_allclose(event.value, [[-0.5, 0.0, 0.5]] * 2, rtol=0.0, atol=1e-12)
 
 
 def test_component_of_a_manipulated_input_never_knows() -> None:

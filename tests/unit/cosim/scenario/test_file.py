@@ -49,7 +49,8 @@ def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = N
     ("old", "new", "error"),
     [
         ("nx = 9", "nx = 0", "grid.nx is 0"),
-        ("nx = 9", 'nx = "9"', "grid.nx is '9'"),
+        ("nx = 9", 'nx = "9"', "grid.nx is '9'; expected a whole number, without quotes and without a unit"),
+        ('title = "small"', 'title = "small"\nevents = [1]', "events.[0] is 1; expected a table, [[events]]"),
         ("nx = 9", "nz = 9", "grid.nz is not a key of this table; did you mean nx or ny?"),
         ("height_um", "hight_um", "did you mean height_um?"),
         ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, staircase, pipe-junction"),
@@ -75,6 +76,13 @@ def test_part_may_reach_beyond_no_side_of_the_grid(axis: str, pitches: float, tm
     assert error.startswith("part reaches beyond the grid of 9 x 8 cells")
 
 
+@pytest.mark.parametrize(("axis", "pitches"), [("x", 2.0), ("x", 6.0), ("y", 1.5), ("y", 5.5)])
+def test_part_may_end_on_the_outer_cells_of_the_grid(axis: str, pitches: float, tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD.replace("height_um = 22.8", f"height_um = 22.8\ncenter_{axis}_um = {pitches * 263.256}"))
+    assert Scenario.load(path).job().mask.sum() == 5 * 4
+
+
 EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_height"\nvalue_um = 1.0\n'
 
 
@@ -96,6 +104,11 @@ def test_wrong_port_of_an_event_is_named_with_other_errors(tmp_path: Path, old: 
 def test_event_on_an_invalid_component_is_not_blamed(tmp_path: Path) -> None:
     text = GOOD.replace("scan_duration_s = 0.0", "noise_std_um = -1.0") + EVENT.replace("profilr", "profiler")
     assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
+
+
+def test_layers_of_an_event_may_be_those_of_an_invalid_controller(tmp_path: Path) -> None:
+    text = GOOD.replace('"OpenLoop"', '"OpenLoop"\nlayers = -1') + EVENT.replace("profilr", "profiler")
+    assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.controller.layers"]
 
 
 def test_file_next_to_the_scenario_is_found_while_other_tables_are_invalid(tmp_path: Path) -> None:
@@ -174,6 +187,10 @@ def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> No
     errors = errors_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
     assert all(error.startswith("compare.no sensor: controller.") for error in errors)
     assert errors[0].startswith("compare.no sensor: controller.measured_height is not connected")
+    blind = GOOD.replace('"ProfileSensor"\nscan_duration_s = 0.0', '"LayerDeposition"')
+    errors = errors_of(tmp_path, blind + '[compare.x.components.controller]\nkind = "OpenLoop"\n')
+    assert errors[0].startswith("controller.measured_height is not connected")
+    assert not [error for error in errors if error.startswith("compare")], "an error of both is told once"
 
 
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'

@@ -55,6 +55,17 @@ def test_every_option_of_the_python_kinds_is_in_the_schema() -> None:
         assert set(python.options_table().model_fields) <= set(known[kind])
 
 
+def test_option_without_a_default_is_required_and_a_map_is_a_list_of_rows() -> None:
+    document = cuboid()
+    for profiler, is_whole in (({"folder": "scans"}, True), ({}, False)):
+        document["components"]["profiler"] = {"kind": "MapFolder", **profiler}
+        assert (errors(document) == []) == is_whole
+    document = cuboid()
+    for value, fits in (([[1.0, 2.0], [3.0, 4.0]], True), (5.0, True), ([1.0, 2.0], False), ([[[1.0]]], False)):
+        document["components"]["printer"]["height_start_um"] = value
+        assert (errors(document) == []) == fits, value
+
+
 def test_command_writes_the_schema_or_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "schema"]) == 0
     assert json.loads(capsys.readouterr().out) == SCHEMA

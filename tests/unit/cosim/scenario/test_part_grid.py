@@ -100,6 +100,9 @@ def test_a_phase_without_walls_on_centres_comes_first(tmp_path: Path) -> None:
     part = fitted(tmp_path, meshes.box((0, 0, 0), (4.5, 3, 1)), meshes.box((6, 0, 0), (9, 3, 1)))
     assert part.solid.remarks == ()
     assert cells(part).sum() in (21, 24)
+    exact = fitted(tmp_path, meshes.box((0, 0, 0), (9, 1, 1)), meshes.box((2.5, 1, 0), (6.5, 3, 1)))
+    assert exact.solid.remarks == ()
+    assert cells(exact).sum() == 17
 
 
 def height_map(folder: Path, heights: Any) -> PartFile:
@@ -189,6 +192,9 @@ def test_long_work_is_refused_or_announced_with_its_estimate(tmp_path: Path, mon
     assert said == []
     assert fit(part, 100.0, said.append).grid.nx == 46 + 4
     assert [text.partition(" takes")[0] for text in said] == ["a grid of 50 x 24 cells of 100 µm"]
+    monkeypatch.setattr(part_grid, "LARGE_CELLS", 50 * 24)
+    fit(part, 100.0, said.append)
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize(

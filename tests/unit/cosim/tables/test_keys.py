@@ -198,7 +198,7 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
     [
         ("lost", "kind is 'lost'; expected 'loss'"),
         ("loss:p=1", "p is not a key of this table"),
-        ("loss:psas=1", "did you mean pass"),
+        ("loss:psas=1", r"did you mean pass\?"),
         ("loss:probability=2,way=up", r"probability is 2;.*way is 'up'; expected 'to-nodes' or 'from-nodes'"),
         ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
         ("death", "needs node as well"),

@@ -193,7 +193,9 @@ def test_every_cell_below_an_oblong_pixel_has_its_height(cells: tuple[int, int],
     heights = np.array([[10.0, 20.0], [30.0, 40.0]]) * M_PER_UM
     dx, dy = (count * PITCH_UM * M_PER_UM for count in cells)
     map_writing.write(tmp_path / "map.sdf", HeightMap(heights, dx, dy), "sdf")
-    target = with_part('shape = "height-map"\nfile = "map.sdf"', tmp_path).job().target_height
+    scenario = with_part('shape = "height-map"\nfile = "map.sdf"', tmp_path)
+    assert scenario.solid.volume == pytest.approx(heights.sum() * dx * dy, rel=1e-9, abs=0.0)
+    target = scenario.job().target_height
     i, j = (slice(size // 2 - count, size // 2 + count) for size, count in zip((NX, NY), cells, strict=True))
     np.testing.assert_allclose(target[i, j], heights.repeat(cells[0], axis=0).repeat(cells[1], axis=1), rtol=1e-9)
     assert np.count_nonzero(target) == 4 * 4
@@ -201,7 +203,9 @@ def test_every_cell_below_an_oblong_pixel_has_its_height(cells: tuple[int, int],
 
 def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed(tmp_path: Path) -> None:
     np.save(tmp_path / "map.npy", np.array([[10.0, np.nan, -3.0], [20.0, 0.0, 5.0]]))
-    job = with_part(HEIGHTS + "pixel_um = 200.0\nbase_um = 2.0", tmp_path, nx=14, ny=14).job()
+    scenario = with_part(HEIGHTS + "pixel_um = 200.0\nbase_um = 2.0", tmp_path, nx=14, ny=14)
+    job = scenario.job()
+    assert scenario.solid.volume == pytest.approx((12 + 22 + 2 + 7) * 200**2 * M_PER_UM**3, rel=1e-9, abs=0.0)
     expected = np.array([[12.0, 0.0, 0.0], [22.0, 2.0, 7.0]]).repeat(2, axis=0).repeat(2, axis=1)
     np.testing.assert_allclose(job.target_height[5:9, 4:10], expected * M_PER_UM, atol=1e-15)
     np.testing.assert_array_equal(job.mask[5:9, 4:10], expected > 0.0)

@@ -100,7 +100,7 @@ def with_twice_the_first(manifest: Mapping[str, Any]) -> dict[str, Any]:
         (lambda manifest: {"format_version": 2}, "format_version is 2; expected 1"),
         (lambda manifest: {"polarity": "white"}, "polarity is 'white'; expected 'a set bit is a droplet"),
         (lambda manifest: {"first_row": "top"}, "first_row is 'top'; expected 'y = 0; rows"),
-        (lambda manifest: {"drop_levels": 3}, "drop_levels is 3: drops of several sizes"),
+        (lambda manifest: {"drop_levels": 2}, "drop_levels is 2: drops of several sizes"),
         (lambda manifest: {"pitch_x_um": 0.0}, "pitch_x_um is 0.0; expected greater than 0"),
         (lambda manifest: {"width_pixels": 5}, "manifest.json: L0001_P1_A.png has 4 x 6 pixels with values up to 1; "),
         (lambda manifest: {"inks": {"A": manifest["inks"]["A"]}}, "files are of ink B, which inks lacks"),
@@ -149,6 +149,19 @@ def test_changed_bitmaps_and_damaged_manifests_are_refused(tmp_path: Path) -> No
     (tmp_path / "out" / "manifest.json").write_bytes(b"1e308")
     with pytest.raises(ScenarioError, match=r"manifest\.json: is no manifest of .*: it is 1e\+308; expected a table"):
         with_part(PART, tmp_path)
+
+
+@pytest.mark.parametrize("lost", [3, 4])
+def test_three_lost_files_are_named_and_more_are_counted(lost: int, tmp_path: Path) -> None:
+    files = [one["file"] for one in export(tmp_path)["files"]]
+    for name in files[:lost]:
+        (tmp_path / "out" / name).unlink()
+    with pytest.raises(ScenarioError) as caught:
+        with_part(PART, tmp_path)
+    (error,) = caught.value.errors
+    assert [name in error for name in files] == [True] * 3 + [False] * (len(files) - 3)
+    assert (f"4 of {len(files)} files are missing or were changed" in error) == (lost == 4)
+    assert error.count("; ") == lost - 1
 
 
 def test_pixels_of_a_manifest_may_be_oblong(tmp_path: Path) -> None:

@@ -199,6 +199,24 @@ def test_mesh_as_it_is_keeps_its_coordinates_and_needs_what_holds_it(tmp_path: P
     assert error.endswith("which print ink B there")
 
 
+def test_part_in_ink_b_alone_has_a_region_of_ink_a_without_a_point(tmp_path: Path) -> None:
+    write(tmp_path, BOX)
+    for ink, count in (("B", 2), ("A", 1)):
+        scenario = with_part(f'{MESH}[part.inks]\npart = "{ink}"', tmp_path)
+        assert (scenario.job().mask.sum(), len(scenario.job().inks)) == (24, count)
+        region = scenario.solid.region
+        assert (None if region is None else int(region.mask.sum())) == (0 if ink == "B" else None)
+
+
+def test_volume_of_a_mesh_with_a_hole_is_unknown(tmp_path: Path) -> None:
+    """One column in a thousand is open: of 40 x 25 cells and one beside them."""
+    block, single = parts.box((0.0, 4.0), (0.0, 2.5), 0.0, 0.03), parts.box((4.5, 4.6), (0.0, 0.1), 0.0, 0.03)
+    for bodies, is_known in (((block, single), True), ((block, single[2:]), False)):
+        write(tmp_path, *bodies)
+        part = with_part(MESH + 'open_columns = "neighbours"', tmp_path, nx=52, ny=31)
+        assert (part.solid.volume is not None) == is_known
+
+
 def test_open_mesh_is_refused_with_a_place_whatever_is_asked_for_single_columns(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_bytes(parts.stl(BOX[1:]))
     for keys, words in (("", "mend the mesh"), ('open_columns = "neighbours"', "of 24 columns")):

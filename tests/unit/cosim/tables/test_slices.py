@@ -25,6 +25,14 @@ def test_box_lies_around_the_pixels_that_any_slice_fills() -> None:
     bounds = whole.bounds
     expected = (400e-6, 600e-6, 260e-6, 360e-6)
     assert (bounds.x_min, bounds.x_max, bounds.y_min, bounds.y_max) == pytest.approx(expected, rel=1e-9, abs=0.0)
+    assert whole.volume == pytest.approx(2 * 50e-6 * 20e-6 * 8e-6, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("pixel", [(0, 0), (7, 9)])
+def test_cell_beyond_the_first_or_the_last_pixel_is_empty(pixel: tuple[int, int]) -> None:
+    """The slices lie from 310 to 710 and from 210 to 410 um: cells see the middle of pixels 1, 3, 5, 7 and 4, 9."""
+    found = Slices(GRID, (510e-6, 310e-6), PIXEL).solid([("a", labels(pixel))], 8e-6).columns(10, 8, 1e-4)
+    assert np.argwhere(found.mask).tolist() == ([[7, 4]] if pixel == (7, 9) else [])
 
 
 @pytest.mark.parametrize(

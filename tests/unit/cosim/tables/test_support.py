@@ -11,9 +11,11 @@ import pytest
 
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
-from inkloop.geometry import PipeJunction, cell_centers, contained
+from inkloop.geometry import Columns, PipeJunction, cell_centers, contained
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
+from inkloop.tables.job import _without_ends, inks_of
+from inkloop.tables.schema import Inks, InkTable
 from inkloop.tables.shapes import Bounds, PipeJunctionTable, Solid, SubstrateTable
 from support.places import SCENARIOS
 
@@ -76,6 +78,8 @@ def test_part_with_overhangs_is_refused_with_all_that_can_be_done(tmp_path: Path
     with pytest.raises(ScenarioError) as caught:
         loaded(tmp_path, None)
     (error,) = (text for text in caught.value.errors if "hang" in text)
+    endless = "part reaches beyond the grid of 21 x 21 cells: it has no end; add [support]"
+    assert [text for text in caught.value.errors if text.startswith(endless)]
     cells, share, rest = re.search(r"(\d+) cells \(([\d.]+)%\) .* substrate \((\d+) cells\)", error).groups()
     assert int(cells) == hanging.sum()
     assert float(share) == pytest.approx(100 * hanging.sum() / np.isfinite(bottom).sum(), rel=1e-2, abs=0.0)
@@ -110,6 +114,22 @@ def test_support_around_the_part_fills_the_block(tmp_path: Path) -> None:
         assert int(job.mask.sum()) == 17 * 17
         np.testing.assert_allclose(job.target_height[job.mask], 60e-6, rtol=1e-12)
         assert_is_the_pipes(job)
+
+
+def test_ink_a_goes_on_where_it_reaches_the_substrate_or_the_target_within_the_rounding_of_a_mesh() -> None:
+    """Of 0.1 um; what begins so near below the target is none of it."""
+    near, far, top = 5e-8, 2e-7, 30e-6
+    ends = np.array([near, far, top - near]), np.array([top - near, top - far, top + 1e-6])
+    found = _without_ends(Columns(1, 3, PITCH, np.arange(4), *ends), np.full((1, 3), top))
+    assert found.offsets.tolist() == [0, 1, 2, 2]
+    assert (found.bottoms.tolist(), found.tops.tolist()) == ([-1.0, far], [1.0, top - far])
+
+
+def test_second_ink_is_that_of_the_file_or_the_default() -> None:
+    own, other = InkTable(h1_um=3.0), InkTable(h1_um=5.0)
+    assert inks_of(Inks(a=own), 1) == (own.ink,)
+    assert inks_of(Inks(a=own), 2) == (own.ink, InkTable().ink)
+    assert inks_of(Inks(a=own, b=other), 1) == inks_of(Inks(a=own, b=other), 2) == (own.ink, other.ink)
 
 
 def test_every_droplet_of_a_supported_print_is_of_the_ink_that_belongs_there(tmp_path: Path) -> None:

@@ -13,8 +13,9 @@ from inkloop.metrology.evaluation.definitions import Treatment, symbols
 from inkloop.metrology.evaluation.form import CENTRE, central_third, minimax
 from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Found
+from inkloop.metrology.evaluation.surface import Found, s_filtered
 from inkloop.metrology.evaluation.table import found
+from inkloop.metrology.height_map import HeightMap
 from support.evaluated import STEP, Map, check, check_same, map_of, number, reason, rough
 
 H = 50e-6
@@ -68,6 +69,11 @@ def test_a_step_on_tilted_ground_has_its_height() -> None:
     tilted = z + start
     values = form(Subject(map_of(tilted), mask))
     check(values, {"step_height_ls": H, "step_height_mz": H}, rel=1e-4)
+    steep = np.tensordot([0.01 * STEP, -0.02 * STEP], np.indices(z.shape), axes=1)
+    wall, _ = frustum()
+    circle = form(Subject(map_of(wall + steep), mask))
+    assert number(circle, "radius_ls") == pytest.approx(RADIUS, rel=2e-3, abs=0.0)
+    assert number(circle, "roundness_ls") < 0.1 * STEP
     of_run = form(Subject(map_of(tilted), mask, target=np.where(mask, H, 0.0), start=start))
     check(of_run, {"step_height_ls": H}, rel=1e-4)
 
@@ -143,20 +149,48 @@ def test_form_that_is_not_there_is_refused() -> None:
     z, mask = frustum()
     around, bare = np.where(mask | (z > 0), 0.0, H), np.zeros_like(z)
     sloping = np.where(mask, H + np.indices(z.shape)[0] * 1e-6, 0.0)
-    flat = form(Subject(map_of(bare), mask))
+    flat, gap = form(Subject(map_of(bare), mask)), z.copy()
+    gap[33:36, 50:54] = np.nan  # on the wall
     assert "no outline without a step" in reason(flat, "wall_angle_mz")
     assert set(flat) == set(symbols("form"))
     for subject, symbol, words in (
         (Subject(map_of(bare), mask), "step_height_ls", "no step stands out"),
         (Subject(map_of(z)), "parallelism_ls", "0 cells with heights lie more than 2 cells outside the mask"),
         (Subject(map_of(z), mask, target=sloping), "step_height_mz", "the target is not flat"),
+        (Subject(map_of(-z), mask), "step_height_mz", "no step stands out"),
         (Subject(map_of(z[15:]), mask[15:]), "radius_ls", "is not closed"),
+        (Subject(map_of(gap), mask), "radius_mz", "is not closed"),
         (Subject(map_of(np.concatenate([z, z])), np.concatenate([mask, mask])), "wall_angle_ls", "has 2 pieces"),
         (Subject(map_of(z + around), mask, start=bare), "roundness_mz", "no wall is free"),
         (Subject(map_of(z - around), mask, start=bare), "radius_ls", "stand -50 µm above the substrate: no wall"),
         (Subject(map_of(z[:5, :5])), "flatness_ls", "25 cells have a height"),
     ):
         assert words in reason(form(subject), symbol)
+
+
+def test_form_is_that_of_the_heights_after_the_s_filter() -> None:
+    z, mask = frustum()
+    z = z + np.where(mask, np.random.default_rng(4).normal(0.0, 1e-6, z.shape), 0.0)
+    smooth = s_filtered(map_of(z), Treatment(s_filter=6 * STEP))
+    assert isinstance(smooth, HeightMap)
+    found, expected, rough_one = (
+        form(Subject(map_, mask, start=np.zeros_like(z)), s_filter=cutoff)
+        for map_, cutoff in ((map_of(z), 6 * STEP), (smooth, None), (map_of(z), None))
+    )
+    for symbol in ("flatness_ls", "flatness_mz", "parallelism_mz", "step_height_ls", "step_height_mz", "radius_ls"):
+        assert number(found, symbol) == pytest.approx(number(expected, symbol), rel=1e-9, abs=0.0)
+        assert number(found, symbol) != pytest.approx(number(rough_one, symbol), rel=1e-5, abs=0.0)
+
+
+def test_a_step_needs_fifty_cells_in_the_middle_of_its_top() -> None:
+    """Of 15 x 20 cells those that are six or more from the edge: 5 x 10."""
+    z, mask = np.zeros((40, 40)), np.zeros((40, 40), bool)
+    mask[12:27, 10:30] = True
+    z[mask] = H
+    check(form(Subject(map_of(z), mask)), {"step_height_ls": H}, rel=1e-9)
+    z[19, 20] = np.nan
+    few = "49 cells with heights lie in the central third of the part; a step needs 50"
+    assert reason(form(Subject(map_of(z), mask)), "step_height_ls") == few
 
 
 def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:

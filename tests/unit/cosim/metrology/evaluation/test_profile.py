@@ -134,8 +134,10 @@ def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
     assert 0.5 <= evaluated.count / evaluated.rows < 0.6
     assert number(values, "Pt") == pytest.approx(1e-9 * half**2, rel=0.1, abs=0.0)
     z = np.where(j == 5, np.nan, wave(61, 61))
-    one, of = profiles(z, "y", f_operation="none")
-    assert (of.count, of.length) == (61, pytest.approx(35 * STEP, rel=1e-12, abs=0.0))
+    one, _ = profiles(z, "y", f_operation="none")
+    for order in (1, -1):
+        _, turned = profiles(z[:, ::order], "y", f_operation="none")
+        assert (turned.count, turned.length) == (61, pytest.approx(35 * STEP, rel=1e-12, abs=0.0))
     assert number(one, "Pt") == pytest.approx(0.0, abs=1e-18)
 
 

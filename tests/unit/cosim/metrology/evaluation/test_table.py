@@ -50,6 +50,12 @@ def test_parameter_is_shown_in_the_unit_of_its_key(symbol: str, value: float, ke
     assert found.shown == pytest.approx(shown, rel=1e-9, abs=0.0)
 
 
+def test_units_are_printed_as_people_write_them() -> None:
+    symbols_ = ("Sa", "Ssk", "Std", "volume_error", "droplet_volume", "droplets")
+    found = [Parameter(symbol, "", 1.0, DEFINITIONS[symbol].unit).printed_unit for symbol in symbols_]
+    assert found == ["µm", "", "°", "nl", "pl", ""]
+
+
 def test_only_what_is_wanted_is_evaluated_in_the_order_of_the_definitions() -> None:
     z = rough((60, 17))
     subject = Subject(map_of(z), droplets=40)
