@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tools.figures import the_papers
 
 from inkloop.cli import main
@@ -19,7 +22,18 @@ from inkloop_lab.reproduce import (
     prints,
     wu_chiu,
 )
-from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
+from inkloop_lab.reproduce.comparison import (
+    Paper,
+    Part,
+    Row,
+    Step,
+    markdown,
+    number,
+    remarks,
+    spreadsheet,
+    terminal_table,
+    with_scatter,
+)
 from inkloop_lab.reproduce.finite_elements import solve, triangles
 from inkloop_lab.reproduce.hume_rosen import Liquid, time_scales
 from support.long_proofs import rest_is_long
@@ -33,6 +47,7 @@ def ours(part: Part) -> dict[str, float]:
     ("printed", "found", "within", "word"),
     [
         (5.0, 5.1, 0.2, "yes"),
+        (5.0, 5.25, 0.25, "yes"),
         (5.0, 4.0, 0.2, "no, smaller"),
         (-5.0, -6.0, 0.2, "no, larger"),
         (None, 5.0, 0.2, "-"),
@@ -52,6 +67,67 @@ def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appear
     assert "| Table I | width | µm | - | 2.00 ± 0.31 | - |" in markdown("A paper", rows)
     table = list(csv.DictReader(io.StringIO(spreadsheet(rows))))
     assert [(line["printed"], line["ours"]) for line in table] == [("5.0", "5.1"), ("", "2.0")]
+
+
+def test_figures_have_four_digits_and_scatter_two() -> None:
+    assert [number(value) for value in (0.123456, 12.3456, 999.94, 12345.6, -1000.4, np.nan)] == [
+        "0.1235", "12.35", "999.9", "12346", "-1000", "-",
+    ]  # fmt: skip
+    assert [with_scatter(12.3456, scatter) for scatter in (0.0123, 0.99, 1.0, 31.0, 0.0)] == [
+        "12.346 ± 0.012", "12.35 ± 0.99", "12.3 ± 1.0", "12 ± 31", "12.346 ± 0.000",
+    ]  # fmt: skip
+
+
+def test_remarks_on_what_is_not_reproduced_come_first_with_all_their_places() -> None:
+    rows = [
+        Row("Fig. 2, left: a", "height", "µm", 5.0, 5.0, 0.2, "well"),
+        Row("Fig. 3: b", "height", "µm", 5.0, 9.0, 0.2, "taller"),
+        Row("Fig. 2, right", "height", "µm", 5.0, 5.0, 0.2, "taller"),
+        Row("Fig. 4", "height", "µm", 5.0, 5.0, 0.2),
+    ]
+    assert remarks(rows) == ["Fig. 3, Fig. 2: taller", "Fig. 2: well"]
+
+
+def test_table_names_a_place_once_and_draws_a_line_below_it() -> None:
+    rows = [Row(place, "height", "µm", 5.0, 5.0, 0.2) for place in ("one", "one", "two")]
+    shown = terminal_table("t", rows)
+    assert [str(cell) for cell in shown.columns[0].cells] == ["one", "", "two"]
+    assert [row.end_section for row in shown.rows] == [False, True, True]
+    assert [column.justify for column in shown.columns] == ["left"] * 3 + ["right"] * 3 + ["left"]
+
+
+def test_spreadsheet_has_numbers_in_full() -> None:
+    lines = spreadsheet([Row("one", "height", "µm", 5.0, 1.23456789, None, "why", 0.001)]).splitlines()
+    assert lines == [
+        "where,figure,unit,printed,ours,within,reproduced,scatter,remark",
+        "one,height,µm,5.0,1.23456789,,-,0.001,why",
+    ]
+
+
+def test_record_says_how_the_figures_were_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And each step is found quickly or not, as was asked; pictures are of the step that has just ended."""
+    asked: list[bool] = []
+
+    def step(name: str) -> Step:
+        def find(quick: bool) -> Part:
+            asked.append(quick)
+            return Part([Row(name, "n", "1", None, 1.0)], {f"picture of {name}": Figure()})
+
+        return Step(name, find)
+
+    monkeypatch.setattr("inkloop_lab.reproduce.wu_chiu.PAPER", Paper("wu-chiu", "Wu, Chiu", (step("a"), step("b"))))
+    assert main(["reproduce", "wu-chiu", "--quick", "--out", str(tmp_path / "run")]) == 0
+    record = json.loads((tmp_path / "run" / "reproduce.json").read_text())
+    assert (record["paper"], record["steps"], record["quick"], list(record["seconds"])) == (
+        "Wu, Chiu",
+        ["a", "b"],
+        True,
+        ["a", "b"],
+    )
+    assert asked == [True, True]
+    assert {path.stem for path in (tmp_path / "run").glob("picture*.png")} == {"picture of a", "picture of b"}
+    assert main(["reproduce", "wu-chiu", "--no-pictures", "--out", str(tmp_path / "slow")]) == 0
+    assert json.loads((tmp_path / "slow" / "reproduce.json").read_text())["quick"] is False
 
 
 def test_time_scales_of_the_papers_ink_are_the_printed_ones() -> None:
