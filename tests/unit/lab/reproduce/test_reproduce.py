@@ -7,6 +7,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from tools.figures import the_papers
 
 from inkloop.cli import main
 from inkloop.component import Job
+from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop_lab.reproduce import (
     PAPERS,
+    hume_rosen,
     liquid_bodies,
     lu,
     prints,
@@ -359,3 +362,77 @@ def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -
     found = [middle, end_width, end_angle, side_width, side_angle, *heights]
     assert found == pytest.approx([185.3, 154.6, 44.1, 34.3, 78.1, 200.5, 80.0], rel=0.05, abs=0.0)
     assert liquid_bodies.outside(surface) < 0.005
+
+
+def drawn_square(n: int) -> tuple[FineSurface, np.ndarray]:
+    """The square of 25 x 25 sites in a margin of two, n points to a site, of arbitrary heights [m]."""
+    fine = np.random.default_rng(n).random((29 * n, 29 * n)) * 1e-6
+    surface = FineSurface(fine.reshape(29, n, 29, n).mean((1, 3)), np.pad(fine, 3), 1e-6, 3)
+    return surface, fine * 1e6
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_figures_of_the_square_are_read_at_their_places(n: int) -> None:
+    """Lines run along x; an even number of points has its site between two of them each way."""
+    surface, fine = drawn_square(n)
+    np.testing.assert_allclose(liquid_bodies.end_wall(surface), [row[7 * n : 22 * n].mean() for row in fine])
+    np.testing.assert_allclose(liquid_bodies.side_wall(surface), [row[7 * n : 22 * n].mean() for row in fine.T])
+    inside = sum(fine[i, j] for i in range(2 * n, 27 * n) for j in range(2 * n, 27 * n))
+    assert liquid_bodies.outside(surface) == pytest.approx(1.0 - inside / fine.sum(), rel=1e-9, abs=0.0)
+    around = (0,) if n % 2 else (-1, 0)
+    sites = [k * n + n // 2 for k in range(29)]
+    corners = [fine[sites[i] + di, sites[j] + dj] for i in (2, 26) for j in (2, 26) for di in around for dj in around]
+    assert liquid_bodies.corner(surface) == pytest.approx(np.mean(corners), rel=1e-9, abs=0.0)
+    lines = [np.mean([fine[sites[i], sites[j]] for i in range(7, 22)]) for j in range(29)]
+    assert liquid_bodies.ridge(surface) == pytest.approx(max(lines), rel=1e-9, abs=0.0)
+
+
+def test_wall_is_from_a_tenth_to_nine_tenths_of_the_height() -> None:
+    profile = np.concatenate([np.linspace(0.0, 20.0, 11), np.full(19, 20.0), np.linspace(20.0, 0.0, 5)])
+    assert liquid_bodies.wall(profile, 5.0) == pytest.approx(
+        (40.0, np.degrees(np.arctan(16.0 / 40.0))), rel=1e-9, abs=0.0
+    )
+
+
+def test_line_at_the_edge_keeps_its_volume_and_runs_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Droplets of 30 pl that stay on their cells: of a line along the edge none lies beyond it, across it some."""
+    n, spacing = 8, 42.3e-6 / 8
+
+    class Model:
+        def __init__(self, form: str, cells_per_pitch: int) -> None:
+            assert cells_per_pitch == n
+
+        def start(self, height: Any) -> FineSurface:
+            return FineSurface(height, np.zeros(tuple(n * side + 4 for side in height.shape)), spacing, 2)
+
+        def layer(self, surface: FineSurface, pattern: Any, number: int = 1) -> FineSurface:
+            fine = surface.fine.copy()
+            fine[2:-2, 2:-2] += np.kron(pattern, np.ones((n, n))) * 30e-15 / 42.3e-6**2
+            return FineSurface(surface.height + pattern, fine, spacing, 2)
+
+    shown = {}
+    monkeypatch.setattr(hume_rosen, "YoungLaplaceDeposition", Model)
+    monkeypatch.setattr(hume_rosen.pictures, "lines_on_a_step", lambda surfaces: shown.update(surfaces))
+    found = ours(hume_rosen.line_on_a_step(True))
+    beyond = {"along the edge": 0.0, "across the edge": 100.0 * sum(j >= hume_rosen.EDGE for j in range(3, 8)) / 5}
+    assert 0.0 < beyond["across the edge"] < 100.0
+    for name, share in beyond.items():
+        for form in ("nonlinear", "linear"):
+            where = f"Fig. 3 to 5, {name}, {form}"
+            assert found[f"{where}: volume kept, of five droplets"] == pytest.approx(100.0, rel=1e-9, abs=0.0)
+            assert found[f"{where}: volume beyond the edge"] == pytest.approx(share, rel=1e-9, abs=1e-9)
+            height = 30e-15 / 42.3e-6**2 * 1e6
+            assert found[f"{where}: thickest place of the line"] == pytest.approx(height, rel=1e-9, abs=0.0)
+            assert found[f"{where}: highest point over the plate"] == pytest.approx(2.0 * height, rel=1e-9, abs=0.0)
+            below, after = shown[f"{name}, {form}"]
+            line = np.argwhere(after.height - below.height > 0.5)
+            assert (np.ptp(line, axis=0) == ([4, 0] if name == "along the edge" else [0, 4])).all()
+
+
+def test_holding_back_and_coming_to_rest_have_their_limits() -> None:
+    assert Liquid(viscosity=0.0316).objections() == []  # an Ohnesorge number of 0.9993
+    assert "Ohnesorge number 1" in Liquid(viscosity=0.0317).objections()[0]
+    assert Liquid(interval=81e-6).objections() == []
+    assert len(Liquid(interval=79e-6).objections()) == 1
+    assert Liquid(diameter=504e-6, interval=1.0).objections() == []  # a Bond number of 0.0997
+    assert "Bond number 0.1;" in Liquid(diameter=506e-6, interval=1.0).objections()[0]

@@ -295,11 +295,11 @@ def test_winner_is_of_whole_points_by_size_and_others_are_alike_within_two_error
     own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8, 1.0]\n')
     near = [
         point(std, error=error, alpha=alpha)
-        for std, error, alpha in ((-3.0, 0.3, 0.5), (3.9, 0.4, 0.8), (4.1, 0.4, 1.0))
+        for std, error, alpha in ((3.0, 0.3, 0.5), (-3.9, 0.4, 0.8), (4.1, 0.4, 1.0))
     ]
-    assert winner(own, near).startswith("smallest std: alpha 0.5: -3.00 ± 0.30 µm; 1 of 2 others")  # 2 x 0.5 away
+    assert winner(own, near).startswith("smallest std: alpha 0.5: 3.00 ± 0.30 µm; 1 of 2 others")  # 2 x 0.5 away
     near[0]["failed"] = 1
-    assert winner(own, near).startswith("smallest std: alpha 0.8: 3.90 ± 0.40 µm; 1 of 1 others")
+    assert winner(own, near).startswith("smallest std: alpha 0.8: -3.90 ± 0.40 µm; 1 of 1 others")
     plain = study(tmp_path, "")
     assert winner(plain, [point(1.0), point(2.0)]).startswith("smallest std: as it stands: 1.00")
 
