@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -122,7 +124,8 @@ def test_ink_that_leaves_over_the_edge_is_added_up_layer_by_layer() -> None:
 
 def test_models_leave_the_surface_that_they_print_on_as_it_was() -> None:
     pattern = np.ones((3, 3), np.int32)
-    for model in (LayerDeposition(), SuperpositionDeposition(), VolumeAreaDeposition(), YoungLaplaceDeposition()):
+    models: list[Any] = [LayerDeposition(), SuperpositionDeposition(), VolumeAreaDeposition(), YoungLaplaceDeposition()]
+    for model in models:
         surface = model.start(np.full((3, 3), 1e-6))
         before = {name: np.copy(value) for name, value in vars(surface).items()}
         model.layer(surface, pattern)
