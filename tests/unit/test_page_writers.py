@@ -31,7 +31,9 @@ from tools.figures import (
 )
 from tools.figures import closed_loop as closed_loop_page
 
+import inkloop
 from inkloop.fmu_writer import definition
+from support.lying_scans.cases import CASES
 from support.places import ROOT
 
 
@@ -79,7 +81,7 @@ def test_row_of_a_lying_case_has_the_mean_and_the_worst_of_its_seeds() -> None:
         for name in lying_scans.ON_PAGE
     }
     first = next(lying_scans.lines(found))
-    must = lying_scans.CASES["in register, 20 %"].must
+    must = CASES["in register, 20 %"].must
     assert first == ["in register, 20 %", f"0.50 / {must.mae:g}", f"7.0 / {must.highest:g}", "done"]
     assert any(line[0] == "levelled anew: offset and tilt 3 µm" for line in lying_scans.lines(found))
     assert lying_scans.limit(float("nan")) == ""
@@ -342,7 +344,7 @@ def test_long_signature_is_on_lines_of_its_own() -> None:
 
 
 def test_public_name_without_a_group_is_named(monkeypatch: Any) -> None:
-    monkeypatch.setattr(api.inkloop, "__all__", [*api.inkloop.__all__, "novelty"])
+    monkeypatch.setattr(inkloop, "__all__", [*inkloop.__all__, "novelty"])
     with pytest.raises(ValueError, match=r"GROUPS and inkloop\.__all__ differ in novelty"):
         api.texts()
 
@@ -401,7 +403,7 @@ def test_diagram_draws_inputs_from_the_left_and_maps_thick() -> None:
     assert any(is_map for *_, is_map in inputs)
     assert ("height", "[m]", True) in outputs
     assert not any("[1]" in kind for _, kind, _ in (*inputs, *outputs))
-    axes = diagrams.draw(model).axes[0]
+    axes: Any = diagrams.draw(model).axes[0]
     arrows = [text for text in axes.texts if getattr(text, "arrow_patch", None) is not None]
     width = max(vertex[0] for vertex in axes.patches[0].get_xy())
     begins = [arrow.xyann[0] for arrow in arrows]

@@ -188,7 +188,7 @@ def test_caps_and_liquid_of_exact_scans_are_those_of_the_plant() -> None:
     assert isinstance(found, SuperpositionDeposition)
     assert found.caps[0] == pytest.approx(caps.caps[0], rel=0.02, abs=0.0)
     spoilt = record.measured.copy()
-    spoilt[-1, :, 6] += np.random.default_rng(1).normal(0.0, 9e-6, 14) * 0.0 + np.tile([9e-6, -9e-6], 7)
+    spoilt[-1, :, 6] += 30e-6
     again = fit([replace(record, measured=spoilt)], [mask])
     assert isinstance(again, SuperpositionDeposition)
     assert again.caps[0] == pytest.approx(caps.caps[0], rel=0.02, abs=0.0)

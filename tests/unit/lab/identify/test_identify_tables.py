@@ -14,6 +14,8 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop.errors import ScenarioError
+from inkloop.report.terminal import Terminal
+from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_lab.identify import command, experiments
 from inkloop_lab.identify.candidates import words
@@ -45,8 +47,8 @@ def shown(heights: Any = ONE, comparisons: Sequence[Comparison] = (), **parts: A
     record = PrintRecord("it", 1e-4, np.zeros((1, 4, 3), np.int32), np.zeros((2, 4, 3)))
     covariance = np.diag(np.arange(1.0, 1.0 + heights.size) ** 2 * 1e-16)
     ink = InkEstimate(heights, covariance, 5, 0.3e-6, 0.125, 321)
-    known = {"protocol": None, "volume_area": None, **parts}
-    found = Identification((record,), (record,), 0.3e-6, ink, *known.values(), tuple(comparisons), ())
+    protocol, volume_area = parts.get("protocol"), parts.get("volume_area")
+    found = Identification((record,), (record,), 0.3e-6, ink, protocol, volume_area, tuple(comparisons), ())
     return [
         (str(each.title), str(each.caption), list(zip(*(column.cells for column in each.columns), strict=True)))
         for each in tables(found)
@@ -88,7 +90,7 @@ def test_coefficients_of_wu_and_chiu_are_per_micrometre_and_their_errors_in_perc
 MODELS: Sequence[tuple[Any, str]] = (
     (LayerDeposition(((4.4e-6, 0.6e-6, 0.2e-6), (3e-6, 0.5e-6, 0.1e-6))), "4.4 0.6 0.2 | 3 0.5 0.1 µm"),
     (SuperpositionDeposition(((206.5e-6, 4.4e-6),)), "r 206.5, a 4.4 µm"),
-    (VolumeAreaDeposition(90e-6, 7e-6, *COEFFICIENTS.values()), "c 7 µm, 0.0067 -0.0201 0.001 -0.0634 /µm"),
+    (VolumeAreaDeposition(90e-6, 7e-6, 6700.0, -20100.0, 1000.0, -63400.0), "c 7 µm, 0.0067 -0.0201 0.001 -0.0634 /µm"),
     (YoungLaplaceDeposition(42.3e-6, 30e-15, math.radians(55.0), "linear", 4), "30 pl, 55 degrees"),
 )
 
@@ -158,7 +160,7 @@ def test_nominal_inks_of_a_run_are_those_of_its_scenario(tmp_path: Path, monkeyp
         ("[ink.a]\nh1_um = 3.0\nh2_um = 0.5\nh3_um = 0.1\n", [3e-6]),
         ("[ink.b]\nh1_um = 2.0\nh2_um = 0.4\nh3_um = 0.3\n", [4.4e-6, 2e-6]),
     ):
-        monkeypatch.setattr(command.Result, "load", lambda folder, text=text: SimpleNamespace(scenario_text=text))
+        monkeypatch.setattr(Result, "load", lambda folder, text=text: SimpleNamespace(scenario_text=text))
         assert [ink.h1 for ink in command._nominal(tmp_path)] == pytest.approx(heights, rel=1e-12, abs=0.0)
 
 
@@ -176,7 +178,7 @@ def test_run_identifies_with_what_was_given_and_names_its_file_after_the_source(
     monkeypatch.setattr(command, "identify", identified)
     monkeypatch.setattr(command, "_records", lambda *_: ([record], (Ink(),)))
     monkeypatch.chdir(tmp_path)
-    console = command.Terminal(as_json=True)
+    console = Terminal(as_json=True)
     assert command.run(options("some/case.toml", out=None, pictures=(), noise_um=0.5), {}, console) == 0
     (records, nominal, noise, seed, _, reach) = asked[0]
     assert (records, nominal, seed, reach) == ([record], (Ink(),), 5, 2)

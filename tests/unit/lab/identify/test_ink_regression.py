@@ -176,7 +176,7 @@ def errors_of(**values: list[float]) -> _Errors:
     zero = np.zeros(6)
     known = {"error": zero, "variance": zero, "squares": zero, "steepness": zero, "block": np.zeros(6, np.int64)}
     arrays = {name: np.array(value) for name, value in values.items()}
-    return _Errors(**{**known, **arrays}, sensitivity=np.zeros((0, 6)))  # type: ignore[arg-type]
+    return _Errors(**{**known, **arrays}, sensitivity=np.zeros((0, 6)))
 
 
 def test_droplets_are_judged_on_even_ground_and_places_at_walls() -> None:

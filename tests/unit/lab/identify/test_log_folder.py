@@ -16,7 +16,7 @@ from inkloop_lab.identify.print_record import IdentificationError, record_of
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition
 from support.logged_print import CELL, PITCH, log, made_up, random_layers
 
-INKED = "\ninked_um = 1.0\nmiddle_share = 0.5\n"
+INKED = "\ninked_um = 1.0\nmiddle_share = 0.3\n"
 FINE = "pixel_um = 65.814\noffset_x_um = -98.721\noffset_y_um = -98.721"
 PEAKS = "pitch_um = 100.0\nunit = 'um'\n"
 

@@ -412,7 +412,7 @@ def test_line_at_the_edge_keeps_its_volume_and_runs_over_it(monkeypatch: pytest.
 
     shown = {}
     monkeypatch.setattr(hume_rosen, "YoungLaplaceDeposition", Model)
-    monkeypatch.setattr(hume_rosen.pictures, "lines_on_a_step", lambda surfaces: shown.update(surfaces))
+    monkeypatch.setattr("inkloop_lab.reproduce.pictures.lines_on_a_step", lambda surfaces: shown.update(surfaces))
     found = ours(hume_rosen.line_on_a_step(True))
     beyond = {"along the edge": 0.0, "across the edge": 100.0 * sum(j >= hume_rosen.EDGE for j in range(3, 8)) / 5}
     assert 0.0 < beyond["across the edge"] < 100.0

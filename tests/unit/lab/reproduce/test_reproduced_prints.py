@@ -50,7 +50,7 @@ def printed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     monkeypatch.setattr(prints, "print_part", print_part)
     for module, name in ((prints, "cross_section"), (prints, "surfaces"), (prints, "solids")):
         monkeypatch.setattr(module, name, lambda shown: {label: each.seed for label, each in shown.items()})
-    monkeypatch.setattr(prints.layer_curves, "cross_section", lambda shown: list(shown))
+    monkeypatch.setattr("inkloop.report.layer_curves.cross_section", lambda shown: list(shown))
     return seen
 
 

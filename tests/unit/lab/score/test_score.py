@@ -202,7 +202,7 @@ def test_page_has_the_ink_of_each_controller_and_the_table_for_a_paper_a_column_
 
 
 def test_best_of_each_plant_is_bold_on_the_screen() -> None:
-    shown = tables.terminal_table("plant-v1", scores())
+    shown: Any = tables.terminal_table("plant-v1", scores())
     rows = list(zip(*(column.cells for column in shown.columns), strict=True))
     assert [str(row[0]) for row in rows] == ["open loop", "LayerMpc, Lu nominal"]
     texts = [[str(cell) for cell in row[1:]] for row in rows]

@@ -176,7 +176,7 @@ def reported(own: Study, worth: Any, folder: Path) -> tuple[dict[str, Any], str,
     found, plan, _ = swept(own, folder, Shuffled(worth))
     figures, shown = dict[str, Any](), io.StringIO()
     console = Terminal(shown)
-    console.result = lambda **values: figures.update(values)  # type: ignore[method-assign]
+    console.result = lambda **values: figures.update(values)
     report(own, found, plan, folder, (), console, is_whole=True)
     return figures, shown.getvalue(), (folder / "study.html").read_text(encoding="utf-8")
 

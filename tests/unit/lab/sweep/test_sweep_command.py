@@ -13,9 +13,10 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop_lab.sweep import command
-from inkloop_lab.sweep.task import Order, Record, Task, failed
+from inkloop_lab.sweep.task import Bundle, Order, Record, Task, failed
 from support.sweeps import Shuffled, record, study
 
 ALPHA = '[vary]\n"components.controller.alpha" = [0.5, 0.8]\n'
@@ -255,13 +256,13 @@ def test_files_that_values_of_the_study_name_go_with_each_print(
     kind: str, engines: Engines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[Any] = []
-    plain = command.Bundle.of
+    plain = Bundle.of
 
     def noted(text: str, source: Path, values: Any = ()) -> Any:
         seen.extend(values)
         return plain(text, source)
 
-    monkeypatch.setattr(command.Bundle, "of", noted)
+    monkeypatch.setattr(Bundle, "of", noted)
     text = '[sample]\nmethod = "halton"\npoints = 3\n"components.printer.variation" = { choice = [0.1, 0.2] }\n'
     if kind == "optimise":
         pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
@@ -284,7 +285,7 @@ def test_failed_prints_are_told_beside_the_bar(
         def update(self, bar: int, *, completed: int, total: int, figures: str) -> None:
             shown.append((completed, figures))
 
-    monkeypatch.setattr(command.Terminal, "progress", lambda self, *notes: nullcontext(Bar()))
+    monkeypatch.setattr(Terminal, "progress", lambda self, *notes: nullcontext(Bar()))
     study(tmp_path, ALPHA.replace("0.5", "0.123") + "[seeds]\ncount = 2\n")
     assert begun("--out", "out", "--workers", "1") == 3
     assert shown[-1] == (4, "4 of 4 prints, 2 failed")
