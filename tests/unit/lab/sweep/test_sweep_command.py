@@ -286,7 +286,7 @@ def test_failed_prints_are_told_beside_the_bar(
             shown.append((completed, figures))
 
     monkeypatch.setattr(Terminal, "progress", lambda self, *notes: nullcontext(Bar()))
-    study(tmp_path, ALPHA.replace("0.5", "0.123") + "[seeds]\ncount = 2\n")
+    study(tmp_path, ALPHA.replace("0.5, 0.8", "0.123, 0.8, 0.9") + "[seeds]\ncount = 2\n")
     assert begun("--out", "out", "--workers", "1") == 3
-    assert shown[-1] == (4, "4 of 4 prints, 2 failed")
-    assert [completed for completed, _ in shown] == [1, 2, 3, 4]
+    assert shown[-1] == (6, "6 of 6 prints, 2 failed")
+    assert [completed for completed, _ in shown] == [1, 2, 3, 4, 5, 6]
