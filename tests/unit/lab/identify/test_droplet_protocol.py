@@ -272,18 +272,18 @@ def test_drops_that_touch_others_the_edge_or_their_own_place_are_no_samples() ->
 
 def test_estimate_of_drops_without_areas_says_so_and_is_kept_in_bounds() -> None:
     records = [
-        motif_print(VolumeAreaDeposition(), 9),
-        replace(motif_print(VolumeAreaDeposition(), 9, seed=1), area=None),
+        motif_print(VolumeAreaDeposition(), 9, 5e-9),
+        replace(motif_print(VolumeAreaDeposition(), 9, 5e-9, seed=1), area=None),
     ]
-    found = identify_volume_area(records, 0.0)
+    found = identify_volume_area(records, 5e-9)
     assert not found.area_known
     assert np.isnan([found.half_widths["ma_plus"], found.half_widths["ma_minus"]]).all()
     model = found.model(80e-6)
     assert (model.guard, model.limit_gains, model.pitch) == (True, True, 80e-6)
-    samples = drop_samples(records, 0.0)
+    samples = drop_samples(records, 5e-9)
     grown = np.array([(sample.height_after - sample.height).sum() for sample in samples])
     expected = 1.96 * np.std(grown, ddof=1) / np.sqrt(grown.size)
-    assert found.half_widths["height_scale"] == pytest.approx(expected, rel=1e-9, abs=1e-18)
+    assert found.half_widths["height_scale"] == pytest.approx(expected, rel=1e-9, abs=0.0)
     assert found.counts["0"] == sum(sample.prior == "0" for sample in samples)
 
 
