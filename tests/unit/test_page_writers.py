@@ -364,7 +364,7 @@ def test_rooms_stand_one_storey_above_the_highest_that_they_import(monkeypatch: 
     assert (bottom, level) == (14.0, 14.0)
     assert (left, beside, width) == (30.3, 50.3, 19.4)
     assert places["inkloop.b"] == (30.3, 14.0 + 4.4, 39.4)
-    assert house.ground("inkloop_lab") == pytest.approx(14.0 + 3 * 4.4 + 3.0)
+    assert house.ground("inkloop_lab") == pytest.approx(14.0 + 3 * 4.4 + 3.0, rel=1e-9, abs=0.0)
 
 
 def test_rooms_hide_the_floor_and_the_packages_themselves(monkeypatch: Any) -> None:
@@ -410,7 +410,7 @@ def test_diagram_draws_inputs_from_the_left_and_maps_thick() -> None:
     ends = [arrow.xy[0] for arrow in arrows]
     count = sum(not name.endswith(":") for name, *_ in inputs)
     assert (begins[:count], ends[:count]) == ([-0.3] * count, [0.0] * count)
-    assert begins[count:] == pytest.approx([width] * (len(arrows) - count))
-    assert ends[count:] == pytest.approx([width + 0.3] * (len(arrows) - count))
+    assert begins[count:] == pytest.approx([width] * (len(arrows) - count), rel=1e-9, abs=0.0)
+    assert ends[count:] == pytest.approx([width + 0.3] * (len(arrows) - count), rel=1e-9, abs=0.0)
     thick = [arrow.arrow_patch.get_linewidth() > 1.0 for arrow in arrows]
     assert thick == [is_map for name, _, is_map in (*inputs, *outputs) if not name.endswith(":")]

@@ -70,7 +70,11 @@ def test_densities_are_of_the_four_best_models_over_the_range_of_all_but_a_hundr
     limit = np.quantile(np.abs(errors(3)), 0.99)  # of the widest one that is shown
     for k, patch in enumerate(densities.patches):
         values, edges, _ = patch.get_data()
-        assert (edges[0], edges[-1], len(values)) == (pytest.approx(-limit), pytest.approx(limit), 60)
+        assert (edges[0], edges[-1], len(values)) == (
+            pytest.approx(-limit, rel=1e-9, abs=0.0),
+            pytest.approx(limit, rel=1e-9, abs=0.0),
+            60,
+        )
         count, _ = np.histogram(errors(k).ravel(), edges)
         np.testing.assert_allclose(values * np.diff(edges) * count.sum(), count, rtol=1e-9, atol=1e-9)
 
