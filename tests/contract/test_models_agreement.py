@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,58 @@ def test_interior_droplet_adds_its_volume_to_a_surface_of_its_own(model, expecte
     assert not surface.height.any()
 
 
+def layer_of_many_droplets(volume: float) -> None:
+    model = YoungLaplaceDeposition(cells_per_pitch=4)
+    model.layer(model.start(np.zeros((3, 3))), np.ones((3, 3), int), 1, np.full((3, 3), volume))
+
+
+def test_ink_that_leaves_over_the_edge_is_added_up_layer_by_layer() -> None:
+    """Of a droplet in a corner: two sides and three corners of the first model; caps lose what lies beyond the grid."""
+    pattern = np.zeros((4, 5), np.int32)
+    pattern[0, 0] = 1
+    for model in (LayerDeposition(), SuperpositionDeposition()):
+        surfaces = [model.start(np.zeros((4, 5)))]
+        for number in range(1, 4):
+            surfaces.append(model.layer(surfaces[-1], pattern, number))
+        first = surfaces[1].lost
+        assert first > 0.0
+        for number, surface in enumerate(surfaces):
+            added = number * (7.6e-6 if isinstance(model, LayerDeposition) else model.layer_height)
+            assert surface.height.sum() + surface.lost == pytest.approx(added, rel=1e-9, abs=1e-18)
+    once = LayerDeposition().layer(LayerDeposition().start(np.zeros((4, 5))), pattern)
+    assert once.lost == pytest.approx(2 * 0.6e-6 + 3 * 0.2e-6, rel=1e-9, abs=0.0)
+
+
+def test_models_leave_the_surface_that_they_print_on_as_it_was() -> None:
+    pattern = np.ones((3, 3), np.int32)
+    models: list[Any] = [LayerDeposition(), SuperpositionDeposition(), VolumeAreaDeposition(), YoungLaplaceDeposition()]
+    for model in models:
+        surface = model.start(np.full((3, 3), 1e-6))
+        before = {name: np.copy(value) for name, value in vars(surface).items()}
+        model.layer(surface, pattern)
+        for name, value in before.items():
+            np.testing.assert_array_equal(getattr(surface, name), value)
+
+
+def test_second_ink_has_the_cap_of_the_first_where_it_has_none_of_its_own() -> None:
+    one, other = SuperpositionDeposition(), SuperpositionDeposition(((206.5e-6, 4.4e-6), (150e-6, 3e-6)))
+    pattern = np.zeros((5, 5), np.int32)
+    pattern[2, 2] = 2
+    grown = other.layer(other.start(np.zeros((5, 5))), pattern).height.sum()
+    expected = np.pi / 6.0 * 3e-6 * (3.0 * 150e-6**2 + 3e-6**2) / 263.256e-6**2
+    assert grown == pytest.approx(expected, rel=1e-9, abs=0.0)
+    assert grown != pytest.approx(one.layer_height, rel=0.1, abs=0.0)
+
+
+def test_ink_lies_on_the_substrate_that_is_given() -> None:
+    model = VolumeAreaDeposition()
+    height, area, substrate = np.full((3, 3), 3e-6), np.full((3, 3), 0.5), np.full((3, 3), 1e-6)
+    surface = model.start(height, area, substrate)
+    np.testing.assert_allclose(surface.covered_height, 4e-6, rtol=1e-12)
+    np.testing.assert_allclose(model.start(height, area).covered_height, 6e-6, rtol=1e-12)
+    np.testing.assert_array_equal(model.start(height).covered_height, 0.0)
+
+
 @pytest.mark.parametrize(
     ("attempt", "message"),
     [
@@ -114,7 +168,32 @@ def test_interior_droplet_adds_its_volume_to_a_surface_of_its_own(model, expecte
         (lambda: LayerDeposition().layer(FLAT, np.ones((2, 3), int)), "shape"),
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 2)), "one material"),
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 3)), "0, 1 or 2"),
+        (
+            lambda: LayerDeposition().layer(FLAT, np.full((3, 3), -1)),
+            r"pattern is -1 in cell \(0, 0\); needs 0, 1 or 2",
+        ),
+        (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3))), "pattern is float64; needs whole numbers"),
+        (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3), int), 1, np.full((3, 3), -0.1)), "at least 0"),
+        (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3), int), 1, np.ones((3, 2))), r"shape \(3, 2\)"),
+        (lambda: LayerDeposition().start(np.zeros(3)), r"height has shape \(3,\)"),
+        (lambda: LayerDeposition(passes=4, pass_rotation=4), "rotated by 0 to 3 places"),
+        (lambda: LayerDeposition(passes=4, pass_order=3), "pass_order 3"),
+        (lambda: LayerDeposition(((1e-6,) * 3, (1e-6,) * 6)), r"\[3, 6\] numbers by material"),
+        (lambda: LayerDeposition(((np.inf, 0.0, 0.0),)), "at least 0 m"),
+        (lambda: SuperpositionDeposition(()), "caps has 0 materials"),
+        (lambda: SuperpositionDeposition(pitch=0.0), r"pitch is 0\.0; needs a number above 0"),
+        (lambda: SuperpositionDeposition().layer(FLAT, np.full((3, 3), 2)), "caps has one material"),
+        (lambda: VolumeAreaDeposition().start(np.zeros((3, 3)), np.full((3, 3), -0.1)), "areas of 0 to 1"),
+        (lambda: VolumeAreaDeposition().start(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 2))), "substrate"),
+        (lambda: VolumeAreaDeposition(drop_order=4), "drop_order 4"),
+        (lambda: VolumeAreaDeposition(cap_radius=-1e-6), "cap_radius -1e-06"),
+        (lambda: YoungLaplaceDeposition(cells_per_pitch=65), "2 to 64 points"),
+        (lambda: YoungLaplaceDeposition(contact_angle=1.41), "0.02 to 1.4 rad"),
+        (lambda: layer_of_many_droplets(40.0), "a droplet of 40 x 3e-14 m3 spreads to a radius of 120.4 µm"),
         (lambda: DropletVolumes(variation=2.0), "0 to 1"),
+        (lambda: DropletVolumes(nozzle_variation=-0.1), "nozzle_variation -0.1"),
+        (lambda: DropletVolumes(kind=5), "a kind of 1 to 4"),
+        (lambda: DropletVolumes(nozzle_pitch=0), "a nozzle at least"),
     ],
 )
 def test_impossible_arguments_are_refused_with_a_message(attempt, message) -> None:

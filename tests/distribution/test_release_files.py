@@ -13,7 +13,9 @@ import struct
 import subprocess
 import sys
 import zipfile
+from email.message import Message
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -250,3 +252,137 @@ def test_wheel_exports_for_another_platform_or_names_the_extra(clean_root: Path)
         done = called(clean_root, *export)
     assert done.returncode == 0, done.stderr
     assert describe(clean_root / "other.fmu").platforms == ("aarch64-linux",)
+
+
+def test_bill_of_materials_has_each_package_once_with_its_licence_and_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("cyclonedx", reason="needs the extra `release`")
+    from tools.release import sbom
+
+    def package(name: str, *lines: str) -> SimpleNamespace:
+        metadata = Message()
+        for line in (f"Name: {name}", "Version: 1.5", *lines):
+            metadata.add_header(*line.split(": ", 1))
+        return SimpleNamespace(metadata=metadata)
+
+    classified = ("Classifier: License :: OSI Approved :: MIT License", "Classifier: Topic :: Printing")
+    required = {
+        "a": package("A", "License-Expression: MIT", "License: other"),
+        "both": package("both", "License: Apache-2.0", *classified),
+    }
+    builders = {"both": required["both"], "zig": package("zig", "License: " + "long " * 20, *classified)}
+    asked: list[tuple[list[str], bool]] = []
+
+    def closure(
+        wanted: list[str], *, transitive: bool = True
+    ) -> tuple[dict[str, SimpleNamespace], dict[str, set[str]]]:
+        asked.append((list(wanted), transitive))
+        return (required, {"": {"a"}, "a": {"both"}, "both": set()}) if transitive else (builders, {})
+
+    monkeypatch.setattr(sbom, "closure", closure)
+    project = '[project]\nname = "it"\nversion = "3.1"\nlicense = "BSD-3-Clause"\ndependencies = ["a>=1"]\n'
+    (tmp_path / "pyproject.toml").write_text(f'{project}[build-system]\nrequires = ["both"]\n')
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "it.whl").write_bytes(b"wheel")
+    path = sbom.write_sbom(tmp_path, tmp_path / "made", 1700000000)
+    assert asked == [(["a>=1"], True), (["both", "ziglang"], False)]
+    assert path.name == "it-3.1.cdx.json"
+    bill = json.loads(path.read_text("utf-8"))
+    assert bill["metadata"]["timestamp"] == "2023-11-14T22:13:20+00:00"
+    (file,) = bill["metadata"]["component"]["externalReferences"]
+    assert (file["url"], file["hashes"][0]["content"]) == ("it.whl", hashlib.sha256(b"wheel").hexdigest())
+    assert {each["name"]: (each["version"], each["scope"]) for each in bill["components"]} == {
+        "a": ("1.5", "required"),
+        "both": ("1.5", "required"),
+        "zig": ("1.5", "excluded"),
+    }
+    licences = {each["name"]: next(iter(each["licenses"][0].values())) for each in bill["components"]}
+    assert {name: each["id"] if "id" in each else each["name"] for name, each in licences.items()} == {
+        "a": "MIT",
+        "both": "Apache-2.0",
+        "zig": "MIT License",
+    }
+    needed = {each["ref"]: each.get("dependsOn", []) for each in bill["dependencies"]}
+    assert (needed["it"], needed["a==1.5"], needed["both==1.5"]) == (["a==1.5"], ["both==1.5"], [])
+
+
+def test_parts_of_a_wheel_are_named_as_its_system_names_them() -> None:
+    from tools.release.contents import compiled_parts
+
+    assert compiled_parts(TARGETS["x86_64-windows"]) == [
+        "inkloop/geometry/inkloop_columns.dll",
+        "inkloop_lab/models/inkloop_models.dll",
+        "inkloop_controller/inkloop_core.dll",
+    ]
+    assert len(compiled_parts(TARGETS[HERE])) == 4
+
+
+def test_wheel_without_fmus_and_files_of_no_platform_are_named(tmp_path: Path) -> None:
+    from tools.release.contents import wheel_faults
+
+    faulty = whole_wheel()
+    del faulty["inkloop_fmus/fmi3-fixed/A.template"]
+    faulty["inkloop_fmus/fmi3/A.fmu"] = zipped({"binaries/x86_64-linux/A.so": ELF, "binaries/readme": b"text"})
+    faulty["inkloop_hardware/inkloop_bench_nodes"] = b"#!/bin/sh"
+    with zipfile.ZipFile(io.BytesIO(zipped(faulty))) as archive:
+        faults = list(wheel_faults(archive, TARGETS[HERE], [TARGETS[HERE]]))
+    assert faults[:2] == [
+        "inkloop_hardware/inkloop_bench_nodes is for no known platform; expected x86_64-linux",
+        "inkloop_fmus/fmi3-fixed has no FMU",
+    ]
+    assert "inkloop_fmus/fmi3/A.fmu: binaries/readme is for no known platform" in faults
+    whole = whole_wheel() | {"inkloop_fmus/fmi3-fixed/A.template": zipped({"binaries/x86_64-linux/A.so": ELF})}
+    with zipfile.ZipFile(io.BytesIO(zipped(whole))) as archive:
+        faults = list(wheel_faults(archive, TARGETS[HERE], [TARGETS[HERE], TARGETS["x86_64-windows"]]))
+    assert [fault.partition(":")[0] for fault in faults] == ["inkloop_fmus/fmi3-fixed/A.template"]
+
+
+def test_message_about_files_of_others_names_five(tmp_path: Path) -> None:
+    from tools.release.contents import earlier_files
+
+    for number in range(5):
+        (tmp_path / f"{number}").write_text("")
+    with pytest.raises(Exception, match="holds 0, 1, 2, 3, 4, which no release wrote"):
+        earlier_files(tmp_path)
+    (tmp_path / "5").write_text("")
+    with pytest.raises(Exception, match=r"holds 0, 1, 2, 3, 4, \.\.\., which no release wrote"):
+        earlier_files(tmp_path)
+
+
+def test_release_replaces_an_earlier_one_with_sums_of_all_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Built by doubles: wheels say for which targets they were made."""
+    pytest.importorskip("ziglang", reason="needs the extra `release`")
+    pytest.importorskip("cyclonedx", reason="needs the extra `release`")
+    from tools.release import __main__ as program
+    from tools.release.contents import SUMS
+
+    def made(name: str, content: bytes, folder: Path) -> Path:
+        (folder / name).write_bytes(content)
+        return folder / name
+
+    compiled: list[str] = []
+    monkeypatch.setattr(program, "source_epoch", lambda root: 17)
+    monkeypatch.setattr(program, "build_sdist", lambda root, folder, epoch: made("it.tar.gz", b"%d" % epoch, folder))
+    monkeypatch.setattr(program, "unpacked", lambda sdist, folder: folder)
+    monkeypatch.setattr(program, "compile_binaries", lambda target, source, builds: compiled.append(target.name))
+    monkeypatch.setattr(
+        program, "build_wheel", lambda target, source, builds, folder, epoch: made(f"{target.name}.whl", b"w", folder)
+    )
+    monkeypatch.setattr(program, "check_wheel", lambda wheel, target, targets: compiled.append(f"{wheel.name} checked"))
+    monkeypatch.setattr(program, "write_sbom", lambda root, folder, epoch: made("it.cdx.json", b"{}", folder))
+    out = tmp_path / "release"
+    out.mkdir()
+    (out / "old.whl").write_bytes(b"old")
+    (out / SUMS).write_text("00  old.whl\n")
+    found = program.release([HERE, "aarch64-linux"], out)
+    targets = [HERE, "aarch64-linux"]
+    assert sorted(compiled[:2]) == sorted(targets)
+    assert sorted(compiled[2:]) == sorted(f"{name}.whl checked" for name in targets)
+    files = sorted(["it.tar.gz", "it.cdx.json", *(f"{name}.whl" for name in targets)])
+    assert sorted(path.name for path in out.iterdir()) == sorted([SUMS, *files]) == sorted(path.name for path in found)
+    assert (out / SUMS).read_text().splitlines() == [
+        f"{hashlib.sha256((out / name).read_bytes()).hexdigest()}  {name}" for name in files
+    ]

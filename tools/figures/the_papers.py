@@ -122,8 +122,8 @@ def texts() -> Texts:
 
 def printed_figures(paper: str) -> str:
     """Count of the reproduced figures of a paper, and a table of the others."""
-    verdict, is_printed = HEADINGS.index("reproduced"), HEADINGS.index("printed")
-    rows = [row for row in rows_of(paper) if "-" not in (row[is_printed], row[verdict])]
+    verdict = HEADINGS.index("reproduced")
+    rows = [row for row in rows_of(paper) if row[verdict] != "-"]
     others = [row for row in rows if row[verdict] != "yes"]
     above = ["", *(row[0] for row in others)]
     shown = [["" if row[0] == upper else row[0], *row[1:]] for row, upper in zip(others, above, strict=False)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from inkloop.components import catalog
 from inkloop.errors import ComponentError
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS
 from inkloop.testing import job as job_of_checks
-from inkloop_lab.policies import ActionCode, PolicyController
+from inkloop_lab.policies import ActionCode, PolicyController, policy_controller
 from support.places import SCENARIOS
 
 POLICY = (
@@ -75,8 +76,16 @@ def test_class_that_is_no_policy_is_named(module: str) -> None:
     assert error.endswith(f"needs those, or a method pattern, or an adapter: env:{module}:Fill")
     [error] = catalog.check(f"enw:{module}:Fill", job, {}).errors
     assert error.startswith(f"kind is 'enw:{module}:Fill'; ")
-    with pytest.raises(ValueError, match="drop_levels is 256; needs 1 to 255"):
-        PolicyController(job, np.zeros_like, 256)
+    for levels in (0, 256):
+        with pytest.raises(ValueError, match=f"drop_levels is {levels}; needs 1 to 255"):
+            PolicyController(job, np.zeros_like, levels)
+    PolicyController(job, np.zeros_like, 255)
+
+
+def test_policy_puts_down_as_many_drops_as_its_class_says() -> None:
+    job = Job(4, 4, 1e-4, np.ones((4, 4)), np.ones((4, 4), np.bool_), (Ink(),))
+    policies = (SimpleNamespace(act=np.zeros_like), SimpleNamespace(act=np.zeros_like, drop_levels=3))
+    assert [policy_controller("env:a:B", job, policy).code.drop_levels for policy in policies] == [1, 3]
 
 
 def test_state_of_another_grid_is_refused() -> None:
@@ -120,4 +129,6 @@ def test_action_that_is_none_is_named(action: list[Any], message: str) -> None:
     code = ActionCode((1, 3), inks=2, drop_levels=2)
     with pytest.raises(ComponentError, match=message):
         code.split(np.array(action))
-    code.split(np.array([[0, 4, 1]]))
+    for kind in (np.int8, np.uint8, np.int64):
+        assert code.split(np.array([[0, 4, 1]], kind))[1].tolist() == [[1, 2, 1]]
+    assert ActionCode((1, 2)).split(np.array([[True, False]]))[0].tolist() == [[1, 0]]

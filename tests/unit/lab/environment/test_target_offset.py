@@ -146,6 +146,17 @@ def test_controller_is_given_each_scan_with_its_number() -> None:
     assert controller.log[-1] == "terminate"
 
 
+def test_drops_of_a_controller_are_in_the_action() -> None:
+    level = np.where(INSIDE, 2, 1)
+
+    def step(time_ns: int, step_ns: int, inputs: Any) -> Any:
+        counts = {"status": np.asarray(Status.IDLE), "layer_command": np.asarray(1)}
+        return {**counts, "pattern": MASK.astype(np.int32), "drop_level": level}
+
+    policy = ControllerPolicy(FunctionComponent(step=step), ActionCode((7, 6), inks=2, drop_levels=2))
+    np.testing.assert_array_equal(policy.act(SCAN), np.where(INSIDE, 3, MASK))
+
+
 def test_controller_that_is_done_or_does_not_answer() -> None:
     done, _ = commanding(0, status=Status.DONE)
     assert not ControllerPolicy(done, ActionCode((7, 6))).act(SCAN).any()

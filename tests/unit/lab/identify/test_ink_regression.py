@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,10 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.expected_increments import expected_rates, expected_share
-from inkloop_lab.identify.ink_regression import InkEstimate, identify_ink
-from inkloop_lab.identify.print_record import IdentificationError, noise_of, record_of
-from inkloop_lab.identify.surface_filter import start_surface
+from inkloop_lab.identify.ink_regression import InkEstimate, _blocks, _Errors, _Variances, identify_ink
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, noise_of, record_of
+from inkloop_lab.identify.scan_geometry import ScanGeometry
+from inkloop_lab.identify.surface_filter import innovations, start_surface
 from inkloop_lab.models import LayerDeposition, YoungLaplaceDeposition
 from inkloop_lab.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
 from support.logged_print import made_up, random_layers
@@ -20,6 +23,7 @@ from support.prints import LITTLE_WORK
 
 TRUE = np.array([4.4, 0.6, 0.2])
 FAR = (4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6)
+FARTHEST = (*FAR, 0.04e-6, 0.03e-6, 0.02e-6, 0.01e-6)
 TWO = ((4.4e-6, 0.6e-6, 0.2e-6), (3.0e-6, 0.5e-6, 0.3e-6))
 LU = LayerDeposition()
 
@@ -36,7 +40,11 @@ def test_mean_share_is_the_mean_over_normal_rises() -> None:
     assert found[0] == pytest.approx(sampled, abs=2e-3)
 
 
-@pytest.mark.parametrize("heights", [((4.4e-6, 0.6e-6, 0.2e-6),), TWO, (FAR,)], ids=["reach 1", "two inks", "reach 2"])
+@pytest.mark.parametrize(
+    "heights",
+    [((4.4e-6, 0.6e-6, 0.2e-6),), TWO, (FAR,), (FARTHEST,)],
+    ids=["reach 1", "two inks", "reach 2", "reach 3"],
+)
 @pytest.mark.parametrize("passes", [1, 4])
 def test_rates_of_a_known_surface_are_the_layer_map(heights, passes) -> None:
     generator = np.random.default_rng(3)
@@ -145,6 +153,94 @@ def test_half_width_is_that_of_a_95_percent_interval_of_student() -> None:
     np.testing.assert_allclose(found.half_widths[0], 2.5705818 * np.array([1e-9, 2e-9, 3e-9]), rtol=1e-6)
 
 
+def test_errors_depend_on_each_other_within_blocks_of_one_print() -> None:
+    """16 x 12 cells are 12 blocks of 4 x 4; the same print again is 12 more, which halve the variance."""
+    record = made_up(LU, random_layers(16, 12, 3, 4), 0.3e-6, variation=0.2)
+    one, both = identify_ink([record], 0.3e-6), identify_ink([record, record], 0.3e-6)
+    assert (one.degrees, both.degrees) == (12 - 3, 24 - 3)
+    np.testing.assert_allclose(both.heights, one.heights, rtol=1e-6)
+    ratio = 0.5 * (24 / 21) / (12 / 9)
+    np.testing.assert_allclose(np.diag(both.covariance), ratio * np.diag(one.covariance), rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(9, 17), (17, 9)])
+def test_blocks_are_squares_of_four_cells(shape: tuple[int, int]) -> None:
+    found = _blocks(shape)
+    i, j = np.indices(shape) // 4
+    assert len({*zip(i.ravel().tolist(), j.ravel().tolist(), found.ravel().tolist(), strict=True)}) == 15
+    assert len(np.unique(found)) == 15
+
+
+def errors_of(**values: list[float]) -> _Errors:
+    """Errors of three readings on even ground and three at walls."""
+    zero = np.zeros(6)
+    known = {"error": zero, "variance": zero, "squares": zero, "steepness": zero, "block": np.zeros(6, np.int64)}
+    arrays = {name: np.array(value) for name, value in values.items()}
+    return _Errors(**{**known, **arrays}, sensitivity=np.zeros((0, 6)))
+
+
+def test_droplets_are_judged_on_even_ground_and_places_at_walls() -> None:
+    """A reading is at a wall where its place makes more than half of its variance; changes are damped by their root."""
+    sides = {"squares": [1.0, 1.0, 2.0, 1.0, 1.0, 1.0], "steepness": [0.0, 0.0, 4.9, 5.1, 10.0, 20.0]}
+    found = _Variances(0.5, 0.01).improved(errors_of(variance=[0.1] * 6, error=[0.3, 0.3, 0.5, 0.5, 0.6, 0.7], **sides))
+    droplets = 0.5 + (0.09 + 0.09 + 0.25 - 0.3) / 4.0
+    place = 0.01 + (0.25 + 0.36 + 0.49 - 0.3) / 35.1
+    assert found.droplets == pytest.approx(np.sqrt(0.5 * droplets), rel=1e-9, abs=0.0)
+    assert found.place == pytest.approx(np.sqrt(0.01 * place), rel=1e-9, abs=0.0)
+
+
+def test_variances_change_tenfold_at_most_and_places_are_never_exact() -> None:
+    sides = {"squares": [1.0, 1.0, 1.0, 0.0, 0.0, 0.0], "steepness": [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]}
+    large, none = errors_of(error=[9.0] * 6, **sides), errors_of(variance=[1e-9] * 6, **sides)
+    found = _Variances(0.09, 2e-5).improved(large)
+    assert (found.droplets, found.place) == pytest.approx((0.09 * 10**0.5, 2e-5 * 10**0.5), rel=1e-9, abs=0.0)
+    found = _Variances(0.09, 2e-5).improved(none)
+    assert found.droplets == pytest.approx(0.09, rel=1e-6, abs=0.0)
+    small = errors_of(variance=[1.0] * 3 + [1e-5] * 3, **sides)
+    found = _Variances(0.09, 2e-5).improved(small)
+    assert found.droplets == pytest.approx(0.09 / 10**0.5, rel=1e-9, abs=0.0)
+    assert found.place == pytest.approx(0.004**2, rel=1e-9, abs=0.0)
+    flat = errors_of(error=[1.0] * 6)
+    assert _Variances(0.09, 2e-5).improved(flat) == _Variances(0.09, 2e-5)
+
+
+def test_unexplained_variance_is_of_cells_that_droplets_reach_beyond_the_noise() -> None:
+    """The median of a squared normal number is 0.455; a margin holds cells without any droplet."""
+    record = made_up(LU, random_layers(18, 15, 3, 2, margin=4), 0.4e-6, variation=0.5)
+    found = identify_ink([record], 0.4e-6)
+    geometry = ScanGeometry.in_register(record.shape, 3)
+    steps = list(innovations(record, found.heights, 0.4e-6, found.droplet_std**2, geometry))
+    left = np.concatenate([step.error[step.squares > 0.0] for step in steps])
+    assert left.size < 0.8 * sum(step.error.size for step in steps)
+    expected = np.median(left**2) / 0.4549364 - 0.16e-12
+    assert expected > 0.16e-12
+    assert found.unexplained == pytest.approx(expected, rel=0.01, abs=0.0)
+
+
+def test_droplet_that_adds_less_in_its_middle_than_its_neighbours_get_is_refused() -> None:
+    growth, pattern = np.zeros((15, 15)), np.zeros((15, 15), np.int32)
+    for i in (3, 7, 11):
+        for j in (3, 7, 11):
+            pattern[i, j] = 1
+            growth[i - 1 : i + 2, j - 1 : j + 2] += 1e-6
+            growth[i, j] = -1.5e-6
+    record = PrintRecord("ring", 1e-4, pattern[None], np.stack([np.zeros((15, 15)), growth]))
+    with pytest.raises(IdentificationError, match="add less than their neighbours get at a reach of 1; fit reach 1"):
+        identify_ink([record], 0.0, conserve=True)
+    assert identify_ink([record], 0.0).heights[0][0] >= 0.0  # left free, none is below 0
+
+
+def test_material_and_heights_that_patterns_do_not_separate_are_named() -> None:
+    """Material B is jetted in one full layer on flat ground only."""
+    patterns = [np.full((16, 16), 2, np.int32), *random_layers(16, 16, 2, 3)]
+    middle = np.pad(np.ones((10, 10), bool), 3)
+    with pytest.raises(IdentificationError) as caught:
+        identify_ink([made_up(LayerDeposition(TWO), patterns)], 0.0, cells=[middle])
+    assert str(caught.value).startswith(
+        "the patterns do not separate h1 of material B, h2 of material B, h3 of material B from the others; print"
+    )
+
+
 @pytest.mark.long
 def test_95_percent_intervals_cover_the_true_heights_that_often() -> None:
     """60 prints of three heights; 95 % with a standard error of some 2 %."""
@@ -198,6 +294,15 @@ def test_noise_is_read_from_untouched_cells() -> None:
     record = made_up(LU, random_layers(40, 40, 4, 2, margin=5), 0.7e-6)
     assert noise_of([record]) == pytest.approx(0.7e-6, rel=0.05, abs=0.0)
     assert noise_of([made_up(LU, random_layers(10, 10, 1, 2))]) is None
+    few = PrintRecord("few", 1e-4, np.zeros((1, 5, 4), np.int32), np.stack([np.zeros((5, 4)), np.full((5, 4), 2e-6)]))
+    assert noise_of([few]) == pytest.approx(2e-6 / 2.0**0.5, rel=1e-9, abs=0.0)  # twenty differences
+    few.measured[1, 2, 2] = np.nan
+    assert noise_of([few]) is None
+    few.pattern[0, 2, 2] = 2
+    assert few.untouched(1).sum() == 20 - 9
+    spilt = replace(few, pattern=few.pattern.repeat(2, 1).repeat(2, 2), measured=np.zeros((2, 10, 8)))
+    spilt.measured[1, 2, 2:4] = 1e-6  # within two cells of the droplets, not within one
+    assert noise_of([spilt]) == 0.0
 
 
 def test_patterns_that_separate_nothing_are_refused_with_a_message() -> None:
@@ -210,7 +315,7 @@ def test_patterns_that_separate_nothing_are_refused_with_a_message() -> None:
 def test_surface_that_sinks_and_patterns_without_droplets_are_refused_with_a_message() -> None:
     record = made_up(LU, random_layers(8, 8, 2, 0))
     record.measured[:] = -record.measured
-    with pytest.raises(IdentificationError, match="sank"):
+    with pytest.raises(IdentificationError, match=r"the surface sank by \d\.\d+ µm per droplet"):
         identify_ink([record], 0.0)
     with pytest.raises(IdentificationError, match="no layer has a droplet"):
         identify_ink([made_up(LU, [np.zeros((8, 8), np.int32)])], 0.0)

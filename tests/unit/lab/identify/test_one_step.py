@@ -19,7 +19,7 @@ from inkloop_lab.identify.candidates import conserving
 from inkloop_lab.identify.identification import Comparison, Identification, compare
 from inkloop_lab.identify.ink_regression import InkEstimate
 from inkloop_lab.identify.ink_writer import write_ink
-from inkloop_lab.identify.one_step import Score, near_droplets, predictions, rms, score
+from inkloop_lab.identify.one_step import Score, _ink_surface, near_droplets, predictions, rms, score
 from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
 from inkloop_lab.models import LayerDeposition, SuperpositionDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 from support.logged_print import made_up
@@ -71,6 +71,37 @@ def test_measured_areas_are_the_ones_that_the_next_layer_begins_with() -> None:
         found = predictions(model, replace(whole, area=area))
         np.testing.assert_array_equal(found[0], measured[0])
         assert np.array_equal(found[1], measured[1]) == is_same
+
+
+def test_cell_that_the_first_scan_did_not_see_begins_on_the_plane_of_the_others() -> None:
+    i, j = np.indices((4, 5))
+    start = 2.0 * i - 1.0 * j
+    scans = np.stack([start, start])
+    scans[0, 2, 1] = NAN
+    found = predictions(STACK, record(scans, np.zeros((1, 4, 5))))[0]
+    expected = start.copy()
+    expected[0, 0] += 100
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+
+
+def test_measured_surface_holds_no_negative_ink_and_none_higher_than_its_highest_cell() -> None:
+    ground = np.full((1, 4), 2.0)
+    height, area = np.array([[1.5, 2.0, 3.0, 6.0]]), np.array([[0.3, 0.0, 0.1, 0.9]])
+    found = _ink_surface(ground, height, area)
+    np.testing.assert_allclose(found.height, [[2.0, 2.0, 3.0, 6.0]])
+    np.testing.assert_allclose(found.area, [[0.3, 0.0, 0.25, 1.0]])
+    np.testing.assert_allclose(found.substrate, ground)
+    np.testing.assert_array_equal(_ink_surface(ground, ground, area).area, area)  # nothing is printed yet
+
+
+def test_measured_area_beyond_a_whole_cell_is_a_whole_cell() -> None:
+    model, pattern = VolumeAreaDeposition(), np.zeros((2, 5, 5), np.int32)
+    pattern[0, 2, 1:4:2], pattern[1, 2, 2] = 1, 1
+    whole = made_up(model, list(pattern))
+    assert whole.area is not None
+    covered = np.where(whole.area > 0.0, 1.0, 0.0)
+    once, more = (predictions(model, replace(whole, area=area)) for area in (covered, 1.5 * covered))
+    np.testing.assert_array_equal(once, more)
 
 
 def test_relative_error_counts_cells_near_droplets_that_stand_a_tenth_of_a_layer_above_the_start() -> None:
@@ -169,6 +200,8 @@ def test_heights_stand_in_micrometres_with_their_intervals(tmp_path: Path) -> No
     np.testing.assert_allclose(widths, 2.5706 * 0.01 * np.arange(1, 7), rtol=0.04)  # two digits
     assert "on 2026-03-09 from first, first." in text
     assert '[ink]  file = "ink.toml"' in text
+    with pytest.raises(IdentificationError, match=r"ink\.toml: is there already and is not overwritten"):
+        written(tmp_path)
 
 
 def test_file_says_where_the_numbers_are_from(tmp_path: Path) -> None:
@@ -194,3 +227,6 @@ def test_models_have_their_options_in_the_units_of_their_keys(tmp_path: Path) ->
     assert {name: volume_area[name] for name in gains} == gains
     assert (volume_area["height_scale_um"], volume_area["guard"], volume_area["limit_gains"]) == (6.0, True, True)
     assert volume_area["cap_radius_um"] == 50.0
+    (tmp_path / "ink.toml").unlink()
+    _, tables = written(tmp_path, compared("worse", WORSE, 0.5))  # on flat ground the usual one
+    assert "cap_radius_um" not in tables["models"]["VolumeAreaDeposition"]

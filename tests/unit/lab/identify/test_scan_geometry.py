@@ -87,6 +87,7 @@ def test_description_has_the_figures_of_the_profiler() -> None:
     assert text.startswith("lie +0.25 cells along x and -0.10 along y")
     assert "rotated by +1.53 degrees" in text  # times the magnification
     assert "magnified by +2.0 %" in text
+    assert geometry_of((9, 14), 4, shear=0.03).describe().endswith("sheared by +3.0 %")
     drifting = ScanGeometry((9, 14), 4, np.array([0, 0, 0, 0, 0, 0, -0.15, 0.25]))
     assert "drift by -0.30 and +0.50" in drifting.describe()
 
@@ -97,6 +98,8 @@ def test_farthest_reading_is_at_a_corner() -> None:
     )
     drifting = ScanGeometry((9, 14), 4, np.array([0.3, 0, 0, 0, 0, 0, -0.5, 0]))
     assert drifting.farthest == pytest.approx(0.8, rel=1e-12, abs=0.0)
+    to_the_end = ScanGeometry((9, 14), 4, np.array([0.3, 0, 0, 0, 0, 0, 0.6, 0]))
+    assert to_the_end.farthest == pytest.approx(0.9, rel=1e-12, abs=0.0)
 
 
 def test_step_finds_the_terms_of_a_linear_law_and_is_not_too_long() -> None:
@@ -105,3 +108,12 @@ def test_step_finds_the_terms_of_a_linear_law_and_is_not_too_long() -> None:
     fit = GeometryFit.of(ScanGeometry.in_register((9, 14), 4), sensitivity, np.ones(200))
     np.testing.assert_allclose(fit.step(true @ sensitivity), true, atol=1e-6)
     assert np.abs(fit.step(10.0 * true @ sensitivity)).max() == pytest.approx(0.5, rel=1e-9, abs=0.0)
+
+
+def test_step_weighs_the_present_terms_against_what_is_likely() -> None:
+    """Scans that tell nothing pull the terms back to none; a line of one cell has no linear part across it."""
+    terms = 0.01 * np.arange(1.0, 9.0)
+    fit = GeometryFit.of(ScanGeometry((9, 14), 4, terms), np.zeros((TERMS, 5)), np.ones(5))
+    np.testing.assert_allclose(fit.step(np.ones(5)), -terms, rtol=1e-9)
+    line = ScanGeometry((1, 5), 3, np.array([0, 0, 0.5, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(line.places(1), np.indices((1, 5)).reshape(2, -1))

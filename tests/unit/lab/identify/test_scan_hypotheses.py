@@ -14,7 +14,7 @@ from inkloop.metrology.registration import Registration
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.log_folder import read_log
 from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
-from inkloop_lab.identify.scan_hypotheses import LAGS, TURNS, first_shift
+from inkloop_lab.identify.scan_hypotheses import LAGS, TURNS, _explained, _growths, first_shift
 from support.logged_print import CELL, PITCH, log
 from support.lying_scans import profiler as rig
 from support.lying_scans.log import logged
@@ -164,3 +164,63 @@ def test_log_of_too_few_readings_or_no_droplets_is_not_judged() -> None:
     assert not first_shift(replace(record, pattern=np.zeros_like(record.pattern))).any()
     few = np.where(np.random.default_rng(1).random(record.measured.shape) < 0.1, record.measured, np.nan)
     assert not first_shift(replace(record, measured=few)).any()
+
+
+def numbered(layers: int, shape: tuple[int, int]) -> PrintRecord:
+    """A print that grows by noise, with droplets on half of the cells."""
+    rng = np.random.default_rng(4)
+    pattern = (rng.random((layers, *shape)) < 0.5).astype(np.int32)
+    return PrintRecord("it", PITCH, pattern, rng.normal(0.0, 1e-6, (layers + 1, *shape)).cumsum(axis=0))
+
+
+@pytest.mark.parametrize(("layers", "used"), [(39, range(1, 40)), (40, range(1, 41, 2)), (100, range(1, 101, 3))])
+def test_layers_of_a_long_print_are_judged_at_even_distances(layers: int, used: range) -> None:
+    record = numbered(layers, (6, 5))
+    assert [number for number, *_ in _growths(record, record.measured)] == list(used)
+
+
+def test_late_and_early_layers_are_those_that_have_a_scan() -> None:
+    record = numbered(5, (6, 5))
+    assert [number for number, *_ in _growths(record, record.measured, 1)] == [2, 3, 4, 5]
+    assert [number for number, *_ in _growths(record, record.measured, -1)] == [1, 2, 3, 4]
+
+
+def test_cells_of_a_large_grid_are_taken_at_even_distances() -> None:
+    record = numbered(1, (150, 134))  # 20,100 cells
+    ((_, own, grown),) = _growths(record, record.measured)
+    assert own.shape == (10050, 49)
+    growth = (record.measured[1] - record.measured[0]).ravel()[::2]
+    i, j = np.divmod(np.arange(0, 20100, 2), 134)
+    u, w = 2.0 * i / 149 - 1.0, 2.0 * j / 133 - 1.0
+    terms = np.stack([np.ones(u.size), u, w, u * u, u * w, w * w], axis=1)
+    expected = growth - terms @ np.linalg.lstsq(terms, growth, rcond=None)[0]
+    np.testing.assert_allclose(grown, expected, atol=1e-18)
+
+
+@pytest.mark.parametrize(("missing", "is_judged"), [(0, True), (1, False)])
+def test_hypothesis_needs_twice_as_many_readings_as_it_has_weights(missing: int, is_judged: bool) -> None:
+    """49 weights of one ink, and six terms of the datum of each scan: 8 x 13 cells are just enough."""
+    record = numbered(1, (8, 13))
+    record.measured[0, 0, :missing] = np.nan
+    assert (_explained(record, record.measured) is not None) == is_judged
+
+
+def test_scan_with_fewer_readings_than_its_datum_takes_is_left_out() -> None:
+    record = numbered(2, (6, 5))
+    record.measured[2].ravel()[12:] = np.nan
+    assert [number for number, *_ in _growths(record, record.measured)] == [1, 2]
+    record.measured[2].ravel()[11] = np.nan
+    assert [number for number, *_ in _growths(record, record.measured)] == [1]
+
+
+def test_shift_is_the_centre_of_the_nine_heights_about_the_largest() -> None:
+    """Of what both inks add; a satellite three cells away counts no more than what is taken away."""
+    rng = np.random.default_rng(6)
+    pattern = rng.integers(0, 3, (4, 24, 22)).astype(np.int32)
+    pattern[:, :4] = pattern[:, -4:] = pattern[:, :, :4] = pattern[:, :, -4:] = 0
+    growth = np.zeros(pattern.shape)
+    for ink, weights in ((1, {(1, 0): 3.0, (1, 1): 1.0, (-2, 0): 1.5}), (2, {(1, 0): 3.0, (2, 0): 1.0, (0, -1): -0.5})):
+        for (di, dj), weight in weights.items():
+            growth += weight * 1e-6 * np.roll(pattern == ink, (di, dj), (1, 2))
+    record = PrintRecord("it", PITCH, pattern, np.concatenate([np.zeros((1, 24, 22)), growth.cumsum(axis=0)]))
+    np.testing.assert_allclose(first_shift(record), [-(6.0 + 1.0 + 2.0) / 8.0, -1.0 / 8.0], atol=0.01)

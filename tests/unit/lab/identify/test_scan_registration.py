@@ -170,6 +170,61 @@ def test_sensitivity_of_the_innovations_is_their_change_with_the_geometry() -> N
             assert change @ expected / (expected @ expected) == pytest.approx(1.0, abs=0.1)
 
 
+LAYER = 8e-6
+"""Height that a droplet adds over a cell [m]; residuals of a fortieth of it are little."""
+
+
+def estimate(unexplained: float, terms: Mapping[int, float], std: float = 0.01) -> InkEstimate:
+    """Of scans of 31 x 21 cells with these terms of their geometry [cells], each known to `std`."""
+    own = np.zeros(TERMS)
+    own[list(terms)] = list(terms.values())
+    geometry = ScanGeometry((31, 21), 4, own)
+    heights, covariance = np.array([[4e-6, 0.6e-6, 0.2e-6]]), np.eye(3)
+    return InkEstimate(heights, covariance, 5, 0.0, 0.1, 9, 0.004, unexplained, geometry, np.eye(TERMS) * std**2)
+
+
+@pytest.mark.parametrize(
+    ("terms", "std", "share", "plain", "is_accepted"),
+    [
+        ({0: 0.1}, 0.01, 0.44, 1e-12, True),
+        ({0: 0.1}, 0.01, 0.46, 1e-12, False),  # explains too little of it
+        ({0: 0.041}, 0.001, 0.1, 1e-12, True),
+        ({1: 0.039}, 0.001, 0.1, 1e-12, False),  # changes nothing
+        ({0: 0.0633}, 0.01, 0.1, 1e-12, True),
+        ({0: 0.0632}, 0.01, 0.1, 1e-12, False),  # 39.9 of a chi-square
+        ({2: 0.89}, 0.01, 0.1, 1e-12, True),
+        ({2: 0.91}, 0.01, 0.1, 1e-12, False),  # 0.0607 per cell over 15 cells
+        ({5: -0.61}, 0.01, 0.1, 1e-12, False),  # -0.061 over 10
+        ({0: 0.1}, 0.01, 0.1, 1.01 * 0.04e-12, True),
+        ({0: 0.1}, 0.01, 0.1, 0.99 * 0.04e-12, False),  # there is little to explain
+    ],
+)
+def test_geometry_is_accepted_that_is_certain_no_spot_and_explains_half(
+    terms: Mapping[int, float], std: float, share: float, plain: float, is_accepted: bool
+) -> None:
+    found = scan_registration._explains(estimate(share * plain, terms, std), estimate(plain, {}), LAYER)
+    assert found == is_accepted
+    assert not scan_registration._explains(
+        replace(estimate(0.0, terms, std), geometry=None), estimate(plain, {}), LAYER
+    )
+
+
+@pytest.mark.parametrize(
+    ("terms", "std", "is_noted"),
+    [({0: 0.25}, 0.0075, True), ({0: 0.25}, 0.0083, False), ({0: 0.19}, 0.001, False)],
+    ids=["certain and far", "less than 1000 of a chi-square", "within a fifth of a cell"],
+)
+def test_rejected_geometry_is_noted_where_it_is_certain_and_far(
+    terms: Mapping[int, float], std: float, is_noted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits = iter([estimate(1e-12, {}), estimate(0.9e-12, terms, std)])
+    monkeypatch.setattr(scan_registration, "identify_ink", lambda *_, **__: next(fits))
+    placed = register(record_of((26, 22), 3, 3), 0.0)
+    assert placed.geometry.is_none
+    assert ("look as if they lie +0.25 cells along x" in placed.note) == is_noted
+    assert bool(placed.note) == is_noted
+
+
 def test_geometry_of_patterns_that_separate_nothing_is_not_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: Any, **__: Any) -> Any:
         raise IdentificationError("the patterns do not separate h2")

@@ -4,22 +4,39 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tools.figures import the_papers
 
 from inkloop.cli import main
 from inkloop.component import Job
+from inkloop_lab.models.young_laplace_deposition import FineSurface
 from inkloop_lab.reproduce import (
     PAPERS,
+    hume_rosen,
     liquid_bodies,
     lu,
     prints,
     wu_chiu,
 )
-from inkloop_lab.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
+from inkloop_lab.reproduce.comparison import (
+    Paper,
+    Part,
+    Row,
+    Step,
+    markdown,
+    number,
+    remarks,
+    spreadsheet,
+    terminal_table,
+    with_scatter,
+)
 from inkloop_lab.reproduce.finite_elements import solve, triangles
 from inkloop_lab.reproduce.hume_rosen import Liquid, time_scales
 from support.long_proofs import rest_is_long
@@ -33,6 +50,7 @@ def ours(part: Part) -> dict[str, float]:
     ("printed", "found", "within", "word"),
     [
         (5.0, 5.1, 0.2, "yes"),
+        (5.0, 5.25, 0.25, "yes"),
         (5.0, 4.0, 0.2, "no, smaller"),
         (-5.0, -6.0, 0.2, "no, larger"),
         (None, 5.0, 0.2, "-"),
@@ -52,6 +70,67 @@ def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appear
     assert "| Table I | width | µm | - | 2.00 ± 0.31 | - |" in markdown("A paper", rows)
     table = list(csv.DictReader(io.StringIO(spreadsheet(rows))))
     assert [(line["printed"], line["ours"]) for line in table] == [("5.0", "5.1"), ("", "2.0")]
+
+
+def test_figures_have_four_digits_and_scatter_two() -> None:
+    assert [number(value) for value in (0.123456, 12.3456, 999.94, 12345.6, -1000.4, np.nan)] == [
+        "0.1235", "12.35", "999.9", "12346", "-1000", "-",
+    ]  # fmt: skip
+    assert [with_scatter(12.3456, scatter) for scatter in (0.0123, 0.99, 1.0, 31.0, 0.0)] == [
+        "12.346 ± 0.012", "12.35 ± 0.99", "12.3 ± 1.0", "12 ± 31", "12.346 ± 0.000",
+    ]  # fmt: skip
+
+
+def test_remarks_on_what_is_not_reproduced_come_first_with_all_their_places() -> None:
+    rows = [
+        Row("Fig. 2, left: a", "height", "µm", 5.0, 5.0, 0.2, "well"),
+        Row("Fig. 3: b", "height", "µm", 5.0, 9.0, 0.2, "taller"),
+        Row("Fig. 2, right", "height", "µm", 5.0, 5.0, 0.2, "taller"),
+        Row("Fig. 4", "height", "µm", 5.0, 5.0, 0.2),
+    ]
+    assert remarks(rows) == ["Fig. 3, Fig. 2: taller", "Fig. 2: well"]
+
+
+def test_table_names_a_place_once_and_draws_a_line_below_it() -> None:
+    rows = [Row(place, "height", "µm", 5.0, 5.0, 0.2) for place in ("one", "one", "two")]
+    shown = terminal_table("t", rows)
+    assert [str(cell) for cell in shown.columns[0].cells] == ["one", "", "two"]
+    assert [row.end_section for row in shown.rows] == [False, True, True]
+    assert [column.justify for column in shown.columns] == ["left"] * 3 + ["right"] * 3 + ["left"]
+
+
+def test_spreadsheet_has_numbers_in_full() -> None:
+    lines = spreadsheet([Row("one", "height", "µm", 5.0, 1.23456789, None, "why", 0.001)]).splitlines()
+    assert lines == [
+        "where,figure,unit,printed,ours,within,reproduced,scatter,remark",
+        "one,height,µm,5.0,1.23456789,,-,0.001,why",
+    ]
+
+
+def test_record_says_how_the_figures_were_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And each step is found quickly or not, as was asked; pictures are of the step that has just ended."""
+    asked: list[bool] = []
+
+    def step(name: str) -> Step:
+        def find(quick: bool) -> Part:
+            asked.append(quick)
+            return Part([Row(name, "n", "1", None, 1.0)], {f"picture of {name}": Figure()})
+
+        return Step(name, find)
+
+    monkeypatch.setattr("inkloop_lab.reproduce.wu_chiu.PAPER", Paper("wu-chiu", "Wu, Chiu", (step("a"), step("b"))))
+    assert main(["reproduce", "wu-chiu", "--quick", "--out", str(tmp_path / "run")]) == 0
+    record = json.loads((tmp_path / "run" / "reproduce.json").read_text())
+    assert (record["paper"], record["steps"], record["quick"], list(record["seconds"])) == (
+        "Wu, Chiu",
+        ["a", "b"],
+        True,
+        ["a", "b"],
+    )
+    assert asked == [True, True]
+    assert {path.stem for path in (tmp_path / "run").glob("picture*.png")} == {"picture of a", "picture of b"}
+    assert main(["reproduce", "wu-chiu", "--no-pictures", "--out", str(tmp_path / "slow")]) == 0
+    assert json.loads((tmp_path / "slow" / "reproduce.json").read_text())["quick"] is False
 
 
 def test_time_scales_of_the_papers_ink_are_the_printed_ones() -> None:
@@ -283,3 +362,77 @@ def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -
     found = [middle, end_width, end_angle, side_width, side_angle, *heights]
     assert found == pytest.approx([185.3, 154.6, 44.1, 34.3, 78.1, 200.5, 80.0], rel=0.05, abs=0.0)
     assert liquid_bodies.outside(surface) < 0.005
+
+
+def drawn_square(n: int) -> tuple[FineSurface, np.ndarray]:
+    """The square of 25 x 25 sites in a margin of two, n points to a site, of arbitrary heights [m]."""
+    fine = np.random.default_rng(n).random((29 * n, 29 * n)) * 1e-6
+    surface = FineSurface(fine.reshape(29, n, 29, n).mean((1, 3)), np.pad(fine, 3), 1e-6, 3)
+    return surface, fine * 1e6
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_figures_of_the_square_are_read_at_their_places(n: int) -> None:
+    """Lines run along x; an even number of points has its site between two of them each way."""
+    surface, fine = drawn_square(n)
+    np.testing.assert_allclose(liquid_bodies.end_wall(surface), [row[7 * n : 22 * n].mean() for row in fine])
+    np.testing.assert_allclose(liquid_bodies.side_wall(surface), [row[7 * n : 22 * n].mean() for row in fine.T])
+    inside = sum(fine[i, j] for i in range(2 * n, 27 * n) for j in range(2 * n, 27 * n))
+    assert liquid_bodies.outside(surface) == pytest.approx(1.0 - inside / fine.sum(), rel=1e-9, abs=0.0)
+    around = (0,) if n % 2 else (-1, 0)
+    sites = [k * n + n // 2 for k in range(29)]
+    corners = [fine[sites[i] + di, sites[j] + dj] for i in (2, 26) for j in (2, 26) for di in around for dj in around]
+    assert liquid_bodies.corner(surface) == pytest.approx(np.mean(corners), rel=1e-9, abs=0.0)
+    lines = [np.mean([fine[sites[i], sites[j]] for i in range(7, 22)]) for j in range(29)]
+    assert liquid_bodies.ridge(surface) == pytest.approx(max(lines), rel=1e-9, abs=0.0)
+
+
+def test_wall_is_from_a_tenth_to_nine_tenths_of_the_height() -> None:
+    profile = np.concatenate([np.linspace(0.0, 20.0, 11), np.full(19, 20.0), np.linspace(20.0, 0.0, 5)])
+    assert liquid_bodies.wall(profile, 5.0) == pytest.approx(
+        (40.0, np.degrees(np.arctan(16.0 / 40.0))), rel=1e-9, abs=0.0
+    )
+
+
+def test_line_at_the_edge_keeps_its_volume_and_runs_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Droplets of 30 pl that stay on their cells: of a line along the edge none lies beyond it, across it some."""
+    n, spacing = 8, 42.3e-6 / 8
+
+    class Model:
+        def __init__(self, form: str, cells_per_pitch: int) -> None:
+            assert cells_per_pitch == n
+
+        def start(self, height: Any) -> FineSurface:
+            return FineSurface(height, np.zeros(tuple(n * side + 4 for side in height.shape)), spacing, 2)
+
+        def layer(self, surface: FineSurface, pattern: Any, number: int = 1) -> FineSurface:
+            fine = surface.fine.copy()
+            fine[2:-2, 2:-2] += np.kron(pattern, np.ones((n, n))) * 30e-15 / 42.3e-6**2
+            return FineSurface(surface.height + pattern, fine, spacing, 2)
+
+    shown = {}
+    monkeypatch.setattr(hume_rosen, "YoungLaplaceDeposition", Model)
+    monkeypatch.setattr("inkloop_lab.reproduce.pictures.lines_on_a_step", lambda surfaces: shown.update(surfaces))
+    found = ours(hume_rosen.line_on_a_step(True))
+    beyond = {"along the edge": 0.0, "across the edge": 100.0 * sum(j >= hume_rosen.EDGE for j in range(3, 8)) / 5}
+    assert 0.0 < beyond["across the edge"] < 100.0
+    for name, share in beyond.items():
+        for form in ("nonlinear", "linear"):
+            where = f"Fig. 3 to 5, {name}, {form}"
+            assert found[f"{where}: volume kept, of five droplets"] == pytest.approx(100.0, rel=1e-9, abs=0.0)
+            assert found[f"{where}: volume beyond the edge"] == pytest.approx(share, rel=1e-9, abs=1e-9)
+            height = 30e-15 / 42.3e-6**2 * 1e6
+            assert found[f"{where}: thickest place of the line"] == pytest.approx(height, rel=1e-9, abs=0.0)
+            assert found[f"{where}: highest point over the plate"] == pytest.approx(2.0 * height, rel=1e-9, abs=0.0)
+            below, after = shown[f"{name}, {form}"]
+            line = np.argwhere(after.height - below.height > 0.5)
+            assert (np.ptp(line, axis=0) == ([4, 0] if name == "along the edge" else [0, 4])).all()
+
+
+def test_holding_back_and_coming_to_rest_have_their_limits() -> None:
+    assert Liquid(viscosity=0.0316).objections() == []  # an Ohnesorge number of 0.9993
+    assert "Ohnesorge number 1" in Liquid(viscosity=0.0317).objections()[0]
+    assert Liquid(interval=81e-6).objections() == []
+    assert len(Liquid(interval=79e-6).objections()) == 1
+    assert Liquid(diameter=504e-6, interval=1.0).objections() == []  # a Bond number of 0.0997
+    assert "Bond number 0.1;" in Liquid(diameter=506e-6, interval=1.0).objections()[0]

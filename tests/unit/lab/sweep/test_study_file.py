@@ -16,7 +16,8 @@ from scipy.stats import qmc
 from inkloop.errors import ScenarioError
 from inkloop_lab.sweep.figures import Expression
 from inkloop_lab.sweep.sampling import Distribution, distribution, sampled
-from inkloop_lab.sweep.study import Study
+from inkloop_lab.sweep.study import Study, _errors_of_keys
+from inkloop_lab.sweep.tables import SeedsTable, StudyFile, Until, axes_of
 from support.places import SCENARIOS
 from support.sweeps import SCENARIO, study
 
@@ -232,6 +233,86 @@ def test_distributions_are_those_of_scipy(table: dict[str, Any], reference: Any)
     np.testing.assert_allclose(distribution(table).values(shares), reference.ppf(shares), rtol=1e-9)
 
 
+def test_ends_of_a_distribution_are_finite_and_no_value_lies_beyond_them() -> None:
+    low, high = Distribution("normal", (2.0, 0.5)).values(np.array([0.0, 1.0]))
+    assert math.isfinite(low)
+    assert math.isfinite(high)
+    assert (2.0 - low, high - 2.0) == pytest.approx((3.517, 3.517), abs=1e-3)  # 7.034 deviations: a share of 1e-12
+    for kind, parameters in (
+        ("loguniform", (0.1, 0.3)),
+        ("uniform", (0.3, 0.9)),
+        ("truncated-normal", (0.0, 1.0, 0.1, 0.3)),
+    ):
+        spread = Distribution(kind, parameters)
+        assert spread.values(np.array([0.0, 1.0])) == list(parameters[-2:])
+    assert Distribution("integers", (2, 5)).values(np.array([0.0, 0.9999, 1.0])) == [2, 5, 5]
+    assert Distribution("choice", ("a", "b")).values(np.array([0.0, 0.49, 1.0])) == ["a", "a", "b"]
+
+
+def test_random_points_are_those_of_the_seed() -> None:
+    found, expected = sampled("random", 5, 3, UNIT), np.random.default_rng(3).random((5, 2))
+    np.testing.assert_array_equal(found.values["a"], expected[:, 0])
+    np.testing.assert_allclose(found.values["b"], 2.0 + 2.0 * expected[:, 1], rtol=1e-12)
+
+
+def test_a_million_prints_are_a_study(tmp_path: Path) -> None:
+    text = (
+        f'[sample]\nmethod = "random"\npoints = 10\n"{ALPHA}" = {{ uniform = [0.2, 0.4] }}\n[seeds]\ncount = 100000\n'
+    )
+    assert study(tmp_path, text).count == 10
+    with pytest.raises(ScenarioError, match="has 11 points of 100000 prints; at most 1000000 prints"):
+        study(tmp_path, text.replace("points = 10", "points = 11"))
+
+
+def test_scenario_of_the_package_is_named_without_a_suffix_and_a_file_lies_beside_the_study(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(SCENARIO.read_text().replace("title =", "# mine\ntitle ="))
+    for name in ("cuboid", "own.toml"):
+        (tmp_path / "study.toml").write_text(f'scenario = "{name}"\n')
+        found = Study.load(tmp_path / "study.toml")
+        assert ("# mine" in found.scenario.text) == (name == "own.toml")
+        assert found.title == found.scenario.tables.title
+    (tmp_path / "study.toml").write_text('title = "Mine"\nscenario = "cuboid"\n')
+    assert Study.load(tmp_path / "study.toml").title == "Mine"
+
+
+def test_value_as_a_number_and_as_a_text_are_two_values() -> None:
+    errors: list[str] = []
+    assert list(axes_of({"a": {"b": [1, "1"]}, "c": [1, 1.0]}, errors)) == [("a.b", [1, "1"]), ("c", [1, 1.0])]
+    assert errors == []
+    assert list(axes_of({"a": [1, 2, 1]}, errors)) == []
+    assert errors == ['vary."a" is [1, 2, 1]; expected each value once']
+
+
+def test_key_is_held_by_another_one_only_as_its_table(tmp_path: Path) -> None:
+    """`run.layers_max` and `run.layers` begin alike, and none is in the other."""
+    found = list(study_errors({"run.layers": [1], "run.layers_max": [2]}))
+    assert found == []
+    assert study_errors({"run": [1], "run.layers_max": [2]}) == ['"run" holds "run.layers_max"; keep one of them']
+
+
+def study_errors(axes: dict[str, Any]) -> list[str]:
+    tables = StudyFile.model_validate({"scenario": "cuboid"})
+    return list(_errors_of_keys(tables, axes, {}))
+
+
+@pytest.mark.parametrize(("points", "is_balanced"), [(16, True), (12, False), (15, False), (1, True)])
+def test_sobol_points_are_a_power_of_two(points: int, is_balanced: bool) -> None:
+    tables = StudyFile.model_validate({"scenario": "cuboid", "sample": {"method": "sobol", "points": points}})
+    errors = list(_errors_of_keys(tables, {}, UNIT))
+    assert errors == ([] if is_balanced else [f"sample.points is {points}; Sobol' points are balanced for 8 or 16"])
+
+
+def test_goal_is_that_of_the_unit_of_its_metric() -> None:
+    assert Until(metric="mae", standard_error_um=0.25).goal == 0.25
+    assert Until(metric="layers", standard_error=1.5).goal == 1.5
+    with pytest.raises(ValueError, match="mae is a length: give standard_error_um, not standard_error"):
+        Until(metric="mae", standard_error_um=0.25, standard_error=1.0)
+    table = {"count": 3, "max": 3, "until": {"metric": "layers", "standard_error": 1.0}}
+    assert SeedsTable.model_validate(table).max == 3
+    with pytest.raises(ValueError, match="count is 4; with until it is from 2, which give a first error, to max"):
+        SeedsTable.model_validate({**table, "count": 4})
+
+
 def test_whole_numbers_and_choices_are_equally_likely_and_a_study_checks_the_ends() -> None:
     shares, whole, choice = (np.arange(1200) + 0.5) / 1200, distribution({"integers": [2, 5]}), ("a", "b", "c")
     assert np.unique(whole.values(shares), return_counts=True)[1].tolist() == [300] * 4
@@ -254,6 +335,7 @@ def test_whole_numbers_and_choices_are_equally_likely_and_a_study_checks_the_end
         ({"uniform": [0.0, math.inf]}, r"expected \[low, high\], numbers"),
         ({"loguniform": [0.0, 2.0]}, "with low above 0"),
         ({"normal": [1.0, 0.0]}, r"expected \[mean, std\] with std above 0"),
+        ({"truncated-normal": [1.0, -1.0, 0.0, 2.0]}, r"\[mean, std, low, high\] with std above 0"),
         ({"truncated-normal": [1.0, 1.0, 3.0, 2.0]}, r"expected \[mean, std, low, high\] with low below high"),
         ({"integers": [1, 2.5]}, r"expected \[first, last\], whole numbers"),
         ({"integers": [3, 3]}, "with first below last"),

@@ -21,6 +21,7 @@ from inkloop_lab.sweep.figures import METRICS
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan, seeds_wanted, standard_error
 from inkloop_lab.sweep.report import report
+from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.tables import Until
 from inkloop_lab.sweep.task import Bundle, Record, Task, failed
 from support.sweeps import SCENARIO, Shuffled, record, study, swept
@@ -161,9 +162,88 @@ def test_file_says_what_it_holds_and_keeps_the_surfaces_of_earlier_parts(tmp_pat
 
 
 def test_surfaces_that_are_too_large_for_one_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = study(tmp_path, f'{TWO_KEYS}[keep]\nmaps = "final"\n')
+    monkeypatch.setattr("inkloop_lab.sweep.dataset.MAPS_MAX", 6 * 144 * 8)
+    swept(own, tmp_path / "out", Shuffled(alpha_of))
     monkeypatch.setattr("inkloop_lab.sweep.dataset.MAPS_MAX", 6 * 144 * 8 - 1)
-    with pytest.raises(ResultError, match=r'keep.maps: all surfaces have .* GB; write keep.maps = "all"'):
-        swept(study(tmp_path, f'{TWO_KEYS}[keep]\nmaps = "final"\n'), tmp_path / "out", Shuffled(alpha_of))
+    monkeypatch.setattr("inkloop_lab.sweep.dataset.GIGA", 1e3)
+    with pytest.raises(ResultError, match=r'keep.maps: all surfaces have 6\.9 GB; write keep.maps = "all"'):
+        swept(own, tmp_path / "out", Shuffled(alpha_of))
+
+
+def reported(own: Study, worth: Any, folder: Path) -> tuple[dict[str, Any], str, str]:
+    """Figures, screen and page of a report."""
+    found, plan, _ = swept(own, folder, Shuffled(worth))
+    figures, shown = dict[str, Any](), io.StringIO()
+    console = Terminal(shown)
+    console.result = lambda **values: figures.update(values)
+    report(own, found, plan, folder, (), console, is_whole=True)
+    return figures, shown.getvalue(), (folder / "study.html").read_text(encoding="utf-8")
+
+
+def test_page_has_more_points_than_the_screen_and_both_texts_and_the_summary_the_best(tmp_path: Path) -> None:
+    alphas = [0.5 + 0.01 * n for n in range(30)]
+    own = study(tmp_path, f'# <mine>\n[vary]\n"components.controller.alpha" = {alphas}\n')
+
+    def alpha(task: Task) -> Record:
+        return record(task, std=1e-6 * task.overrides["components.controller.alpha"], layers=3.0)
+
+    figures, shown, page = reported(own, alpha, tmp_path / "out")
+    assert (len(figures["points"]), figures["indices"], figures["interrupted"]) == (30, None, False)
+    assert "the 24 points of 30 with the smallest std" in shown
+    assert page.count("<tr><td>alpha ") == 30
+    assert "30 of 30 prints of " in page
+    assert "none failed." in page
+    assert "&lt;mine&gt;" in page
+    assert page.count("<details>") == 2
+    assert page.partition("The scenario")[2].count("[components.controller]") == 1
+    best = "smallest std: alpha 0.5: 0.50 µm"
+    assert best in shown
+    assert best in (tmp_path / "out" / "summary.txt").read_text(encoding="utf-8")
+
+
+def test_five_errors_are_shown_the_most_frequent_first(tmp_path: Path) -> None:
+    own = study(tmp_path, f"{TWO_KEYS}[seeds]\ncount = 2\n")
+    names = "abbccdefg" + 3 * "a"
+    figures, shown, page = reported(
+        own, lambda task: failed(task, names[2 * task.point + task.replicate]), tmp_path / "out"
+    )
+    lines = [line for line in shown.splitlines() if "failed: " in line]
+    assert lines == [
+        "4 prints failed: a", "2 prints failed: b", "2 prints failed: c", "1 print failed: d", "1 print failed: e",
+    ]  # fmt: skip
+    assert page.count("<li>") == 7
+    assert figures["failed"] == 12
+    assert {(each["prints"], each["failed"]) for each in figures["points"]} == {(2, 2)}
+
+
+def test_indices_of_a_report_are_by_metric_and_key_and_its_page_has_the_points_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inkloop_lab.sweep.sensitivity.RESAMPLES", 8)
+    keys = ("components.controller.alpha", "components.printer.variation", "components.profiler.noise_std_um")
+    lines = "".join(f'"{key}" = {{ uniform = [0.1, 0.9] }}\n' for key in keys)
+    text = f'[sample]\nmethod = "sobol-indices"\npoints = 8\nseed = 3\n{lines}'
+
+    def plant(task: Task) -> Record:
+        return record(
+            task, std=1e-6 * task.overrides[keys[0]] + 3e-6 * task.overrides[keys[2]], layers=3.0 + task.point
+        )
+
+    own = study(tmp_path, text)
+    figures, _, page = reported(own, plant, tmp_path / "out")
+    sweep, *_ = swept(own, tmp_path / "out", Shuffled(plant))
+    assert set(figures["indices"]) == {"std", "layers"}
+    for metric, by_key in figures["indices"].items():
+        assert list(by_key) == list(keys)
+        for key, found in by_key.items():
+            own_values = sweep.sel(metric=metric, key=key)
+            assert found == {name: float(own_values[name]) for name in found}
+            assert len(found) == 8
+    assert figures["indices"]["std"][keys[1]]["first_order"] == pytest.approx(0.0, abs=1e-9)
+    assert page.count("<table>") == 2
+    varied = study(tmp_path, f'[vary]\n"components.controller.finish" = ["even", "fast"]\n{text}')
+    assert reported(varied, plant, tmp_path / "varied")[0]["indices"] is None
 
 
 def test_folder_of_another_scenario_or_version_or_of_no_study_is_refused(tmp_path: Path) -> None:
@@ -185,6 +265,7 @@ def test_folder_of_another_scenario_or_version_or_of_no_study_is_refused(tmp_pat
         ("components.profiler.noise_std_um", "um"),
         ("components.profiler.scan_duration_s", "s"),
         ("components.printer.variation", "1"),
+        ("components.printer.mv_plus_per_um", "1/um"),
         ("components.printer.layers", "1"),
     ],
 )

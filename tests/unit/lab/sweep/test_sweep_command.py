@@ -6,15 +6,17 @@ import json
 import signal
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop_lab.sweep import command
-from inkloop_lab.sweep.task import Order, Record, Task, failed
+from inkloop_lab.sweep.task import Bundle, Order, Record, Task, failed
 from support.sweeps import Shuffled, record, study
 
 ALPHA = '[vary]\n"components.controller.alpha" = [0.5, 0.8]\n'
@@ -223,3 +225,68 @@ def test_progress_tells_each_print_to_who_asks(
     shown = capsys.readouterr().out
     assert "point 0, print 0: failed: gave up" in shown
     assert "point 1, print 0: done: std 8e-07, layers 3" in shown
+
+
+def test_newest_study_is_the_one_with_the_highest_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    options: Any = SimpleNamespace(out=None, resume=True, study=Path("case/study.toml"))
+    for name in ("study", "study-of-2", "study-2", "study-9", "study-10", "study-11"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+    with pytest.raises(ResultError, match="runs/study: no study was begun there"):
+        command._folder(options)
+    for name, newest in (
+        ("study-of-2", ""),
+        ("study", "study"),
+        ("study-9", "study-9"),
+        ("study-10", "study-10"),
+        ("study-2", "study-10"),
+    ):
+        (tmp_path / "runs" / name / "study.json").write_text("{}")
+        if newest:
+            assert command._folder(options) == Path("runs") / newest
+
+
+def test_command_to_continue_names_the_scheduler() -> None:
+    options: Any = SimpleNamespace(study=Path("s.toml"), scheduler="tcp://a:1", workers=None)
+    assert command._again(Path("out"), options) == "inkloop sweep s.toml --out out --resume --scheduler tcp://a:1"
+
+
+@pytest.mark.parametrize("kind", ["vary", "optimise"])
+def test_files_that_values_of_the_study_name_go_with_each_print(
+    kind: str, engines: Engines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+    plain = Bundle.of
+
+    def noted(text: str, source: Path, values: Any = ()) -> Any:
+        seen.extend(values)
+        return plain(text, source)
+
+    monkeypatch.setattr(Bundle, "of", noted)
+    text = '[sample]\nmethod = "halton"\npoints = 3\n"components.printer.variation" = { choice = [0.1, 0.2] }\n'
+    if kind == "optimise":
+        pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
+        text = '[optimise]\nminimise = "std_um"\ntrials = 2\n' + text.replace('method = "halton"\npoints = 3\n', "")
+    study(tmp_path, f"{ALPHA}{text}")
+    assert begun("--check") == 0
+    assert [0.5, 0.8] in seen
+    assert {0.1, 0.2} == {value for values in seen for value in values if value < 0.5}
+
+
+def test_failed_prints_are_told_beside_the_bar(
+    engines: Engines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[int, str]] = []
+
+    class Bar:
+        def add_task(self, title: str, **_: Any) -> int:
+            return 0
+
+        def update(self, bar: int, *, completed: int, total: int, figures: str) -> None:
+            shown.append((completed, figures))
+
+    monkeypatch.setattr(Terminal, "progress", lambda self, *notes: nullcontext(Bar()))
+    study(tmp_path, ALPHA.replace("0.5, 0.8", "0.123, 0.8, 0.9") + "[seeds]\ncount = 2\n")
+    assert begun("--out", "out", "--workers", "1") == 3
+    assert shown[-1] == (6, "6 of 6 prints, 2 failed")
+    assert [completed for completed, _ in shown] == [1, 2, 3, 4, 5, 6]

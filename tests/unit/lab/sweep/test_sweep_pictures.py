@@ -291,6 +291,91 @@ def test_table_of_many_points_shows_those_nearest_to_zero(tmp_path: Path) -> Non
     assert table.note == "mean over the seeds, ± its standard error; the 3 points of 5 with the smallest std"
 
 
+def test_winner_is_of_whole_points_by_size_and_others_are_alike_within_two_errors(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8, 1.0]\n')
+    near = [
+        point(std, error=error, alpha=alpha)
+        for std, error, alpha in ((3.0, 0.3, 0.5), (-3.9, 0.4, 0.8), (4.1, 0.4, 1.0))
+    ]
+    assert winner(own, near).startswith("smallest std: alpha 0.5: 3.00 ± 0.30 µm; 1 of 2 others")  # 2 x 0.5 away
+    near[0]["failed"] = 1
+    assert winner(own, near).startswith("smallest std: alpha 0.8: -3.90 ± 0.40 µm; 1 of 1 others")
+    plain = study(tmp_path, "")
+    assert winner(plain, [point(1.0), point(2.0)]).startswith("smallest std: as it stands: 1.00")
+
+
+def test_stopped_and_faulty_prints_are_no_failed_ones(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5]\n[seeds]\ncount = 3\n')
+    codes = [STATUSES.index(name) for name in ("failed", "fault", "stopped")]
+    sweep = xr.Dataset({"status": ((ALPHA, "seed"), [codes])}, {ALPHA: [0.5]})
+    assert [(each["prints"], each["failed"]) for each in points(own, sweep)] == [(3, 1)]
+
+
+def test_mean_errors_are_compared_by_their_size(tmp_path: Path) -> None:
+    own = study(tmp_path, f'metric = "mean_error"\n[vary]\n"{ALPHA}" = [0.5]\n[seeds]\ncount = 2\n')
+    values = {"mean_error": ((ALPHA, "seed"), [[-2e-6, 4e-6]]), "status": ((ALPHA, "seed"), [[1, 1]])}
+    (found,) = points(own, xr.Dataset(values, {ALPHA: [0.5]}))
+    assert found["mean_error_um"] == pytest.approx(3.0, rel=1e-12, abs=0.0)
+    assert str(table_of_points(own, [found]).columns[1].header).split() == ["|mean_error|", "[µm]"]
+    found["std_um"], found["layers"] = 1.0, 3.0
+    axes = pictures(own, [{**found, "keys": {ALPHA: alpha}} for alpha in (0.5, 0.8)], NONE)["main-effects"].axes[0]
+    assert axes.get_ylabel() == "|mean error| [µm]"
+
+
+def test_indices_stand_beside_the_value_of_the_other_key_and_are_its_mean_in_the_picture(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[vary]\n"{FINISH}" = ["even", "fast"]\n{SAMPLED}')
+    shift = xr.DataArray([0.0, 0.1], {FINISH: ["even", "fast"]}, (FINISH,))
+    both = (with_indices() + shift).transpose(FINISH, "metric", "key")
+    names = [str(cell) for cell in table_of_indices(own, both).columns[0].cells]
+    assert names == ["finish even: alpha", "finish even: horizon", "finish fast: alpha", "finish fast: horizon"]
+    found = pictures(own, [point(1.0, alpha=0.5, horizon=1, finish="even")], both)["sensitivities"].axes[0]
+    bars = [each for each in found.containers if hasattr(each, "patches")]
+    assert [patch.get_width() for patch in bars[0]] == pytest.approx([0.75, 0.15], rel=1e-9, abs=0.0)
+
+
+def test_few_numbers_are_places_in_their_order_and_truths_are_names(tmp_path: Path) -> None:
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [1.0, 0.5, 0.25, 0.75, 0.1, 0.2, 0.3, 0.4]\n')
+    found = [point(alpha, alpha=alpha) for alpha in (1.0, 0.5, 0.25, 0.75, 0.1, 0.2, 0.3, 0.4)]
+    axes = panels(pictures(own, found, NONE)["main-effects"])["alpha"]
+    assert texts(axes.get_xticklabels()) == ["0.1", "0.2", "0.25", "0.3", "0.4", "0.5", "0.75", "1.0"]
+    truths = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5]\n"components.controller.register_scans" = [true, false]\n')
+    found = [point(float(on), alpha=0.5, register_scans=on) for on in (True, False)]
+    axes = panels(pictures(truths, found, NONE)["main-effects"])["register_scans"]
+    assert texts(axes.get_xticklabels()) == ["True", "False"]
+    assert "front" in pictures(truths, found, NONE)
+    assert "front" not in pictures(truths, [point(1.0, alpha=0.5, register_scans=on) for on in (True, False)], NONE)
+
+
+def test_labels_of_the_map_are_told_from_all_keys_of_the_study(tmp_path: Path) -> None:
+    printer = "components.printer.seed"
+    own = study(tmp_path, f'[vary]\n"{printer}" = [1, 2]\n"components.profiler.seed" = [1]\n"{ALPHA}" = [0.5, 0.8]\n')
+    found = [
+        {**point(alpha + seed), "keys": {printer: seed, "components.profiler.seed": 1, ALPHA: alpha}}
+        for seed in (1, 2)
+        for alpha in (0.5, 0.8)
+    ]
+    axes = pictures(own, found, NONE)["heat-map"].axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("printer.seed", "alpha")
+
+
+def test_front_of_many_points_names_some_and_of_many_keys_none(tmp_path: Path) -> None:
+    alphas = [0.05 * n for n in range(1, 14)]
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = {alphas}\n')
+    found = [point(20.0 - n, 3.0 + n, alpha=alpha) for n, alpha in enumerate(alphas)]
+    axes: Any = pictures(own, found, NONE)["front"].axes[0]
+    assert [text.xy[0] for text in axes.texts] == [3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]  # every second of 13
+    three = f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n"{FINISH}" = ["even", "fast"]\n"{HORIZON}" = [1, 2]\n'
+    for extra, named in (("", True), ('"components.printer.seed" = [1, 2]\n', False)):
+        keys = {"seed": "components.printer.seed"} if extra else {}
+        found = [
+            point(3.0 - n, 3.0 + n, alpha=0.5 + 0.3 * n, finish=("even", "fast")[n], horizon=1 + n) for n in (0, 1)
+        ]
+        for n, each in enumerate(found):
+            each["keys"] |= dict.fromkeys(keys.values(), 1 + n)
+        axes = pictures(study(tmp_path, three + extra), found, NONE)["front"].axes[0]
+        assert bool(axes.texts) == named
+
+
 def test_short_name_is_the_end_that_no_other_key_has() -> None:
     keys = ("components.a.alpha", "components.b.alpha", "part.height_um", "grid.nx", "nx")
     assert short_names(keys[:4]) == dict(zip(keys, ("a.alpha", "b.alpha", "height_um", "nx"), strict=False))

@@ -262,6 +262,51 @@ def test_manifests_folders_and_classes_bring_what_they_name(text: str, files: li
     assert sorted(Bundle.of(text, tmp_path / "c.toml").files) == files
 
 
+def test_files_below_folders_and_packages_go_along_and_others_stay(tmp_path: Path) -> None:
+    for name in (
+        "slices/deep/a.png",
+        "pack/__init__.py",
+        "pack/deep/inner.py",
+        "layers.toml",
+        "b.png",
+        "long" * 20 + ".toml",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    (tmp_path / "layers.toml").write_text(f"image = 'b.png'\nother = '{tmp_path}/pack/__init__.py'\n")
+    for text, files in (
+        ('part = "slices"', ["slices/deep/a.png"]),
+        ('kind = "pack:Plant"', ["pack/__init__.py", "pack/deep/inner.py"]),
+        ('part = "layers.toml"', ["b.png", "layers.toml"]),
+        (f'part = "{"long" * 20}.toml"', ["long" * 20 + ".toml"]),
+        (f'part = "{"x" * 300}"', []),
+        ('part = "../.."', []),
+        ('part = "a\\nb"', []),
+        ('part = ["b.png", { other = "layers.toml" }]', ["b.png", "layers.toml"]),
+    ):
+        assert sorted(Bundle.of(text, tmp_path / "c.toml").files) == files, text
+
+
+def test_fingerprint_is_of_the_names_and_of_the_place_too() -> None:
+    one = Bundle("text", "case/case.toml", {"a": b"1", "b": b"2"})
+    assert one.sha256 == Bundle("text", "case/case.toml", {"b": b"2", "a": b"1"}).sha256
+    others = [
+        Bundle("text", "case/other.toml", one.files),
+        Bundle("text", one.place, {"a": b"1", "c": b"2"}),
+        Bundle("text", one.place, {"a": b"2", "b": b"1"}),
+    ]
+    assert len({one.sha256, *(other.sha256 for other in others)}) == 4
+
+
+def test_files_may_be_as_large_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.toml").write_text("a = 1\n")
+    monkeypatch.setattr(tasks, "BYTES_MAX", 6)
+    assert Bundle.of('part = "a.toml"', tmp_path / "c.toml").files
+    (tmp_path / "a.toml").write_text("a = 10\n")
+    with pytest.raises(ResultError, match="its files have 0 MB"):
+        Bundle.of('part = "a.toml"', tmp_path / "c.toml")
+
+
 def test_print_of_a_task_is_that_of_a_run(tmp_path: Path) -> None:
     task = Task(0, 0, 5, WORK)
     found = [perform(ordered(runs, with_height=True), task) for runs in (None, tmp_path)]
