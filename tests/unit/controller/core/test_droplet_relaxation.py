@@ -32,7 +32,7 @@ def rough(shape: tuple[int, int], layers: int, passes: int = 1, seed: int = 0, *
         "choices": np.ones((layers, *shape), np.uint16),
         "kinds": (Ink(),),
         "alpha": 1.0,
-        "colours": (ORDER,) * layers if passes == 4 else (),
+        "colours": tuple(ORDER[first:] + ORDER[:first] for first in range(layers)) if passes == 4 else (),
     }
     return HorizonProblem(height, **{**whole, **values})
 

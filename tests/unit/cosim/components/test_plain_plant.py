@@ -140,6 +140,9 @@ def test_restored_plant_goes_on_at_its_own_time() -> None:
     for command in (1, 2):
         first.do_step(9 * SECOND, SECOND, inputs(job, command))
     other.restore(first.save())
+    assert float(other.do_step(8 * SECOND, SECOND, inputs(job, 2))["height"].max()) == pytest.approx(
+        2 * DROPLET, rel=1e-9, abs=0.0
+    )  # no new layer: the outputs saved
     assert float(other.do_step(9 * SECOND, SECOND, inputs(job, 3))["height"].max()) == pytest.approx(
         3 * DROPLET, rel=1e-9, abs=0.0
     )

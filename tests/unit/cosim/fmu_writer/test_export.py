@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -69,6 +70,13 @@ def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
     assert '{"nozzle_variation", REAL, WORLD(variation.nozzle_variation), 0.125, 1.0}' in header
     assert ".variation.nozzle_variation = 0.25" in header
     assert "roller_step" not in header
+
+
+def test_files_to_be_compiled_are_the_c_files_of_the_archive(tmp_path) -> None:
+    members = unpack(export_fmu("LayerDeposition", fmi="2", nx=3, ny=3, out=tmp_path / "it.fmu"))
+    listed = re.findall(r'<File name="([^"]+)"', members["modelDescription.xml"].decode())
+    assert sorted(listed) == sorted(name.removeprefix("sources/") for name in members if name.endswith(".c"))
+    assert "sources/layer_map.h" in members
 
 
 def test_set_that_is_missing_damaged_or_of_another_build_is_named_with_a_remedy(tmp_path, monkeypatch) -> None:
