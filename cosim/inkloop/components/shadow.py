@@ -232,8 +232,8 @@ def shadow_ports(plant_inputs: tuple[Port, ...], shape: tuple[int, int]) -> tupl
 
 
 def start_surface(assumed: FloatMap, measured: FloatMap, valid: BoolMap) -> FloatMap:
-    """The start surface: the scan of layer 0, and on cells that it did not see `assumed`, raised by its mean
-    difference.
+    """The start surface: the scan of layer 0, and on cells that it did not see `assumed`, raised by the median
+    of their differences.
 
     All (nx, ny), heights [m]; `assumed` itself where no cell was seen.
     """

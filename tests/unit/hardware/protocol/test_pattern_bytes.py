@@ -21,7 +21,7 @@ def test_packed_pattern_has_a_bit_for_one_material_and_two_for_two(materials: in
     pattern = np.random.default_rng(1).integers(0, materials + 1, (13, 7))
     found = PatternBytes.of(pattern, passes=4, materials=materials)
     assert found.plain == node_bench.pattern_blob(pattern, passes=4, bits=bits)
-    assert len(found.plain) == 8 + -(-13 * 7 * bits // 8)
+    assert len(found.plain) == 8 + -(-13 * 7 * bits // 8) == 8 + PatternBytes.cells_of(13, 7, materials=materials)
 
 
 @given(arrays.arrays(np.uint8, st.integers(0, 700), elements=st.sampled_from([0, 0, 0, 1, 255])))

@@ -16,6 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.traffic_log import TrafficLog
 from inkloop_hardware.errors import BusError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -31,6 +32,7 @@ from inkloop_hardware.replay.recorded_exchanges import (
     read_traffic,
 )
 from inkloop_hardware.replay.recorded_nodes import RecordedNodes, described
+from inkloop_hardware.replay.replay_connection import ReplayConnection
 
 CODEC = Codec()
 LOG = Path("traffic.blf")
@@ -396,6 +398,23 @@ def test_sent_frame_stands_before_the_answer_of_the_same_time_and_times_are_abso
     assert [(one.frame.arbitration_id, one.sent) for one in found] == [(3, True), (2, False), (4, True), (1, False)]
     assert [one.at - found[0].at for one in found] == pytest.approx([0.0, 0.0, 1.0, 1.0], rel=0.0, abs=1e-5)
     assert found[0].at == pytest.approx(1.7e9, rel=0.0, abs=86_400.0), "to the day, whatever the zone of the machine"
+
+
+def test_replay_passes_on_what_the_nodes_said_of_themselves(tmp_path: Path) -> None:
+    """Statuses and faults up to the first answer, and neither requests nor answers."""
+    path, (asked, answer) = tmp_path / "traffic.blf", routine(Routine.HOME)
+    said = [(Node.HEAD, "Status"), (Node.CURE, "Fault"), (Node.STAGE, "Status"), (Node.STAGE, "Fault")]
+    own = [Frame(CODEC.message(f"{node}{kind}").frame_id, bytes([number])) for number, (node, kind) in enumerate(said)]
+    asks, answers = (
+        [one.frame for one in seen((Node.STAGE, way, text))] for way, text in ((True, asked), (False, answer))
+    )
+    log = TrafficLog(path, float)
+    for at, frame in enumerate([*own[:2], *asks, *answers[:1], own[2], *answers[1:], own[3]]):
+        log.take(can.Message(1.7e9 + at, frame.arbitration_id, False, data=frame.data, is_rx=frame not in asks))
+    log.close()
+    replay = ReplayConnection(BusSettings("replay", str(path)))
+    assert [frame for _, frame in replay.others] == own[:3]
+    assert replay.job == 9
 
 
 def test_log_of_a_resumed_run_has_all_its_parts_in_their_order(tmp_path: Path) -> None:

@@ -338,6 +338,10 @@ def test_few_numbers_are_places_in_their_order_and_truths_are_names(tmp_path: Pa
     found = [point(alpha, alpha=alpha) for alpha in (1.0, 0.5, 0.25, 0.75, 0.1, 0.2, 0.3, 0.4)]
     axes = panels(pictures(own, found, NONE)["main-effects"])["alpha"]
     assert texts(axes.get_xticklabels()) == ["0.1", "0.2", "0.25", "0.3", "0.4", "0.5", "0.75", "1.0"]
+    sweeps = study(tmp_path, '[vary]\n"components.controller.sweeps" = [30, 9, 100]\n')
+    found = [point(float(count), sweeps=count) for count in (30, 9, 100)]
+    axes = panels(pictures(sweeps, found, NONE)["main-effects"])["sweeps"]
+    assert texts(axes.get_xticklabels()) == ["9", "30", "100"]
     truths = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5]\n"components.controller.register_scans" = [true, false]\n')
     found = [point(float(on), alpha=0.5, register_scans=on) for on in (True, False)]
     axes = panels(pictures(truths, found, NONE)["main-effects"])["register_scans"]
