@@ -72,6 +72,9 @@ def test_cells_that_were_not_seen_do_not_count(run: Result) -> None:
     assert found is not None
     assert all(row.cell != CELL and abs(row.worst) <= RESOLUTION for row in found.rows)
     assert np.isnan(found.maps[:, CELL[0], CELL[1]]).all()
+    outside = ~run.dataset.mask.values.astype(bool)
+    assert valid[:, outside].any()
+    assert np.isnan(found.maps[:, outside]).all()
 
 
 def test_shadow_of_the_run_is_its_model(run: Result) -> None:
