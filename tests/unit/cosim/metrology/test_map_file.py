@@ -287,6 +287,19 @@ def test_options_that_agree_with_the_file_are_taken(tmp_path: Path) -> None:
     assert read(tmp_path / "map.csv", unit="um", pixel=(5.04e-6, 4e-6)).dx == pytest.approx(5e-6, rel=1e-12, abs=0.0)
 
 
+def test_pixel_of_a_field_that_is_too_wide_along_one_axis_gives_way_to_the_option(tmp_path: Path) -> None:
+    (tmp_path / "map.csv").write_text("dx = 5 um\ndy = 4 m\nunit = um\n1 2\n3 4\n")
+    assert read(tmp_path / "map.csv", pixel=(5e-6, 4e-6)).dy == pytest.approx(4e-6, rel=1e-12, abs=0.0)
+
+
+def test_one_height_that_no_field_has_is_a_number_without_a_height(tmp_path: Path) -> None:
+    z = np.zeros((20, 20))
+    z[3, 4] = 1e10
+    np.save(tmp_path / "map.npy", z)
+    with pytest.raises(HeightMapError, match=r"from 0 to 1e\+10 µm on a field 100 µm wide"):
+        read(tmp_path / "map.npy", unit="um", pixel=5e-6)
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npy", "npz", "tif", "sdf", "sur", "x3p", "xyz123"])
 def test_rubbish_and_absence_are_reported_with_the_path(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map.{suffix}"
@@ -303,6 +316,9 @@ def test_map_of_another_shape_or_size_is_refused(tmp_path: Path) -> None:
         read(tmp_path / "map.npy", unit="um", pixel=5e-6)
     found = HeightMap(np.array([[1.0, np.inf], [-np.inf, 2.0]]), 1e-6, 2e-6)
     assert found.valid.tolist() == [[True, False], [False, True]]
+    assert np.isnan(found.z).tolist() == [[False, True], [True, False]]
+    with pytest.raises(ValueError, match="read-only"):
+        found.z[0, 0] = 2.0
     for dx, dy in ((0.0, 1.0), (1.0, -1.0), (np.inf, 1.0), (1.0, np.nan)):
         with pytest.raises(HeightMapError, match=r"height map: the pixel size d[xy] is .* m; needs a length above 0"):
             HeightMap(Z, dx, dy)

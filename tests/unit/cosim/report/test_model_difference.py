@@ -48,6 +48,10 @@ def test_device_that_prints_as_the_model_predicts_differs_by_the_resolution(run:
     assert len(found.rows) == run.dataset.sizes["layer"] > 2
     assert all(abs(row.worst) <= RESOLUTION for row in found.rows)
     assert found.model == "LayerDeposition"
+    whole = replace(run, dataset=run.dataset.assign(height=run.dataset.measured_height))
+    going_on = replace(whole, dataset=whole.dataset.assign_attrs(stop_reason="running"))
+    for result, is_known in ((whole, True), (going_on, False)):
+        assert (run_report.Summary.of({"run": result}).difference is not None) == is_known
 
 
 def test_worst_cell_is_found_and_its_growth_is_that_of_one_layer(run: Result) -> None:

@@ -247,7 +247,7 @@ def test_wall_of_one_cell_is_narrow_where_it_stands(tmp_path: Path) -> None:
     assert wide.cells_min == 4
     assert set(wide.narrow) == {"walls", "gaps"}  # the gap of two cells between them
     assert wide.narrow["gaps"].cells.sum() == 12
-    assert [PartReport.of(scenario, nozzle).cells_min for nozzle in (300e-6, 1.3e-3)] == [3, 13]
+    assert [PartReport.of(scenario, nozzle).cells_min for nozzle in (300e-6, 13 * 1e-4)] == [3, 13]
 
 
 @pytest.mark.parametrize(

@@ -237,6 +237,11 @@ def test_scale_of_errors_is_that_of_all_runs_with_round_numbers_on_both_sides() 
     np.testing.assert_allclose([axis["cmin"], axis["cmax"]], np.arcsinh([-30 / 0.7, 30 / 0.7]), rtol=1e-12)
     assert (axis["colorscale"][0], axis["colorscale"][-1]) == ("#67001f", "#053061")
     assert ErrorScale.of([np.zeros(0)]).limit > 0.0
+    assert ErrorScale.of([np.full(9, 0.01), np.full(9, 800.0)]).width == pytest.approx(2.0, rel=1e-9, abs=0.0)
+    exact = distribution({"exact": np.zeros(9), "near": np.ones(9)})
+    assert [line.name for line in exact.data] == ["exact", "near"]
+    (level,) = distribution({"level": np.full(9, 3.0)}).data
+    assert level.x[0] < 3.0 < level.x[-1]
 
 
 @pytest.mark.parametrize(
