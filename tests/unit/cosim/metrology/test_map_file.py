@@ -53,6 +53,8 @@ TABLES: dict[str, str | bytes] = {
     ).encode("cp1252"),
     "calibration in quotes": '"Date","2026-01-05"\n"XY calibration","5000","nm/pixel"\n"Unit","um"\n'
     '"DY","4","um"\n"Height"\n' + rows(",", "***"),
+    "UTF-16 with the high byte first, a word in title case": b"\xfe\xff"
+    + ("dx = 5 um\ndy = 4 um\nunit = um\n" + rows("\t", "Invalid")).encode("utf-16-be"),
     "UTF-16 with empty lines after": ("dx = 5 um\ndy = 4 um\nunit = um\n" + rows(";", "N/A") + "\n\n").encode("utf-16"),
 }
 
