@@ -78,7 +78,8 @@ def test_s_and_l_filters_divide_the_waves() -> None:
 
 def test_filters_of_surfaces_have_the_order_that_is_wanted() -> None:
     z, used = rough(), np.ones((24, 17), np.bool_)
-    smooth = {order: gaussian(z, used, (STEP, STEP), 8 * STEP, order=order) for order in (0, 1)}
+    orders: tuple[FilterOrder, ...] = (0, 1)
+    smooth = {order: gaussian(z, used, (STEP, STEP), 8 * STEP, order=order) for order in orders}
     for order, expected in smooth.items():
         how = Treatment("none", s_filter=8 * STEP, filter_order=order)
         filtered = s_filtered(map_of(z), how)
