@@ -98,7 +98,9 @@ def test_model_prints_with_the_passes_of_the_printer_and_the_inks_of_the_run(run
     job = job_of(ScenarioFile.model_validate(tomllib.loads(BLOCK)), target, "printer")
     for passes, atol in ((1, 1e-12), (4, 1e-8)):
         expected = run.dataset.measured_height.values - followed(run.dataset, replace(job, passes=passes))
-        is_same = np.allclose(found.maps, np.where(np.isnan(found.maps), np.nan, expected), 0.0, atol, equal_nan=True)
+        is_same = np.allclose(
+            found.maps, np.where(np.isnan(found.maps), np.nan, expected), rtol=0.0, atol=atol, equal_nan=True
+        )
         assert is_same == (passes == 1)
     assert target.inks == 1
     assert _target(run.dataset.assign(ink=run.dataset.pattern)).inks == 2
