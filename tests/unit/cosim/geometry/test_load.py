@@ -131,6 +131,14 @@ def test_resolution_of_a_moved_body_is_that_of_its_coarsest_coordinate() -> None
     assert transformed(Body(WEDGE, resolution=1.0), matrix, np.zeros(3)).resolution == 2.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_resolution_of_a_file_is_that_of_its_farthest_coordinate(sign: float, tmp_path: Path) -> None:
+    far = WEDGE - WEDGE.reshape(-1, 3).mean(axis=0) + sign * 1000.0
+    (tmp_path / "a.stl").write_bytes(meshes.binary_stl(far))
+    (body,) = read_bodies(tmp_path / "a.stl", "mm")
+    assert body.resolution == pytest.approx(1.0 * 2.0**-23, rel=0.01, abs=0.0)
+
+
 @pytest.mark.parametrize(("axis", "name", "cells"), [(0, "x", 60), (1, "y", 50)])
 def test_part_reaches_to_the_edges_of_the_outer_cells_at_most(tmp_path: Path, axis: int, name: str, cells: int) -> None:
     high = cells / 10 - 0.05

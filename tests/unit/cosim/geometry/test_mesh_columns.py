@@ -7,7 +7,7 @@ import pytest
 
 from inkloop.geometry import cell_centers
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh_columns import MeshColumns, mesh_columns
+from inkloop.geometry.mesh_columns import Fine, MeshColumns, mesh_columns
 from support import meshes
 from support.meshes import Triangles
 
@@ -31,6 +31,12 @@ def at_random_phase(triangles: Triangles, rng: np.random.Generator) -> Triangles
     """Turned and shifted, still on the grid."""
     turned = meshes.turned(triangles - triangles.reshape(-1, 3).mean(axis=0), rng)
     return turned + rng.uniform(0.44, 0.56, 3) * ROOM
+
+
+@pytest.mark.parametrize(("width", "count"), [(256.4, 256), (256.6, 257), (0.3, 1)])
+def test_fine_grid_is_the_nearest_to_the_box(width: float, count: int) -> None:
+    left = Fine.of([Body(meshes.box((0.0, 0.0, 0.0), (512.0, width, 1.0)))]).left
+    assert (left.nx, left.ny) == (512, count)
 
 
 def check_closed(count: int, seed: int) -> None:

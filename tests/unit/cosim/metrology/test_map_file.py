@@ -20,7 +20,7 @@ from PIL import Image
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
-from inkloop.metrology.map_readers import read_instrument, read_tiff
+from inkloop.metrology.map_readers import chosen, read_instrument, read_tiff
 from inkloop.metrology.map_writing import NAMESPACE, write
 from inkloop.metrology.table_header import read_header
 
@@ -53,6 +53,8 @@ TABLES: dict[str, str | bytes] = {
     ).encode("cp1252"),
     "calibration in quotes": '"Date","2026-01-05"\n"XY calibration","5000","nm/pixel"\n"Unit","um"\n'
     '"DY","4","um"\n"Height"\n' + rows(",", "***"),
+    "UTF-16 with the high byte first, a word in title case": b"\xfe\xff"
+    + ("dx = 5 um\ndy = 4 um\nunit = um\n" + rows("\t", "Invalid")).encode("utf-16-be"),
     "UTF-16 with empty lines after": ("dx = 5 um\ndy = 4 um\nunit = um\n" + rows(";", "N/A") + "\n\n").encode("utf-16"),
 }
 
@@ -209,6 +211,50 @@ def test_arrays_without_one_map_are_listed(arrays: Any, message: str, tmp_path: 
         read(tmp_path / "map.npz", unit="um", pixel=1e-6)
 
 
+def test_first_of_several_arrays_is_chosen_by_its_name_and_two_numbers_are_no_pixel(tmp_path: Path) -> None:
+    np.savez(tmp_path / "map.npz", other_um=2.0 * Z, z_um=Z, pixel_um=np.ones(2))
+    found = read(tmp_path / "map.npz", channel="other_um", pixel=1e-6)
+    assert found.z[2, 1] == pytest.approx(10.0 * UM, rel=1e-9, abs=0.0)
+    with pytest.raises(HeightMapError, match="does not declare the size of its pixels"):
+        read(tmp_path / "map.npz")
+
+
+def test_pages_of_tiff_that_differ_in_size_are_numbered_and_the_first_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "map.tif"
+    with tifffile.TiffWriter(path) as file:
+        for columns in (3, 5):
+            file.write(np.full((2, columns), float(columns), np.float32))
+    first, second = (read(path, unit="um", pixel=UM, channel=channel) for channel in (None, "2"))
+    assert (first.shape, second.shape) == ((3, 2), (5, 2))
+    assert [each.remark.partition(",")[0] for each in (first, second)] == ["page 1 of 2", "page 2 of 2"]
+
+
+def test_sizes_of_ome_are_micrometres_where_nothing_else_is_stated(tmp_path: Path) -> None:
+    sizes = {"axes": "YX", "PhysicalSizeX": 5.0, "PhysicalSizeY": 4.0}
+    tifffile.imwrite(tmp_path / "map.tif", np.ones((2, 3), np.float32), ome=True, metadata=sizes)
+    found = read(tmp_path / "map.tif", unit="um")
+    assert (found.dx, found.dy) == pytest.approx((5 * UM, 4 * UM), rel=1e-9, abs=0.0)
+
+
+def test_palette_of_blue_and_yellow_is_no_grey(tmp_path: Path) -> None:
+    picture = Image.fromarray(np.array([[0, 100], [200, 255]], np.uint8), "L").convert("P")
+    picture.putpalette([value for k in range(256) for value in (k, k, 255 - k)])
+    picture.save(tmp_path / "map.tif")
+    with pytest.raises(HeightMapError, match=r"has colours \(palette\)"):
+        read(tmp_path / "map.tif", unit="um", pixel=UM, scale=1.0)
+
+
+def test_remark_of_numbers_is_no_row(tmp_path: Path) -> None:
+    (tmp_path / "map.csv").write_text(HEADER + "# 1 2 3 4 5 6\n1 2 3\n4 5 6\n")
+    assert read(tmp_path / "map.csv").shape == (3, 2)
+
+
+def test_channel_whose_name_occurs_twice_is_chosen_by_its_number() -> None:
+    assert chosen(Path("map"), ["height", "height"], "2") == 1
+    with pytest.raises(HeightMapError, match="expected one of 1 'height', 2 'height'"):
+        chosen(Path("map"), ["height", "height"], "height")
+
+
 def test_pixels_of_tiff_are_those_of_its_tags(tmp_path: Path) -> None:
     """Dots per inch are not believed, and half of a size is none."""
     heights, path = np.ones((2, 3), np.float32), tmp_path / "map.tif"
@@ -287,6 +333,19 @@ def test_options_that_agree_with_the_file_are_taken(tmp_path: Path) -> None:
     assert read(tmp_path / "map.csv", unit="um", pixel=(5.04e-6, 4e-6)).dx == pytest.approx(5e-6, rel=1e-12, abs=0.0)
 
 
+def test_pixel_of_a_field_that_is_too_wide_along_one_axis_gives_way_to_the_option(tmp_path: Path) -> None:
+    (tmp_path / "map.csv").write_text("dx = 5 um\ndy = 4 m\nunit = um\n1 2\n3 4\n")
+    assert read(tmp_path / "map.csv", pixel=(5e-6, 4e-6)).dy == pytest.approx(4e-6, rel=1e-12, abs=0.0)
+
+
+def test_one_height_that_no_field_has_is_a_number_without_a_height(tmp_path: Path) -> None:
+    z = np.zeros((20, 20))
+    z[3, 4] = 1e10
+    np.save(tmp_path / "map.npy", z)
+    with pytest.raises(HeightMapError, match=r"from 0 to 1e\+10 µm on a field 100 µm wide"):
+        read(tmp_path / "map.npy", unit="um", pixel=5e-6)
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npy", "npz", "tif", "sdf", "sur", "x3p", "xyz123"])
 def test_rubbish_and_absence_are_reported_with_the_path(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map.{suffix}"
@@ -303,6 +362,9 @@ def test_map_of_another_shape_or_size_is_refused(tmp_path: Path) -> None:
         read(tmp_path / "map.npy", unit="um", pixel=5e-6)
     found = HeightMap(np.array([[1.0, np.inf], [-np.inf, 2.0]]), 1e-6, 2e-6)
     assert found.valid.tolist() == [[True, False], [False, True]]
+    assert np.isnan(found.z).tolist() == [[False, True], [True, False]]
+    with pytest.raises(ValueError, match="read-only"):
+        found.z[0, 0] = 2.0
     for dx, dy in ((0.0, 1.0), (1.0, -1.0), (np.inf, 1.0), (1.0, np.nan)):
         with pytest.raises(HeightMapError, match=r"height map: the pixel size d[xy] is .* m; needs a length above 0"):
             HeightMap(Z, dx, dy)

@@ -101,6 +101,24 @@ def test_cell_that_was_not_measured_keeps_its_last_valid_height(tmp_path: Path) 
     assert np.argwhere(~outputs["valid"]).tolist() == [[4, 4]]
 
 
+def test_later_files_may_come_once_the_print_has_begun_and_what_a_step_gave_stays(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    scan(part, 0)
+    write(tmp_path, 0)
+    write(tmp_path, 1)
+    outputs = scan(part, 0)
+    assert outputs["layers_scanned"] == 0
+    outputs["measured_height"][:] = 7.0
+    assert scan(part, 0)["measured_height"].max() < 1.0
+
+
+def test_recorded_scans_may_be_the_same(tmp_path: Path) -> None:
+    part = profiler(tmp_path, replay=True)
+    for layer in (0, 1):
+        write(tmp_path, layer, surface(0))
+        assert scan(part, layer)["layers_scanned"] == layer
+
+
 def test_channel_names_one_of_several_maps(tmp_path: Path) -> None:
     both = {"z_um": surface(0), "other_um": surface(7), "pixel_um": JOB.pitch * 1e6}
     np.savez(tmp_path / "0.npz", **both)

@@ -18,7 +18,7 @@ from inkloop.metrology.datum import level, plane, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import _points, fit_to_surface
 from inkloop.metrology.placement import Placement
-from inkloop.metrology.registration import Registration, _box, cell_means, from_fiducials
+from inkloop.metrology.registration import CellMeans, Registration, _box, cell_means, from_fiducials
 from inkloop.units import M_PER_UM
 from support.examples import examples
 from support.fine_maps import covering, fine_map
@@ -124,6 +124,34 @@ def test_fiducials_find_the_registration_again(
     np.testing.assert_allclose(found.to_grid(on_map[:, 0], on_map[:, 1]), on_grid.T, atol=1e-12)
 
 
+def test_first_pixel_has_its_place() -> None:
+    map_ = HeightMap(np.random.default_rng(5).random((12, 10)), PITCH / 2, PITCH / 2)
+    moved = replace(map_, x0=2 * PITCH, y0=PITCH)
+    found, expected = (
+        cell_means(moved, Registration(), 9, 8, PITCH),
+        cell_means(map_, Registration(2 * PITCH, PITCH), 9, 8, PITCH),
+    )
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-9)
+    np.testing.assert_allclose(found.share, expected.share, rtol=1e-9, atol=1e-9)
+
+
+def test_map_of_many_pixels_keeps_its_means() -> None:
+    side, rows = 4, 600
+    z = np.arange(rows, dtype=np.float64)[:, None] + np.zeros(rows)
+    registration = Registration(PITCH / side / 2 - PITCH / 2, PITCH / side / 2 - PITCH / 2)
+    found = cell_means(HeightMap(z, PITCH / side, PITCH / side), registration, rows // side, 3, PITCH)
+    np.testing.assert_allclose(found.mean, z.reshape(rows // side, side, rows).mean(axis=1)[:, :3], rtol=1e-9)
+
+
+def test_share_that_is_the_least_one_is_enough() -> None:
+    assert CellMeans(np.ones((1, 2)), np.array([[0.5, 0.49]])).valid(0.5).tolist() == [[True, False]]
+
+
+def test_eleven_places_are_too_few_for_a_fit() -> None:
+    with pytest.raises(HeightMapError, match="11 places were measured; too few"):
+        fit_to_surface(HeightMap(np.eye(11)[:, :1], PITCH, PITCH), np.eye(4), PITCH, Registration(), reach=PITCH)
+
+
 def test_residual_of_fiducials_is_their_distance() -> None:
     """Three on a line, the middle one off by 3 um: the line shifts by 1 um, and 2, 1, 1 um are left."""
     on_map = [[0.0, 0.0], [1e-3, 0.0], [2e-3, 0.0]]
@@ -131,6 +159,10 @@ def test_residual_of_fiducials_is_their_distance() -> None:
     from_fiducials(on_map, on_grid, residual_max=1.415e-6)
     with pytest.raises(HeightMapError, match=r"leaves 1.41 µm rms, 1 µm are allowed; check that they are given"):
         from_fiducials(on_map, on_grid, residual_max=1e-6)
+    from_fiducials(on_map, on_map, residual_max=0.0)
+    corner, other = [[0.0, 0.0], [1e-3, 0.0], [0.0, 1e-3]], [[0.0, 0.0], [1e-3, 0.0], [0.0, -4e-4]]
+    with pytest.raises(HeightMapError, match=r"check that they are given in the same order and in the same unit$"):
+        from_fiducials(corner, other, residual_max=1e-6)
 
 
 @pytest.mark.parametrize(

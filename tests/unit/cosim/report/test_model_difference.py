@@ -48,6 +48,10 @@ def test_device_that_prints_as_the_model_predicts_differs_by_the_resolution(run:
     assert len(found.rows) == run.dataset.sizes["layer"] > 2
     assert all(abs(row.worst) <= RESOLUTION for row in found.rows)
     assert found.model == "LayerDeposition"
+    whole = replace(run, dataset=run.dataset.assign(height=run.dataset.measured_height))
+    going_on = replace(whole, dataset=whole.dataset.assign_attrs(stop_reason="running"))
+    for result, is_known in ((whole, True), (going_on, False)):
+        assert (run_report.Summary.of({"run": result}).difference is not None) == is_known
 
 
 def test_worst_cell_is_found_and_its_growth_is_that_of_one_layer(run: Result) -> None:
@@ -72,6 +76,9 @@ def test_cells_that_were_not_seen_do_not_count(run: Result) -> None:
     assert found is not None
     assert all(row.cell != CELL and abs(row.worst) <= RESOLUTION for row in found.rows)
     assert np.isnan(found.maps[:, CELL[0], CELL[1]]).all()
+    outside = ~run.dataset.mask.values.astype(bool)
+    assert valid[:, outside].any()
+    assert np.isnan(found.maps[:, outside]).all()
 
 
 def test_shadow_of_the_run_is_its_model(run: Result) -> None:
@@ -91,7 +98,9 @@ def test_model_prints_with_the_passes_of_the_printer_and_the_inks_of_the_run(run
     job = job_of(ScenarioFile.model_validate(tomllib.loads(BLOCK)), target, "printer")
     for passes, atol in ((1, 1e-12), (4, 1e-8)):
         expected = run.dataset.measured_height.values - followed(run.dataset, replace(job, passes=passes))
-        is_same = np.allclose(found.maps, np.where(np.isnan(found.maps), np.nan, expected), 0.0, atol, equal_nan=True)
+        is_same = np.allclose(
+            found.maps, np.where(np.isnan(found.maps), np.nan, expected), rtol=0.0, atol=atol, equal_nan=True
+        )
         assert is_same == (passes == 1)
     assert target.inks == 1
     assert _target(run.dataset.assign(ink=run.dataset.pattern)).inks == 2

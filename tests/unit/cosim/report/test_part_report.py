@@ -17,7 +17,7 @@ from inkloop.cli import main
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
 from inkloop.report import part_picture, plot
-from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright
+from inkloop.report.part_flaws import Hole, Narrow, _pieces, holes, narrow_across, narrow_upright
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.report.solid_picture import SOLID_UPRIGHT, view
 from inkloop.scenario.file import Scenario
@@ -48,6 +48,9 @@ def test_missing_faces_are_holes_and_faces_turned_over_are_seams() -> None:
     sizes = [hole.size for hole in holes([Body(box[1:]), Body(box[1:] * 3.0 + 50.0), Body(box[1:] * 2.0 - 50.0)])]
     assert len(sizes) == 3
     assert sizes == sorted(sizes, reverse=True)
+    other = next(k for k in range(12) if len({*map(tuple, box[0])} & {*map(tuple, box[k])}) == 1)
+    (two_at_a_corner,) = holes([Body(np.delete(box, [0, other], axis=0))])
+    assert two_at_a_corner.edges == 6
 
 
 CUBE = parts.box((0.0, 4.0), (0.0, 4.0), 0.0, 4.0)
@@ -244,7 +247,16 @@ def test_wall_of_one_cell_is_narrow_where_it_stands(tmp_path: Path) -> None:
     assert wide.cells_min == 4
     assert set(wide.narrow) == {"walls", "gaps"}  # the gap of two cells between them
     assert wide.narrow["gaps"].cells.sum() == 12
-    assert PartReport.of(scenario, 300e-6).cells_min == 3
+    assert [PartReport.of(scenario, nozzle).cells_min for nozzle in (300e-6, 13 * 1e-4)] == [3, 13]
+
+
+@pytest.mark.parametrize(
+    ("layers", "words"), [(500, ""), (501, "; to try it: a smaller scale, or run.layers_max = 20")]
+)
+def test_print_of_many_layers_is_tried_in_small(layers: int, words: str, tmp_path: Path) -> None:
+    block = f'shape = "cuboid"\nsize_x_um = 300.0\nsize_y_um = 300.0\nheight_um = {7.6 * layers}'
+    lines = list(PartReport.of(with_part(block, tmp_path), None).lines())
+    assert f"layers         about {layers}{words}" in lines
 
 
 def test_heights_between_the_same_ends_are_searched_once(tmp_path: Path) -> None:
@@ -337,6 +349,13 @@ def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
     assert (cut.get_xlabel(), cut.get_ylabel()) == ("x [mm]", "z [µm]")
     assert figure.axes[3].get_ylabel() == "top [µm]"
 
+    wide = PartReport.of(with_part(WALL, tmp_path), 301e-6)
+    part_picture.draw(wide, "wide", tmp_path / "z", ("png",))
+    narrow = np.ma.filled(np.ma.asarray(figures.pop().axes[0].get_images()[1].get_array()), np.nan)
+    both = wide.narrow["walls"].cells | wide.narrow["gaps"].cells
+    assert both.sum() > wide.narrow["walls"].cells.sum()
+    np.testing.assert_array_equal(np.isfinite(narrow), both.T)
+
     two = PartReport.of(with_part(TWO_INKS, tmp_path), None)
     part_picture.draw(two, "two", tmp_path / "y", ("png",))
     above, _, cut, _ = figures[1].axes
@@ -398,6 +417,8 @@ def test_single_row_and_single_gap_are_found() -> None:
     assert marked(gaps) == {(5, j) for j in range(1, 6)}
     assert walls
     assert walls.first == (6 * PITCH, 1 * PITCH, 15e-6)
+    assert gaps
+    assert gaps.first == (5 * PITCH, 1 * PITCH, 15e-6)
 
 
 def test_gap_to_the_edge_of_the_grid_is_none_and_a_limit_of_cells_counts() -> None:
@@ -417,3 +438,17 @@ def test_what_is_lower_than_a_layer_is_found() -> None:
     assert slots
     assert np.isclose(slots.first[2], 30e-6, rtol=1e-9, atol=0.0)
     assert narrow_upright(boxes_of(low), 7.6e-6) == (None, None)
+    cell = slice(2, 3), slice(2, 3)
+    assert narrow_upright(boxes_of((*cell, 0.0, 8.0), (*cell, 16.0, 24.0)), 8e-6) == (None, None), (
+        "as high as the limit"
+    )
+
+
+def test_columns_are_of_one_piece_where_neighbours_share_a_height() -> None:
+    def at(i: int, j: int, bottom: float, top: float) -> tuple[slice, slice, float, float]:
+        return slice(i, i + 1), slice(j, j + 1), bottom, top
+
+    end_and_begin_of_rows = at(0, NY - 1, 0.0, 10.0), at(1, 0, 0.0, 10.0)
+    assert _pieces(boxes_of(*end_and_begin_of_rows)) == 2
+    assert _pieces(boxes_of(at(3, 3, 0.0, 10.0), at(4, 3, 10.0, 20.0))) == 2
+    assert _pieces(boxes_of(at(6, 6, 20.0, 30.0), at(7, 6, 0.0, 5.0), at(7, 6, 20.0, 30.0))) == 2

@@ -465,11 +465,18 @@ def test_lines_that_coincide_are_told_apart_by_their_marks() -> None:
     assert len(axes.lines) == 2 * len(plot.MARKS) + 1
 
 
+def test_scales_are_round_although_values_are_rounded() -> None:
+    assert [plot.round_below(value) for value in (0.7 - 0.2, 0.49, 1.99, 2.0)] == pytest.approx(
+        [0.5, 0.2, 1.0, 2.0], rel=1e-9, abs=0.0
+    )
+
+
+@pytest.mark.parametrize("label", ["closed loop, a long label", f"closed loop{', a label' * 6}"])
 @pytest.mark.parametrize("count", [1, 5, 9])
-def test_legend_fits_into_the_width_of_its_figure(count: int) -> None:
+def test_legend_fits_into_the_width_of_its_figure(count: int, label: str) -> None:
     figure = plot.new_figure(2.0)
     axes = figure.subplots()
-    lines = [axes.plot([0, 1], label=f"closed loop, a long label of run {k}")[0] for k in range(count)]
+    lines = [axes.plot([0, 1], label=f"{label} of run {k}")[0] for k in range(count)]
     plot.outside_legend(figure, lines, [str(line.get_label()) for line in lines])
     [legend] = figure.legends
     assert legend.get_window_extent().width <= figure.bbox.width

@@ -299,7 +299,7 @@ def test_info_says_where_a_run_came_from_and_how_it_ended(tmp_path: Path, capsys
 def test_runs_of_a_folder_are_the_run_itself_and_its_comparison_runs_that_have_ended(tmp_path: Path) -> None:
     run().save(tmp_path)
     for name in ("b", "a", "c"):
-        run(f"run {name}").save(tmp_path / "compare" / name)
+        run(f"run {name}", stop_reason="layers_max").save(tmp_path / "compare" / name)
     record = tmp_path / "compare" / "a" / "run.json"
     record.write_text(json.dumps({**json.loads(record.read_text()), "stop_reason": "running"}))
     assert list(run_report.load_runs(tmp_path)) == ["closed loop", "run b", "run c"]

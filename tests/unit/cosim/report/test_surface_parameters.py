@@ -16,9 +16,11 @@ from support.evaluated import areal, map_of, number, rough
 def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     z, mask = rough(), np.zeros((24, 17), np.uint8)
     mask[4:15, 3:12] = 1
+    mask[4:15, 3] = 255
     z[0, :2] = np.nan  # outside the mask
     np.save(tmp_path / "map.npy", z * 1e6)
     np.save(tmp_path / "mask.npy", mask)
+    np.save(tmp_path / "heights.npy", z)
     (tmp_path / "empty.npy").touch()
     command = ["metrology", str(tmp_path / "map.npy"), "--unit", "um", "--pixel-um", "10"]
     assert main([*command, "--mask", str(tmp_path / "mask.npy"), "--json", "--s-filter-um", "50"]) == 0
@@ -34,10 +36,15 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     assert found["surface"].endswith("stored in um")
     for words in ("root mean square gradient", "S-filter 50 µm", "regression order 1", "least-squares plane"):
         assert words in " ".join(shown.err.split())
+    assert main([*command, "--json", "--s-filter-um", "50", "--filter-order", "0"]) == 0
+    sq = [number(areal(map_of(z), s_filter=5e-5, filter_order=order), "Sq") * 1e6 for order in (0, 1)]
+    assert json.loads(capsys.readouterr().out)["Sq_um"] == pytest.approx(sq[0], rel=1e-9, abs=0.0)
+    assert sq[0] != pytest.approx(sq[1], rel=1e-4, abs=0.0)
     for wrong, message in (
         (["--mask", "part"], "only a run knows its part"),
         (["--mask", str(tmp_path / "none.npy")], "is no mask that can be read"),
         (["--mask", str(tmp_path / "empty.npy")], "is no mask that can be read"),
+        (["--mask", str(tmp_path / "heights.npy")], "holds no mask; expected an array of booleans"),
         (["--layer", "1"], "leave --layer out"),
         (["--missing", "40"], "--missing is 40; expected a share from 0 to 1"),
         (["--channel", "Height"], "channel (--channel) is 'Height'; expected one of 1 'the array'"),

@@ -20,7 +20,7 @@ from inkloop_lab.sweep.dataset import coordinate
 from inkloop_lab.sweep.figures import METRICS
 from inkloop_lab.sweep.folder import StudyFolder
 from inkloop_lab.sweep.plan import PointsPlan, seeds_wanted, standard_error
-from inkloop_lab.sweep.report import report
+from inkloop_lab.sweep.report import _picture, report
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.tables import Until
 from inkloop_lab.sweep.task import Bundle, Record, Task, failed
@@ -89,6 +89,13 @@ def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path:
     assert len(pictures) == text.count("<img") > 1
     assert all((tmp_path / "out" / name).is_file() for name in pictures)
     assert "<caption>mean over the seeds, ± its standard error</caption>" in text
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_page_links_to_pictures_that_browsers_do_not_show(suffix: str) -> None:
+    shown = _picture(Path("out", f"main-effects.{suffix}"))
+    assert f'<a href="main-effects.{suffix}">' in shown
+    assert ("<img" in shown) == (suffix != "pdf")
 
 
 def test_print_without_a_whole_file_is_printed_again(tmp_path: Path) -> None:

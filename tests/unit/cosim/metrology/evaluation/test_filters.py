@@ -7,8 +7,10 @@ from math import log, pi, sqrt
 import numpy as np
 import pytest
 
-from inkloop.metrology.evaluation.definitions import Axis, FilterOrder
+from inkloop.metrology.evaluation.definitions import Axis, FilterOrder, Treatment
 from inkloop.metrology.evaluation.filters import cutoff_error, gaussian
+from inkloop.metrology.evaluation.surface import s_filtered
+from inkloop.metrology.height_map import HeightMap
 from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, surface_of, wave
 
 HOLES = np.random.default_rng(5).random((24, 17)) > 0.15
@@ -74,6 +76,20 @@ def test_s_and_l_filters_divide_the_waves() -> None:
     assert high == pytest.approx(sqrt((A / 4) ** 2 + (A * 0.074) ** 2) / sqrt(2), rel=0.02, abs=0.0)
 
 
+def test_filters_of_surfaces_have_the_order_that_is_wanted() -> None:
+    z, used = rough(), np.ones((24, 17), np.bool_)
+    orders: tuple[FilterOrder, ...] = (0, 1)
+    smooth = {order: gaussian(z, used, (STEP, STEP), 8 * STEP, order=order) for order in orders}
+    for order, expected in smooth.items():
+        how = Treatment("none", s_filter=8 * STEP, filter_order=order)
+        filtered = s_filtered(map_of(z), how)
+        assert isinstance(filtered, HeightMap)
+        assert np.allclose(filtered.z, expected, rtol=0.0, atol=1e-15)
+        heights = surface_of(map_of(z), f_operation="none", s_filter=8 * STEP, filter_order=order).z
+        assert np.allclose(heights, expected - expected.mean(), rtol=0.0, atol=1e-15)
+    assert np.abs(smooth[1] - smooth[0]).max() > 1e-7
+
+
 def test_heights_are_counted_from_their_mean() -> None:
     """Which an L-filter moves away from zero."""
     heights = surface_of(map_of(np.where(HOLES, rough(), np.nan)), f_operation="plane", l_filter=6 * STEP).heights
@@ -87,4 +103,5 @@ def test_filters_that_do_not_fit_are_refused() -> None:
     used = np.ones((60, 60), np.bool_)
     assert "narrower than 4 cells of 20 µm" in (cutoff_error(used, (STEP, 2 * STEP), 6 * STEP) or "")
     assert cutoff_error(used, (STEP, 2 * STEP), 8 * STEP) is None
+    assert cutoff_error(np.ones((60, 30), np.bool_), (STEP, STEP), 30 * STEP) is None
     assert "leaves nothing between" in reason(areal(map_, s_filter=20 * STEP, l_filter=20 * STEP), "Sa")

@@ -88,6 +88,7 @@ def test_a_frustum_has_its_wall_and_its_circle(angle_deg: float) -> None:
         assert number(values, f"roundness_{method}") < 0.1 * STEP
     turned = form(Subject(map_of(np.rot90(z)), np.rot90(mask)))
     check_same(turned, values, rel=1e-6)
+    check_same(form(Subject(map_of(z[::-1]), mask[::-1])), values, rel=1e-6)
 
 
 def test_a_wall_that_cells_cannot_resolve_has_no_angle() -> None:
@@ -109,6 +110,7 @@ def test_an_oval_outline_has_its_roundness_and_a_square_is_no_circle() -> None:
     angle = np.linspace(0.0, 2 * pi, 100_000, endpoint=False)
     lengths = np.hypot(31.5 * np.sin(angle), 30.0 * np.cos(angle))
     radius = np.average(np.hypot(31.5 * np.cos(angle), 30.0 * np.sin(angle)), weights=lengths)  # along the outline
+    assert "narrower than one pitch of 40 µm" in reason(oblong, "wall_angle_ls")
     assert number(oblong, "radius_ls") == pytest.approx(radius * STEP, rel=1.5e-3, abs=0.0)
     square = np.clip(20 * STEP - np.maximum(abs(x), abs(y)) + H / 2, 0.0, H)
     assert "is no circle" in reason(form(Subject(map_of(square), square > H / 2)), "radius_mz")
@@ -157,6 +159,7 @@ def test_form_that_is_not_there_is_refused() -> None:
         (Subject(map_of(bare), mask), "step_height_ls", "no step stands out"),
         (Subject(map_of(z)), "parallelism_ls", "0 cells with heights lie more than 2 cells outside the mask"),
         (Subject(map_of(z), mask, target=sloping), "step_height_mz", "the target is not flat"),
+        (Subject(map_of(z), mask, target=np.where(mask, H + (sloping - H) / 100.0, 0.0)), "step_height_ls", "not flat"),
         (Subject(map_of(-z), mask), "step_height_mz", "no step stands out"),
         (Subject(map_of(z[15:]), mask[15:]), "radius_ls", "is not closed"),
         (Subject(map_of(gap), mask), "radius_mz", "is not closed"),
@@ -182,6 +185,21 @@ def test_form_is_that_of_the_heights_after_the_s_filter() -> None:
         assert number(found, symbol) != pytest.approx(number(rough_one, symbol), rel=1e-5, abs=0.0)
 
 
+def test_one_wrong_height_beside_the_part_hides_no_wall() -> None:
+    z, mask = frustum()
+    z[0, 0] = -1.0
+    assert number(form(Subject(map_of(z), mask, start=np.zeros_like(z))), "radius_ls") > 0.0
+
+
+def test_a_substrate_needs_fifty_cells() -> None:
+    z, mask = np.full((60, 40), np.nan), np.zeros((60, 40), bool)
+    mask[12:42, 10:30] = True
+    z[mask], z[50:55, 10:20] = H, 0.0
+    check(form(Subject(map_of(z), mask)), {"step_height_ls": H}, rel=1e-9)
+    z[50, 10] = np.nan
+    assert reason(form(Subject(map_of(z), mask)), "step_height_ls").startswith("49 cells with heights lie more than 2")
+
+
 def test_a_step_needs_fifty_cells_in_the_middle_of_its_top() -> None:
     """Of 15 x 20 cells those that are six or more from the edge: 5 x 10."""
     z, mask = np.zeros((40, 40)), np.zeros((40, 40), bool)
@@ -196,7 +214,7 @@ def test_a_step_needs_fifty_cells_in_the_middle_of_its_top() -> None:
 def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
     z, mask = frustum()
     start, target = np.full_like(z, 1e-6), np.where(mask, H, 0.0)
-    subject = Subject(map_of(z + start), mask, target, start, droplets=40)
+    subject = Subject(map_of(z + start, STEP / 2, 2 * STEP), mask, target, start, droplets=40)
     values = found(subject, "volume")
     printed = z[mask].sum() * STEP**2
     wanted = (H - 1e-6) * mask.sum() * STEP**2

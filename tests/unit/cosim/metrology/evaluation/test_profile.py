@@ -95,6 +95,9 @@ def test_ripples_below_a_tenth_of_the_peaks_are_no_elements() -> None:
         values, _ = profiles(A * row[:, None] * np.ones(3), f_operation="none")
         length = number(values, "Psm") / STEP
         assert length == pytest.approx(PERIOD, rel=1e-3, abs=0.0) if expected else length < 0.5 * PERIOD
+    period = np.repeat([1.0, -0.175, 0.05, -0.175], [5, 10, 5, 20])  # the ripple is below a tenth of the hills only
+    values, _ = profiles(A * np.tile(period, 20)[:, None] * np.ones(3), f_operation="none")
+    check(values, {"Psm": PERIOD * STEP}, rel=1e-9)
 
 
 @pytest.mark.parametrize("l_filter", [None, 20 * STEP])
@@ -132,6 +135,7 @@ def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
     cells = round(evaluated.length / STEP)
     half = (cells - 1) / 2
     assert 0.5 <= evaluated.count / evaluated.rows < 0.6
+    assert str(evaluated).startswith(f"{evaluated.count} of {evaluated.rows} rows along x")
     assert number(values, "Pt") == pytest.approx(1e-9 * half**2, rel=0.1, abs=0.0)
     z = np.where(j == 5, np.nan, wave(61, 61))
     one, _ = profiles(z, "y", f_operation="none")
@@ -158,6 +162,7 @@ def test_profiles_that_are_too_short_are_refused() -> None:
     values, evaluated = found_on_profiles(Subject(map_of(rough((9, 40)))), "x", Treatment())
     assert evaluated is None
     assert "less than 10 cells" in reason(values, "Pa")
+    assert found_on_profiles(Subject(map_of(rough((10, 40)))), "x", Treatment())[1] is not None
     values, _ = found_on_profiles(Subject(map_of(rough((60, 40)))), "y", Treatment(l_filter=41 * STEP))
     assert "wider than the cells" in reason(values, "Rz")
     i, j = np.indices((60, 40))
@@ -172,4 +177,6 @@ def test_profiles_say_how_many_rows_and_sections_they_are() -> None:
     _, whole = found_on_profiles(subject, "y")
     assert str(whole) == "60 of 60 rows along y, evaluation length 170 µm, primary profiles"
     _, sections = found_on_profiles(subject, "x", Treatment(l_filter=2e-4))
+    _, thirds = found_on_profiles(subject, "x", Treatment(l_filter=3e-4))
+    assert str(thirds) == "17 of 17 rows along x, evaluation length 600 µm, 2 section lengths"
     assert str(sections) == "17 of 17 rows along x, evaluation length 600 µm, 3 section lengths"

@@ -47,6 +47,19 @@ def test_a_gaussian_texture_has_its_lengths(sigma: tuple[float, float]) -> None:
     assert number(found, "Str") == pytest.approx(min(sigma) / max(sigma), rel=0.25, abs=0.0)
 
 
+def test_the_finer_pitch_limits_lengths_and_the_coarser_one_the_lay() -> None:
+    found = areal(map_of(texture((1.0, 1.0)), STEP, 3 * STEP), f_operation="none")
+    assert number(found, "Sal") == pytest.approx(2 * sqrt(log(5)) * STEP, rel=0.08, abs=0.0)
+    strip = areal(map_of(texture((8, 8), (200, 6)), STEP, 2 * STEP))
+    assert "the longest lag in the narrowest direction is 4.0 steps; needs 5" in reason(strip, "Std")
+    i, j = np.indices((90, 90))
+    z = 1.5 * np.sin(2 * pi * i / 3) + np.sin(
+        2 * pi * j / 5
+    )  # periods of 3 and of 10 steps, of which pixels along y have 2
+    std = degrees(number(areal(map_of(A * z, STEP, 2 * STEP), f_operation="none"), "Std"))
+    assert min(std, 180 - std) < 1.5
+
+
 @pytest.mark.parametrize("angle", [0, 30, 90, 155])
 def test_the_lay_has_its_direction(angle: int) -> None:
     """Ridges at an angle from x towards y, on a disc, with pixels that are no squares."""

@@ -16,10 +16,18 @@ from inkloop.metrology.evaluation.table import parameters
 from inkloop.report.page import charts
 from inkloop.report.page.charts import ErrorScale
 from inkloop.report.page.curves import by_layer, distribution, final_error
-from inkloop.report.page.maps import Blocks, LayerMaps, block_for, final_errors, packed, step_um
-from inkloop.report.page.page import ENDS, LOG_LINES, state
+from inkloop.report.page.maps import (
+    BYTES_OF_A_CELL_AND_LAYER,
+    Blocks,
+    LayerMaps,
+    block_for,
+    final_errors,
+    packed,
+    step_um,
+)
+from inkloop.report.page.page import ENDS, LOG_LINES, as_json, first_block, state
 from inkloop.results.result import Result
-from support.pages import HEIGHT, MASK, PATTERN, TARGET, content_of, plate, shown, unpacked
+from support.pages import HEIGHT, HOSTILE, MASK, PATTERN, TARGET, content_of, plate, shown, unpacked
 
 HALF_A_STEP: dict[str, Any] = {"rtol": 0.0, "atol": 0.0051}
 
@@ -130,6 +138,31 @@ def test_layer_that_was_not_scanned_yet_gets_its_heights_with_the_next_one() -> 
     np.testing.assert_array_equal(maps.heights[1], maps.heights[0])
     maps.extend(run)
     np.testing.assert_array_equal(maps.heights, LayerMaps(run, 1).heights)
+    rest = unpacked(maps.packed(2)["heights"])
+    np.testing.assert_array_equal(rest, maps.heights[2:] - maps.heights[1:2])
+    late = run.copy(deep=True)
+    late["height"][2] = np.nan
+    np.testing.assert_array_equal(LayerMaps(late, 1).heights, maps.heights[[0, 1, 1]])
+
+
+def test_range_of_heights_has_the_ground_and_the_target() -> None:
+    raised, low = (plate().dataset.copy(deep=True) for _ in range(2))
+    raised["height"] = raised["height"] + 5e-6
+    raised["target_height"] = raised["target_height"] + 5e-6
+    assert LayerMaps(raised, 1).range_um[0] == 0.0
+    low["height"] = 0.5 * low["height"]
+    assert LayerMaps(low, 1).range_um[1] == pytest.approx(20.0, rel=1e-6, abs=0.0)
+
+
+def test_blocks_leave_room_for_the_layers_that_will_come() -> None:
+    runs, room = {"a": plate()}, 3.0 * BYTES_OF_A_CELL_AND_LAYER * MASK.size
+    assert [first_block(runs, room, layers) for layers in (0, 3, 4)] == [1, 1, 2]
+
+
+def test_content_has_no_markup() -> None:
+    text = as_json({"title": HOSTILE})
+    assert not set("<>&") & set(text)
+    assert json.loads(text) == {"title": HOSTILE}
 
 
 def test_heights_of_tall_parts_have_coarser_steps_and_large_maps_larger_blocks() -> None:
@@ -237,6 +270,11 @@ def test_scale_of_errors_is_that_of_all_runs_with_round_numbers_on_both_sides() 
     np.testing.assert_allclose([axis["cmin"], axis["cmax"]], np.arcsinh([-30 / 0.7, 30 / 0.7]), rtol=1e-12)
     assert (axis["colorscale"][0], axis["colorscale"][-1]) == ("#67001f", "#053061")
     assert ErrorScale.of([np.zeros(0)]).limit > 0.0
+    assert ErrorScale.of([np.full(9, 0.01), np.full(9, 800.0)]).width == pytest.approx(2.0, rel=1e-9, abs=0.0)
+    exact = distribution({"exact": np.zeros(9), "near": np.ones(9)})
+    assert [line.name for line in exact.data] == ["exact", "near"]
+    (level,) = distribution({"level": np.full(9, 3.0)}).data
+    assert level.x[0] < 3.0 < level.x[-1]
 
 
 @pytest.mark.parametrize(
