@@ -274,14 +274,6 @@ def test_late_answers_belong_to_nothing_any_more(node: int, service: int, count:
         assert (wire.left < count, link.counts.restarted) == (True, 0)
 
 
-def test_late_answer_to_a_question_is_not_that_of_the_same_question_asked_again(bench: NodeBench) -> None:
-    wire = LateWire(bench, HEAD, 0x62, 1)
-    link = wire.link()
-    assert link.state().state is State.IDLE
-    assert bench.download(pattern_blob(random_pattern(9)[:, :8]), 1) == 0
-    assert link.state().state is State.VERIFIED
-
-
 class BrokenOff(FaultyWire):
     """The wait for the first short answer ends with Ctrl-C; that answer comes after the next request."""
 
