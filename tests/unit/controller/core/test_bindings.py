@@ -295,15 +295,18 @@ def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
     )
 
 
-def test_finished_search_leaves_nothing_to_another_one() -> None:
+@pytest.mark.parametrize(
+    ("seed", "nx", "ny", "alpha", "layers"),
+    [(14, 70, 66, 1.0, 1), (1, 400, 12, 1.0, 1), (2, 70, 66, 0.7, 1), (4, 70, 66, 1.0, 2), (5, 70, 66, 0.2, 2)],
+)
+def test_finished_search_leaves_nothing_to_another_one(seed: int, nx: int, ny: int, alpha: float, layers: int) -> None:
     """On grids of several tiles, with and without the standard deviation, which every change alters everywhere."""
-    for seed, alpha, layers in ((1, 1.0, 1), (2, 0.7, 1), (3, 0.2, 1), (4, 1.0, 2), (5, 0.2, 2)):
-        height, target = rough(seed, 70, 66)
-        wanted = problem(height, target + (layers - 1) * 7.6e-6, alpha, layers=layers)
-        found = search(wanted, everything(70, layers, 66), sweeps_max=1000)
-        again = search(wanted, found.plan, sweeps_max=1000)
-        assert found.status is again.status is SearchStatus.DONE
-        assert (again.flips, again.swaps, again.shifts) == (0, 0, 0)
+    height, target = rough(seed, nx, ny)
+    wanted = problem(height, target + (layers - 1) * 7.6e-6, alpha, layers=layers)
+    found = search(wanted, everything(nx, layers, ny), sweeps_max=1000)
+    again = search(wanted, found.plan, sweeps_max=1000)
+    assert found.status is again.status is SearchStatus.DONE
+    assert (again.flips, again.swaps, again.shifts) == (0, 0, 0)
 
 
 WORD = 2**64
