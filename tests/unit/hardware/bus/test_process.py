@@ -332,6 +332,13 @@ def test_unplugged_adapter_is_opened_again_also_with_the_lamp_enabled(
     assert said(process)[-1] == (Kind.DISCONNECTED, b"")
 
 
+def test_first_failure_is_the_one_that_is_told(process: BusProcess) -> None:
+    for error in (BusError("unplugged"), BusError("closed"), ValueError("no number")):
+        process._guarded(Mock(side_effect=error))
+        assert process.failure == "unplugged"
+        assert process.over.is_set()
+
+
 def test_adapter_that_is_gone_gets_no_frame_and_begins_no_heartbeat(process: BusProcess) -> None:
     commands = io.BytesIO()
     write_message(commands, Kind.ALIVE, b"\0")  # type: ignore[arg-type]

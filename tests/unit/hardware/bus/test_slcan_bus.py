@@ -157,6 +157,10 @@ def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line)
     malformed, refused = line.bus.malformed, line.bus.refused
     line.heard(b"\a\az\rZ\r\rV1013\r\a")
     assert (line.bus.malformed, line.bus.refused) == (malformed, refused + 3)
+    line.heard(b"hello\r")
+    found = Adapter(BusSettings("slcan", "/dev/ttyACM0"), line.bus).complaints()
+    assert found["malformed lines of the adapter"] == malformed + 1
+    assert found["commands that the adapter refused"] == refused + 3
 
 
 def test_adapter_that_refuses_for_a_while_and_confirms_nothing_is_off_the_bus(
