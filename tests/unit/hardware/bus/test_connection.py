@@ -102,15 +102,14 @@ def test_frames_that_wait_give_way_to_newer_ones(
     bus.close()
 
 
-def test_no_frame_of_many_is_left_out_and_a_message_of_them_fits_into_a_pipe(
-    bus: BusConnection, process: Process
-) -> None:
+def test_no_frame_of_many_is_left_out_and_a_message_of_them_fits_into_a_pipe(process: Process) -> None:
+    process.sends(Kind.OPENED)
+    bus = BusConnection(BusSettings("virtual", "test"), 5, 7, ANSWERS)
     frames = [Frame(0x640, bytes([number])) for number in range(2 * FRAMES_AT_ONCE + 1)]
     bus.send(frames)
+    bus.close()
     sent: list[list[Frame]] = []
-    while sum(map(len, sent)) < len(frames):
-        message = read_message(process.taken)
-        assert message is not None
+    while (message := read_message(process.taken)) is not None:
         if message[0] is Kind.FRAMES:
             sent.append([frame for _, frame in unpack_frames(message[1])])
     assert [frame for some in sent for frame in some] == frames
