@@ -144,6 +144,17 @@ def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: byte
     assert line.bus.malformed == before + 1
 
 
+def test_longest_frame_with_its_time_stamp_is_read() -> None:
+    data = bytes(range(64))
+    text = f"B1ABCDEF0F{data.hex().upper()}12AB\r".encode()
+    bus = BulkSlcanBus.__new__(BulkSlcanBus)
+    bus._is_shutdown = True
+    bus.begin_reading(fd=True)
+    bus.take(text + text)
+    assert [(one.arbitration_id, bytes(one.data)) for one in bus.waiting] == 2 * [(0x1ABCDEF0, data)]
+    assert bus.malformed == 0
+
+
 def test_rest_of_a_line_that_is_too_long_is_no_frame(line: Line) -> None:
     before = line.bus.malformed
     line.bus.take(b"x" * (LINE_MAX + 1))
