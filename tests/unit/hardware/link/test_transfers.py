@@ -39,6 +39,17 @@ def bench() -> Iterator[NodeBench]:
         yield made.ready()
 
 
+def test_block_doubles_as_often_as_eight_went_through() -> None:
+    size = BlockSize(4095)
+    for _ in range(3):
+        size.was_lost()
+    lowest, found = size.bytes, []
+    for _ in range(24):
+        size.went_through()
+        found.append(size.bytes // lowest)
+    assert found[6:24:8] + found[7:24:8] == [1, 2, 4, 2, 4, 8]
+
+
 def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
     size = BlockSize(4095)
     assert size.is_whole
