@@ -15,6 +15,7 @@ static const Tile ALL = {0, NX, 0, NY};
 
 static const Ink KINDS[3] = {{4.4e-6, 0.6e-6, 0.2e-6}, {3.9e-6, 0.55e-6, 0.15e-6}, {8.8e-6, 1.2e-6, 0.4e-6}};
 static const int32_t ORDER[4] = {2, 0, 3, 1};
+static const double ALPHAS[4] = {0.3, 1.0, 0.0, 0.05};
 
 static double height[CELLS], target[CELLS], ceiling[CELLS], weight[CELLS];
 static uint8_t part[CELLS];
@@ -36,7 +37,7 @@ static HorizonProblem random_problem(uint64_t seed) {
                               .weight = weight,
                               .choices = choices,
                               .kinds = 1 + (seed / 2) % 3,
-                              .alpha = 0.3,
+                              .alpha = ALPHAS[seed / 4 % 4],
                               .overshoot = 1.0 + (double)(seed % 5),
                               .ceiling_cost = seed % 4 == 1 ? 10.0 : 1e5,
                               .droplet_std = (seed / 6) % 2 ? 0.2 : 0.0,

@@ -155,6 +155,52 @@ def test_batch_of_flips_never_raises_the_objective() -> None:
     assert found.progress.evaluations == 144 + 72, "then half of them"
 
 
+def searched_as_published(wanted: HorizonProblem, plan: Any, batch: int, seed: int) -> tuple[Any, int, int, int]:
+    """The plan, and how often the places were gone through, flips tried and flips made (Lu, Zheng, Mishra 2015)."""
+    plan, draws, passes, tried, made = plan.copy(), 0, 0, 0, 0
+    order = np.flatnonzero(wanted.choices)
+    improved = True
+    while improved:
+        improved = False
+        passes += 1
+        for left in range(len(order), 1, -1):
+            picked = drawn(seed, draws) % left
+            draws += 1
+            order[[picked, left - 1]] = order[[left - 1, picked]]
+        first = 0
+        while first < len(order):
+            places, now = order[first : first + batch], value(wanted, plan)
+            first += len(places)
+            tried += len(places)
+            marked = [place for place in places if value(wanted, flipped(plan, [place])) < now - 1e-15]
+            improved = improved or bool(marked)
+            together = flipped(plan, marked)
+            if len(marked) == 1 or value(wanted, together) < now:
+                plan, made = together, made + len(marked)
+            elif marked:
+                batch = max(1, batch // 2)
+    return plan, passes, tried, made
+
+
+def flipped(plan: Any, places: Any) -> Any:
+    changed = plan.copy()
+    changed.flat[places] = 1 - changed.flat[places]
+    return changed
+
+
+@pytest.mark.parametrize(("layers", "alpha", "batch"), [(1, 1.0, 20), (1, 0.5, 7), (2, 0.7, 16)])
+def test_papers_search_goes_through_the_places_as_published(layers: int, alpha: float, batch: int) -> None:
+    """Places where nothing may fall are no places."""
+    height, target = rough(9, 6, 9)
+    choices = (np.random.default_rng(9).random((layers, 6, 9)) < 0.8).astype(np.uint16)
+    wanted = problem(height, target + (layers - 1) * 7.6e-6, alpha, layers=layers, choices=choices)
+    start = np.zeros((layers, 6, 9), np.int32)
+    found = bindings.paper_search(wanted, start, batch, 100_000, 5)
+    plan, passes, tried, made = searched_as_published(wanted, start, batch, 5)
+    np.testing.assert_array_equal(found.plan, plan)
+    assert (found.progress.sweeps, found.progress.evaluations, found.progress.flips) == (passes, tried, made)
+
+
 def test_droplet_may_stay_on_its_cell() -> None:
     wanted = problem(np.zeros((20, 20)), np.full((20, 20), 4e-6), kinds=(Ink(4e-6, 0.0, 0.0),))
     assert value(wanted, everything()) == pytest.approx(0.0, abs=1e-15)
@@ -215,6 +261,16 @@ def test_tiles_side_by_side_never_raise_the_objective() -> None:
     assert values == sorted(values, reverse=True)
     assert values[-1] < 0.7 * values[0]
 
+    annealed_once: list[float] = []
+    search(
+        wanted,
+        start,
+        sweeps_max=0,
+        annealing_sweeps=1,
+        after_sweep=lambda progress: annealed_once.append(progress.value) or False,
+    )
+    assert annealed_once[0] > 1.02 * values[0], "annealing may raise it: no tile is taken back"
+
 
 @pytest.mark.parametrize("orders", [(), ((0, 3, 1, 2), (2, 1, 3, 0))])
 def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
@@ -237,6 +293,91 @@ def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
     assert found.value == pytest.approx(
         0.6 * (found.error + found.over_ceiling) + 0.4 * found.deviation, rel=1e-12, abs=0.0
     )
+
+
+@pytest.mark.parametrize(
+    ("seed", "nx", "ny", "alpha", "layers"),
+    [(14, 70, 66, 1.0, 1), (1, 400, 12, 1.0, 1), (2, 70, 66, 0.7, 1), (4, 70, 66, 1.0, 2), (5, 70, 66, 0.2, 2)],
+)
+def test_finished_search_leaves_nothing_to_another_one(seed: int, nx: int, ny: int, alpha: float, layers: int) -> None:
+    """On grids of several tiles, with and without the standard deviation, which every change alters everywhere."""
+    height, target = rough(seed, nx, ny)
+    wanted = problem(height, target + (layers - 1) * 7.6e-6, alpha, layers=layers)
+    found = search(wanted, everything(nx, layers, ny), sweeps_max=1000)
+    again = search(wanted, found.plan, sweeps_max=1000)
+    assert found.status is again.status is SearchStatus.DONE
+    assert (again.flips, again.swaps, again.shifts) == (0, 0, 0)
+
+
+WORD = 2**64
+
+
+def mixed(word: int) -> int:
+    """The finaliser of SplitMix64 (Steele, Lea, Flood 2014)."""
+    word = (word ^ word >> 30) * 0xBF58476D1CE4E5B9 % WORD
+    word = (word ^ word >> 27) * 0x94D049BB133111EB % WORD
+    return word ^ word >> 31
+
+
+def drawn(key: int, counter: int) -> int:
+    return mixed((mixed(key) + (counter + 1) * 0x9E3779B97F4A7C15) % WORD)
+
+
+def annealed(wanted: HorizonProblem, plan: Any, sweeps: int, seed: int) -> tuple[list[float], list[int]]:
+    """Objective after each sweep of Metropolis's rule, and proposals, flips and shifts; temperatures fall from 0.2 to
+    0.01 of the worth of the tallest droplet."""
+    plan, values, counts = plan.copy(), [], [0, 0, 0]
+    layers, nx, ny = plan.shape
+    worth = max(kind.h1 for kind in wanted.kinds) / wanted.part.sum()
+    now = value(wanted, plan)
+    for sweep in range(sweeps):
+        temperature = worth * (0.2 * 0.05 ** (sweep / (sweeps - 1)) if sweeps > 1 else 0.01)
+        key = drawn(seed, sweep)
+        for i, j, above in np.ndindex(nx, ny, layers):
+            layer = layers - 1 - above
+            first = 3 * ((layer * nx + i) * ny + j)
+            own, changed = plan[layer, i, j], plan.copy()
+            is_shift = layers > 1 and drawn(key, first) >> 11 < 2**52
+            if is_shift:
+                other = (layer + 1 + drawn(key, first + 1) % (layers - 1)) % layers
+                changed[[layer, other], i, j] = plan[[other, layer], i, j]
+            else:
+                allowed = [0, *(1 + k for k in range(len(wanted.kinds)) if wanted.choices[layer, i, j] >> k & 1)]
+                others = [one for one in allowed if one != own]
+                changed[layer, i, j] = others[drawn(key, first + 1) % len(others)] if others else own
+            allows = (2 * wanted.choices[:, i, j].astype(int) + 1) >> changed[:, i, j] & 1
+            if (changed == plan).all() or not allows.all():
+                continue
+            counts[0] += 1
+            after = value(wanted, changed)
+            if after < now or (drawn(key, first + 2) >> 11) * 2.0**-53 < np.exp((now - after) / temperature):
+                plan, now = changed, after
+                counts[1 + is_shift] += 1
+        values.append(now)
+    return values, counts
+
+
+@pytest.mark.parametrize(("sweeps", "layers", "alpha"), [(1, 2, 1.0), (6, 1, 1.0), (6, 1, 0.6), (8, 3, 0.6)])
+def test_annealing_takes_each_change_by_the_rule_of_metropolis(sweeps: int, layers: int, alpha: float) -> None:
+    height, target = rough(6, 5, 7)
+    kinds = (INK, Ink(8.8e-6, 1.2e-6, 0.4e-6), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+    choices = np.random.default_rng(6).integers(0, 8, (layers, 5, 7)).astype(np.uint16)
+    wanted = problem(height, target + (layers - 1) * 4e-6, alpha, layers=layers, kinds=kinds, choices=choices)
+    start = np.zeros((layers, 5, 7), np.int32)
+    values: list[float] = []
+    found = search(
+        wanted,
+        start,
+        sweeps_max=0,
+        annealing_sweeps=sweeps,
+        seed=11,
+        after_sweep=lambda progress: values.append(progress.value) or False,
+    )
+    expected, counts = annealed(wanted, start, sweeps, 11)
+    assert values == pytest.approx(expected, rel=1e-9, abs=0.0)
+    assert [found.evaluations, found.flips, found.shifts] == counts
+    assert found.incremental == pytest.approx(found.objective.value, rel=1e-9, abs=0.0)
+    assert found.objective.value == pytest.approx(min([*expected, value(wanted, start)]), rel=1e-9, abs=0.0)
 
 
 def test_two_layers_that_made_a_surface_are_recovered() -> None:
@@ -301,6 +442,7 @@ def test_annealing_that_is_stopped_returns_the_best_plan_so_far() -> None:
     found = search(wanted, start.plan, sweeps_max=100, annealing_sweeps=50, after_sweep=after_sweep)
     assert min(values) > start.objective.value, "hot"
     np.testing.assert_array_equal(found.plan, start.plan)
+    assert found.incremental == found.objective.value == start.objective.value
 
 
 def test_only_the_moves_asked_for_are_made() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,27 @@ def test_error_diffusion_is_that_of_its_numpy_statement(seed: int) -> None:
     for problem in (uneven(3, 1, seed), grey, odd, rough((12, 11), 1)):
         droplets = rng.uniform(0.0, 1.2, problem.choices.shape) * relaxation_numpy.most(problem)
         np.testing.assert_array_equal(diffuse(problem, droplets), relaxation_numpy.diffused(problem, droplets))
+
+
+def test_error_of_many_rows_stays_in_their_thirty_second_part() -> None:
+    """Where droplets may fall everywhere."""
+    rows = 1024 + 13
+    droplets = np.random.default_rng(1).random((1, rows, 3))
+    ends = [rows * part // 32 for part in range(33)]
+    expected = [
+        relaxation_numpy.diffused(rough((bottom - top, 3), 1), droplets[:, top:bottom])
+        for top, bottom in pairwise(ends)
+    ]
+    np.testing.assert_array_equal(diffuse(rough((rows, 3), 1), droplets), np.concatenate(expected, axis=1))
+
+
+def test_start_that_is_better_is_kept() -> None:
+    """The first step is that of a smoother objective."""
+    problem = rough((8, 8), 1, alpha=0.5)
+    best = relax(problem, iterations_max=60)
+    again = relax(problem, best.droplets, iterations_max=1)
+    assert again.value == best.value
+    np.testing.assert_array_equal(again.droplets, best.droplets)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from inkloop.component import Ink
+from inkloop_controller.core import bindings
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.program.certificate import Certificate, certify
 from inkloop_controller.program.program import HorizonProgram
@@ -111,6 +113,41 @@ def test_sampled_bound_holds_as_often_as_it_claims(confidence: float, monkeypatc
         for seed in range(200)
     ]
     assert abs(np.mean(np.array(bounds) <= whole) - confidence) < 0.08
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_sampled_bound_lacks_the_gaps_of_the_tiles_and_what_others_may_have_more(seed: int, confidence: float) -> None:
+    """A surface 5 um too high: the best plan is none, and the gap of a tile is what falls on it."""
+    plain, part = rough((10, 10), 1), np.ones((10, 10), np.bool_)
+    part[9] = False
+    plan = (np.random.default_rng(2).random((1, 10, 10)) < np.linspace(0.0, 0.5, 10)).astype(np.int32)
+    problem = replace(plain, target=plain.height - 5e-6, part=part)
+    fallen = np.where(part, bindings.layer(plain.height, plan[0], plain.kinds) - plain.height, 0.0)
+    gaps = np.array([fallen[i : i + 4, j : j + 4].sum() for i in (0, 4, 8) for j in (0, 4, 8)])
+    drawn = gaps[np.random.default_rng(seed).permutation(9)[:5]]
+    error = drawn.std(ddof=1) / np.sqrt(5) * np.sqrt(1 - 5 / 9)
+    excess = drawn.mean() + t.ppf(confidence, 4) * error
+    found = certify(problem, plan, whole_max=0, tile=4, tiles_max=5, seed=seed, confidence=confidence)
+    assert found.objective == pytest.approx(5e-6 + fallen.sum() / 90, rel=1e-9, abs=0.0)
+    assert found.bound == pytest.approx(found.objective - 9 * excess / 90, rel=1e-5, abs=0.0)
+
+
+def test_certificate_without_time_proves_nothing() -> None:
+    problem = rough((20, 20), 1)
+    plan = searched(problem)
+    for options in ({}, {"whole_max": 399, "tile": 10}, {"whole_max": 399, "tile": 5, "tiles_max": 2}):
+        found = certify(problem, plan, seconds_max=0.0, **options)
+        assert found.tiles_proven == 0
+        assert found.bound == pytest.approx(0.0, abs=1e-15)
+        assert found.bound >= 0.0
+
+
+@pytest.mark.parametrize(("whole_max", "tiles"), [(25, 1), (24, 4)])
+def test_grid_of_more_cells_than_a_program_takes_falls_into_tiles(whole_max: int, tiles: int) -> None:
+    problem, _ = small()
+    found = certify(problem, np.zeros((1, 5, 5), np.int32), seconds_max=0.0, whole_max=whole_max, tile=3)
+    assert (found.tiles, found.tiles_solved) == (tiles, tiles)
 
 
 def test_more_confidence_asks_for_a_lower_bound() -> None:

@@ -180,7 +180,7 @@ def read_at(found: Any, columns: list[str], values: Mapping[str, float]) -> tupl
 @pytest.mark.parametrize(("layers", "passes"), [(1, 1), (2, 1), (3, 1), (1, 4), (2, 4)])
 def test_nl_file_has_the_objective_of_the_search_core(layers: int, passes: int, tmp_path: Path) -> None:
     """The point of a plan keeps all rows, and its objective is that of the plan."""
-    for seed, droplet_std in product(range(2), (0.0, 0.15)):
+    for seed, droplet_std in ((0, 0.0), (1, 0.0), (0, 0.05), (1, 0.15)):
         problem = with_everything((4, 5), layers, passes, seed, droplet_std=droplet_std)
         problem.write(tmp_path / "layer.nl")
         found, columns, _ = read_nl(tmp_path / "layer.nl")
@@ -255,6 +255,9 @@ def test_optimum_of_a_mps_file_is_that_of_our_own_program(tmp_path: Path) -> Non
     problem.write(str(tmp_path / "layer.mps"))
     model = read_mps(tmp_path / "layer.mps")
     model.run()
+    bounds = [line.split() for line in (tmp_path / "layer.mps").read_text(encoding="utf-8").splitlines()]
+    uppers = {line[2]: line[3] for line in bounds if line[0] == "UP"}
+    assert uppers == {f"u_1_1_{i}_{j}": "1.0" for i, j in np.ndindex(5, 5)}
     own = HorizonProgram(problem, "highs", whole=True).solve(problem)
     assert own.value * UM_PER_M == pytest.approx(model.getObjectiveValue(), rel=2e-4, abs=0.0)
 
@@ -287,7 +290,8 @@ def test_header_of_a_nl_file_and_ends_of_columns_count_what_the_file_holds(tmp_p
     assert counts[5] == [sum(whole[len(bent) :]), 0, 0, sum(whole[: len(bent)]), 0]
     assert whole[: len(bent)] == sorted(whole[: len(bent)])
     assert whole[len(bent) :] == sorted(whole[len(bent) :])
-    assert counts[6][0] == jacobian
+    objective = [int(line.split()[1]) for line in lines if line.startswith("G0")]
+    assert counts[6] == [jacobian, *objective]
     assert counts[7] == [max(map(len, rows)), max(map(len, columns))]
 
 

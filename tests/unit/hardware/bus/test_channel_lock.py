@@ -46,6 +46,11 @@ def test_channel_that_another_process_has_is_refused_until_that_ends(folder: Pat
     lock_channel(CAN0)()
 
 
+def test_lock_may_be_taken_by_any_user_later(folder: Path) -> None:
+    lock_channel(CAN0)()
+    assert [path.stat().st_mode & 0o777 for path in folder.glob("inkloop-channel-*.lock")] == [0o666]
+
+
 def test_lock_that_cannot_be_written_is_an_error_of_the_bus(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(folder / "missing"))
     with pytest.raises(BusError, match="the channel cannot be locked: No such file"):

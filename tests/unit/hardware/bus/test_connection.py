@@ -13,8 +13,15 @@ from typing import Any
 import pytest
 
 from inkloop_hardware.bus import connection
-from inkloop_hardware.bus.connection import END_LIMIT, SILENCE_LIMIT, BusConnection
-from inkloop_hardware.bus.messages import Kind, pack_frames, read_message, write_message
+from inkloop_hardware.bus.connection import END_LIMIT, OTHERS_MAX, SILENCE_LIMIT, BusConnection
+from inkloop_hardware.bus.messages import (
+    FRAMES_AT_ONCE,
+    Kind,
+    pack_frames,
+    read_message,
+    unpack_frames,
+    write_message,
+)
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
@@ -95,6 +102,25 @@ def test_frames_that_wait_give_way_to_newer_ones(
     bus.close()
 
 
+def test_no_frame_of_many_is_left_out_and_a_message_of_them_fits_into_a_pipe(process: Process) -> None:
+    process.sends(Kind.OPENED)
+    bus = BusConnection(BusSettings("virtual", "test"), 5, 7, ANSWERS)
+    frames = [Frame(0x640, bytes([number])) for number in range(2 * FRAMES_AT_ONCE + 1)]
+    bus.send(frames)
+    bus.close()
+    sent: list[list[Frame]] = []
+    while (message := read_message(process.taken)) is not None:
+        if message[0] is Kind.FRAMES:
+            sent.append([frame for _, frame in unpack_frames(message[1])])
+    assert [frame for some in sent for frame in some] == frames
+    assert [len(some) for some in sent] == [FRAMES_AT_ONCE, FRAMES_AT_ONCE, 1]
+
+
+def test_frames_of_all_nodes_wait_while_a_plan_is_computed() -> None:
+    """Four nodes have a status each 100 ms."""
+    assert 4 * 10 * BusSettings().loop_timeout_s < OTHERS_MAX
+
+
 def test_every_call_after_the_end_raises_the_last_message(bus: BusConnection, process: Process) -> None:
     process.sends(Kind.FAILED, b"the adapter is on fire")
     process.ends()
@@ -107,7 +133,10 @@ def test_every_call_after_the_end_raises_the_last_message(bus: BusConnection, pr
             call()
 
 
-def test_process_that_says_nothing_any_more_is_an_error(bus: BusConnection, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_process_that_says_nothing_any_more_is_an_error(
+    bus: BusConnection, process: Process, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until it says something again."""
     begun = connection.time.monotonic()  # type: ignore[attr-defined]
     for passed, is_silent in ((SILENCE_LIMIT - 1.0, False), (SILENCE_LIMIT + 1.0, True)):
         monkeypatch.setattr(connection.time, "monotonic", lambda now=begun + passed: now)  # type: ignore[attr-defined]
@@ -116,6 +145,9 @@ def test_process_that_says_nothing_any_more_is_an_error(bus: BusConnection, monk
                 bus.check()
         else:
             bus.check()
+    process.sends(Kind.FRAMES, pack_frames([Frame(0x641, b"1")]))
+    assert bus.receive(0x641, PATIENCE_S) == b"1"
+    bus.check()
 
 
 @pytest.mark.parametrize("hangs", [False, True])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -65,6 +66,10 @@ def test_bus_of_another_program_runs_with_the_clock(clock: Clock) -> None:
         while bus.recv(0):
             pass
         assert bus.now() - before == pytest.approx(0.2, abs=0.002)  # type: ignore[attr-defined]
+        before = bus.now()  # type: ignore[attr-defined]
+        clock.ns += 60_000_000_000
+        bus.sleep(0.0)  # type: ignore[attr-defined]
+        assert bus.now() - before == pytest.approx(0.2, abs=0.002)  # type: ignore[attr-defined]
         with pytest.raises(can.CanOperationError, match=r"classic CAN; set bench\.fd = false"):
             bus.send(can.Message(is_fd=True))
 
@@ -95,6 +100,9 @@ def test_time_of_our_own_bus_passes_while_it_is_waited_for(clock: Clock) -> None
         assert clock.ns == begun
     finally:
         adapter.close()
+    adapter = Adapter(replace(SETTINGS, options={"real_time": True}))
+    assert adapter.now() == 1e9
+    adapter.close()
 
 
 @contextmanager
@@ -114,9 +122,12 @@ def test_connection_keeps_heartbeat_and_log_in_the_time_of_the_fmu(tmp_path: Pat
         assert (bus.receive(HEAD_ANSWER, 1.0) or b"")[:3] == b"\2\x7e\0"
         bus.sleep(1.0)
         assert {frame.arbitration_id for at, frame in bus.others if at <= bus.clock} >= {HEAD_STATUS, HEAD_STATUS + 1}
+        bus.sleep(2.0)
+        so_far = list(can.BLFReader(tmp_path / "it.blf"))
+        assert so_far[-1].timestamp > bus.clock - 2.1, "written to the disk each second"
     logged = list(can.BLFReader(tmp_path / "it.blf"))
     beats = [frame.timestamp for frame in logged if frame.arbitration_id == MASTER_ALIVE]
-    assert len(beats) == 12, "each 100 ms, the first one twice, and the last one"
+    assert len(beats) == 32, "each 100 ms, the first one twice, and the last one"
     assert all(frame.is_rx == (frame.arbitration_id not in (MASTER_ALIVE, HEAD)) for frame in logged)
 
 

@@ -170,6 +170,18 @@ def test_frames_are_written_once_a_second_and_those_of_the_last_one_wait(tmp_pat
     assert counts == [0, 0, 1, 1, 3]
 
 
+def test_newest_frame_is_written_after_a_cycle_though_an_older_one_came_after_it(tmp_path: Path) -> None:
+    path, copy = tmp_path / "traffic.asc", tmp_path / "copy.asc"
+    log = TrafficLog(path, float)
+    for number in (5, 3):
+        log.take(message(number))
+    for now in (2.0, 3.0):
+        log.flush(now)
+    copy.write_bytes(path.read_bytes())
+    log.close()
+    assert [one.arbitration_id - 0x100 for one in logged(copy)] == [3, 5]
+
+
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
 def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
     """Frames of one cycle are put in order; one that comes too late gets the time of the frame before it."""
@@ -330,6 +342,13 @@ def test_unplugged_adapter_is_opened_again_also_with_the_lamp_enabled(
     monkeypatch.setattr(process, "_opened_again", lambda: True)
     process._reopen(BusError("unplugged."))
     assert said(process)[-1] == (Kind.DISCONNECTED, b"")
+
+
+def test_first_failure_is_the_one_that_is_told(process: BusProcess) -> None:
+    for error in (BusError("unplugged"), BusError("closed"), ValueError("no number")):
+        process._guarded(Mock(side_effect=error))
+        assert process.failure == "unplugged"
+        assert process.over.is_set()
 
 
 def test_adapter_that_is_gone_gets_no_frame_and_begins_no_heartbeat(process: BusProcess) -> None:

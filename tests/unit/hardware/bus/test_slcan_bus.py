@@ -144,6 +144,17 @@ def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: byte
     assert line.bus.malformed == before + 1
 
 
+def test_longest_frame_with_its_time_stamp_is_read() -> None:
+    data = bytes(range(64))
+    text = f"B1ABCDEF0F{data.hex().upper()}12AB\r".encode()
+    bus = BulkSlcanBus.__new__(BulkSlcanBus)
+    bus._is_shutdown = True
+    bus.begin_reading(fd=True)
+    bus.take(text + text)
+    assert [(one.arbitration_id, bytes(one.data)) for one in bus.waiting] == 2 * [(0x1ABCDEF0, data)]
+    assert bus.malformed == 0
+
+
 def test_rest_of_a_line_that_is_too_long_is_no_frame(line: Line) -> None:
     before = line.bus.malformed
     line.bus.take(b"x" * (LINE_MAX + 1))
@@ -157,6 +168,10 @@ def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line)
     malformed, refused = line.bus.malformed, line.bus.refused
     line.heard(b"\a\az\rZ\r\rV1013\r\a")
     assert (line.bus.malformed, line.bus.refused) == (malformed, refused + 3)
+    line.heard(b"hello\r")
+    found = Adapter(BusSettings("slcan", "/dev/ttyACM0"), line.bus).complaints()
+    assert found["malformed lines of the adapter"] == malformed + 1
+    assert found["commands that the adapter refused"] == refused + 3
 
 
 def test_adapter_that_refuses_for_a_while_and_confirms_nothing_is_off_the_bus(

@@ -209,6 +209,13 @@ def test_bus_is_opened_for_session_and_job_and_its_channel_locked_until_it_is_cl
     assert log == 2 * ["locked", "released"]
 
 
+def test_replay_has_the_job_of_its_log(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    bus.job = 77  # type: ignore[attr-defined]
+    monkeypatch.setattr(rig_module, "ReplayConnection", lambda settings: bus)
+    with Rig(BusSettings("replay", "traffic.blf")) as rig:
+        assert rig.job == 77
+
+
 def test_link_has_the_patience_of_the_settings_and_its_problems_are_logged_at_the_end(
     bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:

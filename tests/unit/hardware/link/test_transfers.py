@@ -39,6 +39,17 @@ def bench() -> Iterator[NodeBench]:
         yield made.ready()
 
 
+def test_block_doubles_as_often_as_eight_went_through() -> None:
+    size = BlockSize(4095)
+    for _ in range(3):
+        size.was_lost()
+    lowest, found = size.bytes, []
+    for _ in range(24):
+        size.went_through()
+        found.append(size.bytes // lowest)
+    assert found[6:24:8] + found[7:24:8] == [1, 2, 4, 2, 4, 8]
+
+
 def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
     size = BlockSize(4095)
     assert size.is_whole
@@ -640,19 +651,19 @@ def test_routine_whose_time_is_over_is_what_the_node_says_of_it(outcome: Outcome
 
 
 class StoppingWire(PlainWire):
-    """A node whose answers stop after their first frame, or after the third one, as the second was lost. A wait takes
+    """A node whose answers stop after their first frame, or after one or two more, as the second was lost. A wait takes
     its time; `given_up` counts the answers that were refused."""
 
-    def __init__(self, is_torn: bool) -> None:
+    def __init__(self, more: int) -> None:
         super().__init__()
-        self.is_torn, self.given_up = is_torn, 0
+        self.more, self.given_up = more, 0
 
     def send(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
             if kind(frame) == 0:
                 self.coming.append(bytes([0x10, 33, frame.data[1] + 0x40, *frame.data[2:4], 0, 0, 0]))
-            elif frame.data[0] == 0x30 and self.is_torn:
-                self.coming.append(b"\x22" + bytes(7))
+            elif frame.data[0] == 0x30:
+                self.coming.extend(bytes([0x22 + number, *bytes(7)]) for number in range(self.more))
             self.given_up += frame.data[0] == 0x32
 
     def receive(self, wait_s: float) -> bytes | None:
@@ -661,15 +672,19 @@ class StoppingWire(PlainWire):
         return super().receive(wait_s)
 
 
-@pytest.mark.parametrize(("answer_s", "is_torn", "quiet_s"), [(1.0, False, 0.25), (4.0, False, 1.0), (4.0, True, 0.05)])
-def test_answer_that_stops_is_refused_and_asked_for_again_soon(answer_s: float, is_torn: bool, quiet_s: float) -> None:
+@pytest.mark.parametrize(
+    ("answer_s", "more", "quiet_s"), [(1.0, 0, 0.25), (4.0, 0, 1.0), (4.0, 1, 0.05), (4.0, 2, 0.05)]
+)
+def test_answer_that_stops_is_refused_and_asked_for_again_soon(answer_s: float, more: int, quiet_s: float) -> None:
     """After a quarter of the time to begin one, or at once where a frame is known to be lost; six times in all."""
-    wire = StoppingWire(is_torn)
+    wire, spoilt = StoppingWire(more), 6 * max(1, more)
     link = Link(Node.HEAD, CODEC, wire, "a wire", answer_s=answer_s)
-    with pytest.raises(LinkTimeout, match=rf"no whole answer .* within {answer_s:g} s, 6 tries: .*; 6 of its frames"):
+    with pytest.raises(
+        LinkTimeout, match=rf"no whole answer .* within {answer_s:g} s, 6 tries: .*; {spoilt} of its frames"
+    ):
         link.state()
     assert 6 * quiet_s < wire.seconds < 6 * (quiet_s + 0.11)
-    assert (wire.given_up, link.counts.broken, link.counts.repeated) == (6, 6, 6)
+    assert (wire.given_up, link.counts.broken, link.counts.repeated) == (6, spoilt, 6)
 
 
 @pytest.mark.parametrize(("answer_s", "busy_s"), [(1.0, 5.0), (8.0, 8.0)])
