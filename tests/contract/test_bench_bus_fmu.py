@@ -158,7 +158,7 @@ def test_turns_are_counted_from_the_start_time() -> None:
 
 
 def test_text_of_faults_is_taken_up_to_its_length_and_kept_where_the_grid_changes() -> None:
-    """What was set before leaves nothing behind."""
+    """Earlier settings leave nothing behind."""
     with BusDriver() as fmu, BusDriver() as other:
         assert set_faults(fmu, ";" * 996 + "loss") == OK
         assert max(set_faults(fmu, "loss"), set_faults(other, "loss")) == OK

@@ -273,7 +273,7 @@ class Mine:
         """As every component does."""
 
     def refill(self) -> None:
-        """What no other has."""
+        """A feature of its own."""
 
 
 class Colour(enum.IntEnum):
@@ -310,7 +310,7 @@ class Thing:
         """Grows."""
 
     def _hidden(self) -> None:
-        """Not told."""
+        """Not reported."""
 
 
 def test_entries_of_the_api_have_signatures_and_first_paragraphs() -> None:
@@ -319,7 +319,7 @@ def test_entries_of_the_api_have_signatures_and_first_paragraphs() -> None:
     )
     lines = list(api._entries(made, ("Thing", "Colour", "Odd")))
     assert lines[:2] == ["### Thing", ""]
-    assert list(api._members("Mine", Mine)) == ["- `refill() -> None`: What no other has."]
+    assert list(api._members("Mine", Mine)) == ["- `refill() -> None`: A feature of its own."]
     assert lines[2:5] == ["```text", "Thing(size: float, names: list[str] = ...)", "```"]
     assert "- `Thing.of(text, *, strict=True, **others) -> Thing`: Makes one." in lines
     assert "- `weight`: Its weight." in lines

@@ -424,7 +424,7 @@ class NodeBench:
         self.c.probe_refuse_work(self.bench, node)
 
     def work(self, node: int = HEAD) -> tuple[int, ...]:
-        """What its devices were given to do last: kind, whether dry, colour, station, layer."""
+        """Last work given to its devices: kind, whether dry, colour, station, layer."""
         found = (ctypes.c_uint32 * 5)()
         self.c.probe_work(self.bench, node, found)
         return tuple(found)

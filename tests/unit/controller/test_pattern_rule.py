@@ -264,7 +264,7 @@ def test_work_of_the_papers_search_is_limited_and_says_so() -> None:
 
 
 def test_papers_search_goes_by_the_predicted_surface_alone() -> None:
-    """Whatever is learnt of the droplets; as many layers ahead as it is told to."""
+    """Whatever is learnt of the droplets; as many layers ahead as were asked for."""
     job = block()
     estimate = replace(Estimate.exact(rough(job, 5), job.inks), figures=EstimateFigures(droplet_std=0.3))
     for horizon, options in ((1, {}), (2, {"horizon": 2})):

@@ -1,4 +1,4 @@
-"""What a message offers instead of an unknown word, and whether an error says itself what to do."""
+"""The known word that a message offers for an unknown one, and errors with a remedy of their own."""
 
 from __future__ import annotations
 

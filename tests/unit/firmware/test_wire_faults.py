@@ -356,7 +356,7 @@ def test_faults_of_one_seed_hit_frames_of_their_own() -> None:
 
 
 def test_frames_of_two_masters_are_held_each_by_its_own_counter_and_way() -> None:
-    """What came last with another id, or the other way, is another matter."""
+    """The last frame with another id, or the other way, does not count."""
     wire = FaultyWire("stuck-counter:id=0x20,nth=2,count=1")
     other = CODEC.encode("StopRequest", {"Active": 0, "Source": 0}, 9)
     for counter in (3, 4):

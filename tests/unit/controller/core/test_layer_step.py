@@ -275,7 +275,7 @@ class Knowledge(Structure):
 
 
 def known_in(block: Any) -> Knowledge:
-    """Where it lies in an estimate."""
+    """Its place in an estimate."""
     return Knowledge.from_buffer(block)
 
 

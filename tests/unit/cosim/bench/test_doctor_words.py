@@ -1,4 +1,4 @@
-"""What the doctor of a bench shows: findings in a table, a verdict, and what the scenario says about its bus."""
+"""The doctor of a bench: findings in a table, a verdict, and the bus of the scenario."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_only_a_yes_is_one(answer: str, agreed: bool, monkeypatch: pytest.Monkey
 def examined(
     monkeypatch: pytest.MonkeyPatch, *found: Finding, self_test: bool = False, yes: bool = False
 ) -> tuple[int, bool]:
-    """The exit code for these findings, and whether a self test was asked for; nobody confirms one."""
+    """The exit code for these findings, and whether a self test was asked for; none is confirmed."""
     asked: list[bool] = []
 
     def examine(*_: object, self_test: bool, mapping: object) -> list[Finding]:

@@ -169,7 +169,7 @@ def carried(one: Node, other: Node, *, ideal: bool) -> None:
 
 
 def test_master_carries_frames_to_the_partner_and_confirms_them() -> None:
-    """What is between a node and its bus stays; what is no operation is answered and goes no further."""
+    """Frames between a node and its bus stay; unknown operations are answered and go no further."""
     own = operation(CONFIGURATION, b"\1" + bytes(4)) + operation(CONFIRM, bytes(4)) + operation(STATUS, b"\1")
     further = operation(WAKEUP, b"") + format_error(b"?")
     one = Node(transmit(FRAME) + own + further + operation(0x99, b""))

@@ -14,7 +14,7 @@ from inkloop.results.result import Result
 
 
 def ended(code: int, folder: Path, monkeypatch: pytest.MonkeyPatch, foreign: tuple[str, ...] = ()) -> int:
-    """What becomes of the exit code of the subprocess, which is not started."""
+    """The exit code of the subprocess, which is not started, as the command returns it."""
     monkeypatch.setattr(isolation, "subprocess", SimpleNamespace(call=lambda *_, **__: code))
     return run_isolated(["run", "it.toml"], folder, foreign)
 
@@ -46,7 +46,7 @@ def test_other_ending_is_a_crash_with_its_name(
 def test_print_that_is_still_recorded_as_running_did_not_end_well(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An error of the command is told by itself."""
+    """An error of the command stands alone."""
     Result.begin(tmp_path, "", {})
     assert ended(1, tmp_path, monkeypatch) == 1
     with pytest.raises(ComponentError) as raised:

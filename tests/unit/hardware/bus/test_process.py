@@ -370,7 +370,7 @@ def test_adapter_that_is_gone_gets_no_frame_and_begins_no_heartbeat(process: Bus
 
 
 class Stuck(io.RawIOBase):
-    """A reader that takes nothing until it is told to."""
+    """A reader that takes nothing until it may."""
 
     def __init__(self) -> None:
         self.waits, self.goes_on = Event(), Event()

@@ -45,6 +45,20 @@ def test_maps_are_the_heights_droplets_and_errors_of_the_layer_around_a_ring() -
     assert [ring[name] for name in ("x0", "x1", "y0", "y1")] == pytest.approx([0.25, 0.35, 0.45, 0.55], rel=1e-9, abs=0)
 
 
+def test_page_opens_at_the_cell_of_the_part_next_to_the_middle() -> None:
+    """On a grid of 12 x 9 cells, and where the middle is outside the part, or there is no part."""
+    cell, outside, empty = drawn(shown(plate()), """
+        const opened = page.cell;
+        run.part.fill(0);
+        const nothing = run.middleCell();
+        [[6, 0], [8, 7], [2, 4], [6, 8]].forEach(([i, j]) => { run.part[j * run.nx + i] = 1; });
+        run.part[1 * run.nx + 5] = 1;
+        return [opened, run.middleCell(), nothing];
+    """)  # fmt: skip
+    assert MASK[6, 4]
+    assert (cell, outside, empty) == ({"i": 6, "j": 4}, {"i": 5, "j": 1}, {"i": 6, "j": 4})
+
+
 def test_cuts_are_the_row_and_the_column_of_the_cell() -> None:
     found = drawn(shown(plate()), """
         const cuts = [];
