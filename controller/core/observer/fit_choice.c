@@ -17,9 +17,9 @@ static const double DATUM_KEPT = 0.8, LEAST_SPREAD = 1e-17;
 static const double LASTING = 2.0, FEW_LAST = 2e-4;
 static const double USUAL_MISFIT = 2.0; /* misfit up to which droplets explain it */
 static const double KEPT = 0.8;         /* share of what was learnt kept from layer to layer */
-static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 2.0; /* in DROPLET_STD^2 */
-static const double EVIDENCE_MAX = 500.0;                                                 /* degrees of freedom */
-static const double OF_A_MEDIAN = 0.37; /* degrees of freedom of a cell in the median of squares */
+/* in DROPLET_STD^2; the largest: uniform volumes within 20 % */
+static const double LEAST_VARIATION = 0.01, LARGEST_FOUND = 9.0, LARGEST_VARIATION = 4.0 / 3.0;
+static const double EVIDENCE_MAX = 500.0; /* degrees of freedom */
 enum { EARLY = 12, LEAST_DROPLETS = 20 };
 
 /* Whether so many variances are more than sensor and model's droplets explain. */
@@ -44,10 +44,10 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     const double unit = DROPLET_STD * DROPLET_STD, own = unit * fit->mean_droplets, variation = known->droplet_variance;
     if (fit->droplets < LEAST_DROPLETS)
         return;
-    const double surplus = (fit->misfit[OWN] - 1.0) * (fit->mean_base + variation * own) / own;
-    const double found = fmax(LEAST_VARIATION, variation + surplus);
-    const double share = variation * own / (fit->mean_base + variation * own);
-    const double freedom = OF_A_MEDIAN * (double)fit->droplets * share * share;
+    const double all = fit->mean_base + variation * own, share = variation * own / all;
+    const double found = fmax(LEAST_VARIATION, variation + (fit->scatter - 1.0) * all / own);
+    const double by_median = fmax(LEAST_VARIATION, variation + (fit->misfit[OWN] - 1.0) * all / own);
+    const double freedom = (double)fit->droplets * share * share;
     const double kept = KEPT * known->droplet_evidence, prior = (1.0 - KEPT) * FIRST_EVIDENCE;
     const double evidence = kept + prior + freedom; /* the forgotten share returns to the prior: droplets vary */
     const double mean = (kept * variation + prior + freedom * fmin(found, LARGEST_FOUND)) / evidence;
@@ -57,7 +57,7 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
     trust->surprise = KEPT * trust->surprise + (1.0 - KEPT) * fit->misfit[OWN];
     trust->spill = KEPT * trust->spill + (1.0 - KEPT) * fit->misfit[SPILL];
     if (trust->layers <= EARLY)
-        trust->early += (found - trust->early) / (double)trust->layers;
+        trust->early += (by_median - trust->early) / (double)trust->layers;
 }
 
 static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *known) {

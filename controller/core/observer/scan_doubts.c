@@ -124,6 +124,10 @@ static void take_costs(const ScanEvidence *evidence, const double *expected, dou
     for (size_t cell = 0; cell < cells; cell++)
         marks[cell] = evidence->valid[cell] && evidence->before->last_valid[cell];
     cost[DOUBT_SAME_SCAN] = cost_of(evidence, evidence->measured, marks, evidence->before->last, most);
+    for (size_t cell = 0; cell < cells; cell++)
+        other[cell] = evidence->before->last[cell] + expected[cell] - past[cell];
+    if (cost[DOUBT_SAME_SCAN] >= FAR_BETTER * cost_of(evidence, evidence->measured, marks, other, most))
+        cost[DOUBT_SAME_SCAN] = INFINITY; /* it grew as predicted: what is left was left in the last scan, too */
     for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
         cost[transform] = -1.0;
         if (transform >= DOUBT_TRANSPOSED && nx != ny)

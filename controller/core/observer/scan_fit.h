@@ -145,6 +145,7 @@ typedef struct {
     double datum[DATUM_TERMS]; /* correction of the datum [m] */
     double datum_covariance[DATUM_TERMS * DATUM_TERMS];
     double misfit[CLASSES]; /* median squared residual, in variances of droplets and sensor [1] */
+    double scatter;         /* mean square residual of cells with a droplet, outliers left out, likewise */
     /* means over cells with a droplet: variance without that of droplets, and of droplets [m^2] */
     double mean_base, mean_droplets;
     size_t droplets; /* number of cells with a droplet */

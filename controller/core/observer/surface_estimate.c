@@ -3,8 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "median.h"
-
 /* Standard deviations before any scan (assumed): shift and spot [cells, cells^2], rotation [rad], magnification and the
  * rest [1]. */
 static const double SHIFT_STD = 1.0, SPREAD_STD = 0.5, ROTATION_STD = 0.03, MAGNIFICATION_STD = 0.02, SHEAR_STD = 0.004;
@@ -19,13 +17,11 @@ static const double FIRST_ODDS = -3.0; /* log odds: one profiler in twenty is di
 static const double RESIDUALS_MAX = 9.0;
 /* largest residual by spill: droplets that vary by 40 % reach 2.4, droplets unlike the model's 10 and more */
 static const double SPILL_MAX = 6.0;
-/* largest deviation of a volume: by variation; of droplets unlike the model's */
-static const double DEVIATION_MAX = 0.15, MODEL_MAX = 0.3;
+static const double MODEL_MAX = 0.3; /* largest deviation of a volume of droplets unlike the model's */
 /* early residuals that no variation of droplets explains */
 static const double FOREIGN = 5.0;
-static const double UNIFORM_MEDIAN_SQUARE = 0.75; /* of a uniform variable of variance 1 */
-static const int64_t BLIND_LAYERS = 5;            /* layers in a row (assumed) */
-enum { PROBE_LAYERS = 5 }; /* period in layers after which dead cells are tried again (assumed) */
+static const int64_t BLIND_LAYERS = 5; /* layers in a row (assumed) */
+enum { PROBE_LAYERS = 5 };             /* period in layers after which dead cells are tried again (assumed) */
 
 enum { REAL_MAPS = 6, BYTE_MAPS = 3 };
 
@@ -154,10 +150,9 @@ static int64_t reasons_of(const LoopTrust *trust) {
 
 static double droplet_deviation(const Knowledge *known) {
     const LoopTrust *trust = &known->trust;
-    const double found = DROPLET_STD * sqrt(known->droplet_variance * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE);
-    if (trust->early > FOREIGN) /* no longer uniform */
+    if (trust->early > FOREIGN)
         return fmin(DROPLET_STD * sqrt(trust->early), MODEL_MAX);
-    return trust->layers > 0 ? fmin(found, DEVIATION_MAX) : 0.0;
+    return trust->layers > 0 ? DROPLET_STD * sqrt(known->droplet_variance) : 0.0;
 }
 
 bool is_probe(int64_t layer) {

@@ -120,3 +120,18 @@ double median_of_lists(const ValueLists *lists, double *room) {
     take_within(lists, -INFINITY, INFINITY, room);
     return median(room, count);
 }
+
+static const double WITHIN = 9.0, MEAN_WITHIN = 0.97334; /* mean square of a normal variable of variance 1 up to 9 */
+
+/* No branch depends on a value, as above. */
+void add_squares_within(const double *squares, size_t count, double variance, SquareSums *sums) {
+    for (size_t k = 0; k < count; k++) {
+        const double is_within = squares[k] <= WITHIN * variance;
+        sums->sum += is_within * squares[k];
+        sums->count += is_within;
+    }
+}
+
+double mean_square(const SquareSums *sums) {
+    return sums->sum / sums->count / MEAN_WITHIN;
+}

@@ -23,4 +23,16 @@ typedef struct {
 /* Median of all lists together; `room` holds a map. */
 double median_of_lists(const ValueLists *lists, double *room);
 
+/* Sum and number of squares. */
+typedef struct {
+    double sum, count;
+} SquareSums;
+
+/* Adds the squares within three standard deviations; variance: the square of one. */
+void add_squares_within(const double *squares, size_t count, double variance, SquareSums *sums);
+
+/* Variance of a normal variable of which `sums` holds the squares within three standard deviations. Variables without
+ * tails, as uniform ones, have all theirs within: it is 3 % larger. */
+double mean_square(const SquareSums *sums);
+
 #endif

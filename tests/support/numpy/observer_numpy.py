@@ -158,9 +158,13 @@ class Observer:
         """Variance of droplets, spread of the datum, shares."""
         own = c.DROPLET_STD**2 * fit.squares
         if fit.droplets >= c.LEAST_DROPLETS:
-            found = max(c.LEAST_VARIATION, s.variation + (fit.misfit[0] - 1.0) * (fit.base + s.variation * own) / own)
-            share = s.variation * own / (fit.base + s.variation * own)
-            kept, freedom = c.KEPT * s.evidence, c.OF_A_MEDIAN * fit.droplets * share**2
+            every = fit.base + s.variation * own
+            share = s.variation * own / every
+            found, by_median = (
+                max(c.LEAST_VARIATION, s.variation + (square - 1.0) * every / own)
+                for square in (fit.scatter, fit.misfit[0])
+            )
+            kept, freedom = c.KEPT * s.evidence, fit.droplets * share**2
             prior = (1.0 - c.KEPT) * c.FIRST_EVIDENCE
             mean = kept * s.variation + prior + freedom * min(found, c.LARGEST_FOUND)
             s.variation = min(mean / (kept + prior + freedom), c.LARGEST_VARIATION)
@@ -168,7 +172,7 @@ class Observer:
             s.layers += 1
             s.mean_misfit = c.KEPT * s.mean_misfit + (1.0 - c.KEPT) * fit.misfit
             if s.layers <= c.EARLY:
-                s.early += (found - s.early) / s.layers
+                s.early += (by_median - s.early) / s.layers
         if look.datum[3] is not None:
             s.datum = look.datum[0] + believed.datum
             square = np.maximum(s.datum**2, c.LEAST_SPREAD)
@@ -277,8 +281,7 @@ class Observer:
         o = self.setup
         std = min(c.DROPLET_STD * np.sqrt(s.early), c.MODEL_MAX)
         if s.early <= c.OTHER_DROPLETS:
-            found = c.DROPLET_STD * np.sqrt(s.variation * c.MEDIAN_SQUARE / c.UNIFORM_MEDIAN_SQUARE)
-            std = min(found, c.DEVIATION_MAX) if s.layers else 0.0
+            std = c.DROPLET_STD * np.sqrt(s.variation) if s.layers else 0.0
         reason, layer, transform, figure = s.stop
         is_unknown = s.variance > (c.UNKNOWN_HEIGHT * o.layer * o.drop_levels) ** 2
         unseen = int(np.sum(o.part & (s.unseen > o.unseen_layers) & is_unknown))

@@ -126,6 +126,12 @@ def misfit(squares: Any) -> float:
     return float(np.median(squares)) / c.MEDIAN_SQUARE if len(squares) >= c.LEAST_CELLS else 1.0
 
 
+def scatter(squares: Any) -> float:
+    """Mean of the squares within three standard deviations by their median, likewise."""
+    few = len(squares) < c.LEAST_CELLS
+    return 1.0 if few else float(np.mean(squares[squares <= 9.0 * misfit(squares)])) / c.MEAN_WITHIN
+
+
 def upper_misfit(squares: Any) -> float:
     """Half of the same of the upper quartile."""
     few = len(squares) < c.LEAST_CELLS

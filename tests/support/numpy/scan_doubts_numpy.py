@@ -51,7 +51,10 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: 
     if not c.SUSPICIOUS * native < read < np.inf:
         return False
     turns = c.TURNS if o.shape[0] == o.shape[1] else c.TURNS[:3]
-    costs = [cost(scan, valid, past), cost(scan, valid & before.last_valid, before.last)]
+    both = valid & before.last_valid
+    costs = [cost(scan, valid, past), cost(scan, both, before.last)]
+    if costs[1] >= c.FAR_BETTER * cost(scan, both, before.last + expected - past):
+        costs[1] = np.inf
     costs += [cost(turn(scan), turn(valid), expected) for turn in turns]
     best = int(np.argmin(costs))
     is_stuck = best < 2
@@ -60,7 +63,6 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: 
         return False
     s.doubts[best] += 1.0
     if s.stop[0] == 0 and (s.doubts[:2].sum() if is_stuck else s.doubts[best]) >= c.BELIEVED:
-        both = valid & before.last_valid
         is_last = noise > c.NOISY and np.array_equal(scan[both], before.last[both])
         stuck = c.LATE if costs[1] >= c.FAR_BETTER * read else c.SAME_SCAN if is_last else c.NO_GROWTH
         figure = float(np.sqrt(read / max(costs[best], noise, c.NOISELESS)))

@@ -19,6 +19,7 @@ from support.numpy.observer_setup import (
     misfit,
     near,
     sampling,
+    scatter,
     solved,
     upper_misfit,
 )
@@ -26,13 +27,17 @@ from support.numpy.observer_setup import (
 
 @dataclass
 class Fit:
-    """Shares, the datum left, and what they leave: misfit of cells with a droplet and of their neighbours."""
+    """Shares, the datum left, and what they leave: misfit of cells with a droplet and of their neighbours.
+
+    scatter: of cells with a droplet, outliers left out.
+    """
 
     share: Any
     share_covariance: Any
     datum: Any
     datum_covariance: Any
     misfit: Any
+    scatter: float = 1.0
     droplets: int = 0
     base: float = 0.0
     squares: float = 0.0
@@ -224,7 +229,7 @@ def fit_in_register(o: Setup, look: Look) -> Fit:
         fit = fitted(o, look, x, inverse(matrix))
         squares, own = look.rest(fit, o.terms) ** 2 / look.native, look.reached & (look.pattern > 0)
         fit.misfit = np.array([misfit(squares[own]), misfit(squares[look.reached & ~own])])
-        fit.droplets = int(own.sum())
+        fit.scatter, fit.droplets = scatter(squares[own]), int(own.sum())
         if own.any():
             fit.base, fit.squares = np.mean((look.noise + look.variance)[own]), np.mean(look.squares[own])
         if not fit.is_misfit:
@@ -311,7 +316,7 @@ def fit_displaced(o: Setup, s: State, look: Look, in_register: Fit) -> tuple[Fit
     groups, own = [squares[each] for each in (is_steep, view.classes == 0, view.classes == 1)], view.classes == 0
     left = max(1.0, *map(misfit, groups), *(() if s.is_displaced else map(upper_misfit, groups)))
     if own.sum() >= c.LEAST_CELLS:
-        fit.droplets, fit.squares = int(own.sum()), np.mean(view.squares[own])
+        fit.scatter, fit.droplets, fit.squares = scatter(squares[own]), int(own.sum()), np.mean(view.squares[own])
         fit.base = np.mean(view.variance[own]) - look.of_droplet * fit.squares
     variance = c.NU * np.minimum(view.variance, look.native[cells])
     plain = min(np.sum(np.log1p(look.rest(one, o.terms)[cells] ** 2 / variance)) for one in (in_register, fit))

@@ -18,7 +18,13 @@ from inkloop_controller.model import LayerModel
 from support.closed_loop import block, cylinder, inputs_of
 
 
-def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
+def small(rng: Any, shape: Any) -> Any:
+    return 1.0 - 0.2 * rng.random(shape)
+
+
+def printed(
+    job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0, volumes: Any = small
+) -> Any:
     """(estimate, surface, last scan) after full layers of varying droplets; `common`: share of the noise in a scan."""
     rng, plant = np.random.default_rng(1), LayerModel.of(job)
     seen, pattern = np.ones(job.mask.shape, np.bool_), job.mask.astype(np.int32)
@@ -30,7 +36,7 @@ def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float,
 
     estimate, measured = estimator.first(scan(), seen), height
     for layer in range(1, layers + 1):
-        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
+        height = plant.layer(height, pattern, layer, volumes(rng, height.shape))
         measured = scan()
         estimate = estimator.next(estimate, pattern, layer, measured, seen)
     return estimate, height, measured
@@ -62,6 +68,25 @@ def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_take
     exact, _, scan = printed(job, HeightEstimator(job), 8, 0.0)
     assert exact.figures.noise_std < 1e-9
     np.testing.assert_allclose(exact.height, scan, rtol=0.0, atol=1e-7)
+
+
+def uniform(rng: Any, shape: Any) -> Any:
+    return rng.uniform(1.0 - 0.08 * np.sqrt(3.0), 1.0 + 0.08 * np.sqrt(3.0), shape)
+
+
+def normal(rng: Any, shape: Any) -> Any:
+    return rng.normal(1.0, 0.08, shape)
+
+
+def normal_but_for_a_few(rng: Any, shape: Any) -> Any:
+    return np.where(rng.random(shape) < 0.02, 0.2, normal(rng, shape))
+
+
+@pytest.mark.parametrize("volumes", [uniform, normal, normal_but_for_a_few])
+def test_scatter_of_droplets_is_learnt_whatever_their_distribution(volumes: Any) -> None:
+    job = cylinder()
+    estimate, *_ = printed(job, HeightEstimator(job), 12, 0.0, volumes=volumes)
+    assert estimate.figures.droplet_std == pytest.approx(0.08, rel=0.06, abs=0.0)
 
 
 @pytest.mark.parametrize("common", [0.5, 1.0])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from inkloop.component import Ink, Job
 from inkloop_controller.controllers import LayerMpcController
@@ -133,6 +134,25 @@ def test_single_scan_that_lies_stops_nothing() -> None:
 def test_scans_that_are_true_are_not_doubted(seed: int, noise: float) -> None:
     for job in (JOB, hook()):
         assert not any(each.figures.reasons for each in shown(job, as_it_is, 8, noise, seed))
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+@pytest.mark.parametrize("seed", range(4))
+def test_last_droplets_are_no_repeated_scan_where_the_map_cannot_hold_what_is_read(seed: int, along: str) -> None:
+    """Half a cell off, readings are means of two cells: no map has readings that alternate."""
+    job = hook(20, 24) if along == "x" else hook(24, 20)
+    rng, plant, estimator = np.random.default_rng(seed), LayerModel.of(job), HeightEstimator(job)
+    seen, height = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape)
+    estimate = estimator.first(height, seen)
+    shift, axis = ((0.5, -0.25), 0) if along == "x" else ((0.25, -0.5), 1)
+    for layer in range(1, 14):
+        pattern = (job.mask & (rng.random(job.mask.shape) < (0.8 if layer < 6 else 0.01))).astype(np.int32)
+        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(job.mask.shape))
+        scan = ndimage.shift(height, shift, order=1, mode="nearest")
+        if layer > 4:
+            scan += np.where(job.mask, 0.4e-6 * (-1.0) ** np.indices(job.mask.shape)[axis], 0.0)
+        estimate = estimator.next(estimate, pattern, layer, scan, seen)
+        assert not estimate.figures.stop
 
 
 def test_head_that_runs_dry_shows_no_growth() -> None:
