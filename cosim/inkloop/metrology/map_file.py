@@ -58,6 +58,12 @@ _READERS: Mapping[str, tuple[Callable[[Path, str | None], FileContents], str]] =
 }
 """Suffix -> reader, and the library of an extra that it needs; any other suffix is an instrument's own."""
 _INSTRUMENTS = (map_readers.read_instrument, "SurfaceTopography")
+_OWN = {
+    ".toml": "is no height map but a scenario, or settings; name a map, or the folder of a run",
+    ".nc": "is the result of a run; name its folder",
+    ".json": "is no height map; name a map, or the folder of a run",
+}
+"""Suffix of files that no profiler writes -> what to name."""
 
 
 def read(
@@ -144,6 +150,8 @@ def _contents(path: Path, channel: str | None) -> FileContents:
     try:
         if reason := _size_error(path):
             raise HeightMapError(f"{path}: {reason}; save a part of the map, or fewer pixels")
+        if own := _OWN.get(path.suffix.lower()):
+            raise HeightMapError(f"{path}: {own}")
         if reason := library_error(path):
             raise HeightMapError(reason)
         return _READERS.get(path.suffix.lower(), _INSTRUMENTS)[0](path, channel)

@@ -19,7 +19,7 @@ from inkloop.report.model_difference import ModelDifference, model_difference
 from inkloop.report.remarks import remarks
 from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
 from inkloop.results.metrics import SIGN
-from inkloop.results.result import COMPARE_FOLDER, Result, read_record
+from inkloop.results.result import COMPARE_FOLDER, UNFINISHED, Result, read_record
 from inkloop.results.surface import parameters_of
 from inkloop.tables.schema import Literature
 from inkloop.units import NL_PER_M3, UM_PER_M
@@ -149,12 +149,12 @@ def grid(result: Result) -> str:
 
 
 def _comparison(runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> tuple[list[str], list[list[str]]]:
-    """The headings and rows of the table."""
+    """The headings and rows of the table; the name of a run whose part is not complete says so."""
     metrics = {name: result.metrics() for name, result in runs.items()}
     mismatch = ["mis-\nmatch"] if any("mismatch" in each for each in metrics.values()) else []
     rows = [
         [
-            name,
+            f"{name}, {runs[name].stop_reason}" if runs[name].stop_reason in UNFINISHED else name,
             *(decimals(each[key] * UM_PER_M) for key in ("mean_error", "mae", "std")),
             *(f"{each['mismatch']:.1%}" if "mismatch" in each else "-" for _ in mismatch),
             f"{each['layers']:.0f}",

@@ -209,7 +209,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     """The run.json of a run folder, finished or not. Raises ResultError where it is none, or of another schema."""
     try:
         record = json.loads(regular(folder / RUN_FILE).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
     except (OSError, ValueError, RecursionError) as error:
         raise ResultError(f"{folder}: cannot be read: {error}") from error

@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, Placement, walls_on_centers
+from inkloop.geometry.mending import is_closed
 from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns, painted
 from inkloop.geometry.mesh_columns import MeshColumns, measured
 from inkloop.geometry.mesh_file import read_bodies
@@ -22,6 +24,10 @@ COARSE = 0.01
 ROUNDED = 1e-9
 """Share of the volume that rounding lets bodies share."""
 _LISTED = 3
+_OPEN = (
+    "the surface is not closed, so that its inside is a guess where a column meets a hole; `inkloop geometry` lists the "
+    "holes"
+)
 
 
 class MeshTable(PlacedTable):
@@ -69,10 +75,12 @@ class MeshTable(PlacedTable):
         shared = sum(each.overlap + each.columns.volume for each in found.values()) - whole.volume
         (x_min, y_min, _), (x_max, y_max, _), volume = measured(bodies, abs(shared) > ROUNDED * whole.volume)
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
-        is_closed = not any(each.open_cells.size for each in found.values())
+        is_whole = is_closed(np.concatenate([body.triangles for body in bodies]))
+        has_volume = is_whole and not any(each.open_cells.size for each in found.values())
         remarks = list(dict.fromkeys(remark for body in bodies for remark in body.remarks))
         remarks += [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
-        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), volume if is_closed else None)
+        remarks += [] if is_whole else [_OPEN]
+        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), volume if has_volume else None)
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
         """Bodies of the file where the table puts them. Raises PartError."""

@@ -466,3 +466,12 @@ def test_zip_that_is_no_x3p_is_left_to_the_library(tmp_path: Path) -> None:
     with pytest.raises(HeightMapError, match="SurfaceTopography cannot read it") as refused:
         read_instrument(tmp_path / "it.qep")
     assert "main.xml" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("a.toml", "scenario"), ("result.nc", "name its folder"), ("run.json", "no height map")]
+)
+def test_file_of_a_run_is_no_height_map(tmp_path: Path, name: str, words: str) -> None:
+    (tmp_path / name).write_text("{}")
+    with pytest.raises(HeightMapError, match=words):
+        read(tmp_path / name)

@@ -309,6 +309,16 @@ def test_runs_of_a_folder_are_the_run_itself_and_its_comparison_runs_that_have_e
     assert found["main"] is in_memory[tmp_path]
 
 
+@pytest.mark.parametrize("reason", ["interrupted", "failed", "stopped", "done", "layers_max"])
+def test_row_of_a_run_whose_part_is_not_complete_says_so(tmp_path: Path, reason: str) -> None:
+    run().save(tmp_path / "whole")
+    run("open loop", stop_reason=reason).save(tmp_path / "cut")
+    table, found, _ = run_report.compare([tmp_path / "whole", tmp_path / "cut"], tmp_path / "both", ())
+    name = "open loop" if reason in ("done", "layers_max") else f"open loop, {reason}"
+    assert [str(cell) for cell in table.columns[0].cells] == ["closed loop", name]
+    assert list(found) == ["closed loop", "open loop"]
+
+
 def test_compared_runs_are_named_by_label_or_by_folder(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("first", "second", "third")]
     for folder, result in zip(folders, (run(), run("open", 2.0), run("open", 3.0)), strict=True):

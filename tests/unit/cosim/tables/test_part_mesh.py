@@ -217,6 +217,17 @@ def test_volume_of_a_mesh_with_a_hole_is_unknown(tmp_path: Path) -> None:
         assert (part.solid.volume is not None) == is_known
 
 
+@pytest.mark.parametrize("missing", ["none", "one triangle", "two that face each other"])
+def test_mesh_whose_walls_have_holes_has_no_volume_and_is_warned_of(tmp_path: Path, missing: str) -> None:
+    """No column of cells meets such a hole."""
+    walls = [k for k, triangle in enumerate(BOX) if np.ptp(np.asarray(triangle)[:, 2]) > 0.0]
+    left_out = {"none": [], "one triangle": walls[:1], "two that face each other": walls}[missing]
+    (tmp_path / "part.stl").write_bytes(parts.stl(np.delete(np.asarray(BOX), left_out, axis=0)))
+    solid = with_part(MESH, tmp_path).solid
+    assert (solid.volume is not None) == (missing == "none")
+    assert any("is not closed" in remark for remark in solid.remarks) == (missing != "none")
+
+
 def test_open_mesh_is_refused_with_a_place_whatever_is_asked_for_single_columns(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_bytes(parts.stl(BOX[1:]))
     for keys, words in (("", "mend the mesh"), ('open_columns = "neighbours"', "of 24 columns")):
