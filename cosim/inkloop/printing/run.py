@@ -51,10 +51,8 @@ def run(
     pictures: their formats, none without pictures.
     """
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
-    console.sentence(f"{folder}: {scenario.footprint}")
-    for warning in scenario.warnings:
-        console.sentence(f"warning: {warning}")
-    return _print_all(scenario, folder, console, compare, pictures)
+    words = [f"{folder}: {scenario.footprint}", *(f"warning: {warning}" for warning in scenario.warnings)]
+    return _print_all(scenario, folder, console, compare, pictures, words)
 
 
 def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
@@ -143,8 +141,15 @@ def print_part(
     return result
 
 
-def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: Sequence[str]) -> int:
-    """Print the unfinished runs of a scenario in `folder`, and show all of them."""
+def _print_all(
+    scenario: Scenario,
+    folder: Path,
+    console: Terminal,
+    compare: bool,
+    pictures: Sequence[str],
+    words: Sequence[str] = (),
+) -> int:
+    """Print the unfinished runs of a scenario in `folder`, and show all of them; words: shown once the first begins."""
     from inkloop.report import run_report
     from inkloop.report.remarks import STOP_TITLE, ending, remarks
 
@@ -156,6 +161,8 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
             if _is_finished(place):
                 continue
             with _alone(place, folder), log_devices(variant, console, place):
+                for word in words if place == folder else ():
+                    console.sentence(word)
                 Result.begin(place, variant.text, notes)
                 result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:

@@ -171,7 +171,8 @@ class Scenario:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for a user before a print, one sentence each."""
-        return (*(f"part: {remark}" for remark in self.solid.remarks), *self._loop.notes, *self.footprint.warnings())
+        of_part = (f"part: {remark}" for remark in self.solid.remarks)
+        return (*of_part, *self.tables.ink.remarks, *self._loop.notes, *self.footprint.warnings())
 
     @property
     def part_sha256(self) -> str | None:

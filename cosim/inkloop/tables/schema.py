@@ -45,6 +45,15 @@ class InkTable(Table):
         """The ink in SI."""
         return Ink(self.h1_um * M_PER_UM, self.h2_um * M_PER_UM, self.h3_um * M_PER_UM)
 
+    @property
+    def remarks(self) -> list[str]:
+        """Warnings, each of which begins with a key."""
+        name, neighbour = max(("h2_um", self.h2_um), ("h3_um", self.h3_um), key=lambda each: each[1])
+        if self.h1_um >= neighbour:
+            return []
+        found = f"h1_um is {self.h1_um:g}, less than {name}, {neighbour:g}"
+        return [f"{found}: a droplet adds less to its own cell than to a neighbour; check the unit, all are in µm"]
+
 
 class Inks(Table):
     """`[ink]`: materials A and B."""
@@ -52,6 +61,12 @@ class Inks(Table):
     file: str | None = Field(default=None, description="ink file, relative to the scenario; keys of this table win")
     a: InkTable = InkTable()
     b: InkTable | None = None
+
+    @property
+    def remarks(self) -> list[str]:
+        """Warnings, each of which begins with the key."""
+        inks = {"a": self.a} | ({"b": self.b} if self.b else {})
+        return [f"ink.{name}.{remark}" for name, ink in inks.items() for remark in ink.remarks]
 
 
 class Process(Table):

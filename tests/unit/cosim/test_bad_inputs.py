@@ -129,7 +129,7 @@ ENCODINGS = {
 }
 WARNINGS = {
     "height_um = 1e9": "0 about 131,578,947 layers high; run.layers_max ends |; check the heights of [part]",
-    "height_um = 1e-6": "0 the part is 1.3e-07 of a layer high; |; check the heights of [part], which are in",
+    "height_um = 1e-6": "0 the part is 1.3e-07 of a layer high; |; check the heights of [part], and those of",
 }
 
 

@@ -103,7 +103,7 @@ def test_figures_of_a_file_agree_with_the_part(
     area = 4.0 * 1.2 + 1.2 * 1.8 - 2 * np.pi * 0.32**2
     rib = 4.0 * 0.2 + 2.8 * 0.2
     assert found["volume_mm3"] == pytest.approx(area * 0.114 + rib * 0.114, rel=0.01, abs=0.0)
-    assert found["layers"] == int(np.ceil(228 / 7.6))
+    assert found["layers"] == int(np.ceil(228 / (0.9 * 6.6))) + 5
     assert found["droplets"]["A"] == pytest.approx(found["volume_mm3"] * 1e9 / (100.0**2 * 7.6), abs=1.0)
     assert found["narrow"] == {}
     with Image.open(tmp_path / "bracket-geometry.png") as picture:
