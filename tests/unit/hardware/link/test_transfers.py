@@ -318,6 +318,37 @@ def test_late_answer_to_a_request_that_was_broken_off_is_not_that_of_the_next_on
     assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
 
 
+class SlowRefusals(FaultyWire):
+    """A node that needs 1.2 s to refuse, for which a link waits 1 s; other answers come in their turn."""
+
+    def __init__(self, bench: NodeBench) -> None:
+        self.held: deque[tuple[int, Frame]] = deque()
+        super().__init__(bench, alter=self.hold)
+
+    def hold(self, frame: Frame) -> Frame | None:
+        is_refusal = is_single(frame, 0x7F)
+        if frame.arbitration_id % 2 == 0 or kind(frame) == 3 or not (is_refusal or self.held):
+            return frame
+        self.held.append((self.bench.clock + 1200 if is_refusal else self.held[-1][0], frame))
+        return None
+
+    def _turn(self) -> None:
+        super()._turn()
+        while self.held and self.held[0][0] <= self.bench.clock:
+            self.waiting.append(self.held.popleft()[1].data)
+
+
+def test_late_answer_to_a_request_that_was_repeated_is_not_that_of_the_next_one(bench: NodeBench) -> None:
+    """The first answer ends the request; the second one is under way when the next request is sent."""
+    wire = SlowRefusals(bench)
+    link = wire.link()
+    with pytest.raises(NodeRefused):
+        link.routine(Routine.HOME, Key(JOB, 0), limit_s=30)  # which a head refuses
+    link.pause(0.5)
+    assert [frame.data[1:3] for _, frame in wire.held] == [b"\x7f\x31"]
+    assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
+
+
 def test_routine_that_has_failed_is_asked_for_once(bench: NodeBench) -> None:
     """A second try is for a node that lacks conditions; what began and gave up may not begin again."""
 
