@@ -246,6 +246,27 @@ def test_plan_belongs_to_the_layer_that_it_commands_and_its_estimate_to_the_one_
     assert run.attrs["pitch"] == JOB.pitch
 
 
+@pytest.mark.parametrize("reason", [1, 2])
+def test_stop_stands_in_the_row_of_the_layer_whose_scan_it_was(reason: int) -> None:
+    planner = outputs_of(*CONTROLLER, number("stop_reason"), number("stop_layer"), Port("stop_figure"))
+    recorder = Recorder(JOB, {"planner": planner, "printer": outputs_of(HEIGHT, number("layers_printed"))})
+
+    def step(command: int, printed_: int, stop: int) -> Mapping[str, Values]:
+        ended = {"stop_reason": stop, "stop_layer": 3 * stop, "stop_figure": 0.25 * stop}
+        values = {name: np.asarray(value) for name, value in ended.items()}
+        printer: Values = {"height": flat(10.0 * printed_), **printed(printed_)}
+        return {"planner": {**commanded(command), **values}, "printer": printer}
+
+    recorder.initialized(0, step(0, 0, 0))
+    for point, values in enumerate((step(1, 0, 0), step(1, 1, 0), step(2, 1, 0), step(2, 2, reason)), 1):
+        recorder.stepped(point * SECOND, values)
+    run = recorder.dataset()
+    assert run.stop_reason.values.tolist() == [0, 0, reason]
+    assert run.stop_layer.values.tolist() == [0, 0, 3 * reason]
+    np.testing.assert_allclose(run.stop_figure, [np.nan, 0.0, 0.25 * reason], rtol=1e-12)
+    np.testing.assert_allclose(run.estimated_height[:, 1, 1] * 1e6, [100.0, 200.0, 200.0], rtol=1e-12)
+
+
 def test_scan_and_its_valid_cells_belong_to_the_layer_of_the_scan() -> None:
     profiler = outputs_of(MEASURED, Port("valid", "1", SHAPE, "bool"), number("layers_scanned"), Port("shift", "m"))
     recorder = Recorder(JOB, {"printer": outputs_of(HEIGHT, number("layers_printed")), "profiler": profiler})
@@ -277,6 +298,18 @@ def test_scan_before_the_first_is_none() -> None:
     assert [(row.layer, row.time, row.mean_error * 1e6) for row in rows] == [
         (0, 1.0, pytest.approx(mean_um(4.0), rel=1e-9, abs=0.0))
     ]
+    assert recorder.layers == 0
+    np.testing.assert_allclose(recorder.dataset().measured_height[:, 1, 1] * 1e6, [4.0], rtol=1e-12)
+
+
+def test_of_two_profilers_the_first_one_is_recorded() -> None:
+    names = ("profiler", "second")
+    recorder = Recorder(JOB, {name: outputs_of(MEASURED, number("layers_scanned")) for name in names})
+    heights = zip(names, (3.0, 4.0), strict=True)
+    recorder.initialized(
+        0, {name: {"measured_height": flat(um), "layers_scanned": np.asarray(0)} for name, um in heights}
+    )
+    np.testing.assert_allclose(recorder.dataset().measured_height[:, 1, 1] * 1e6, [3.0], rtol=1e-12)
 
 
 SHADOW = outputs_of(
