@@ -159,10 +159,18 @@ def test_same_name_from_two_components_is_kept_apart() -> None:
     assert run.profiler_temperature.attrs["units"] == temperature.unit
 
 
-def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink() -> None:
+@pytest.mark.parametrize(("levels", "of_a", "of_b"), [((), 3, 5), ((1, 2, 4, 1, 1, 1, 1, 3), 7, 7)])
+def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink(
+    levels: tuple[int, ...], of_a: int, of_b: int
+) -> None:
     job = toy_job()
     shape = (job.nx, job.ny)
     controller = FunctionComponent(outputs=[Port("layer_command"), Port("pattern", "1", shape, "int32")])
+    own: Values = {}
+    if levels:
+        controller.outputs += (Port("drop_level", "1", shape, "int32"),)
+        own["drop_level"] = np.ones(shape, np.int32)
+        own["drop_level"].flat[: len(levels)] = levels
     printer = FunctionComponent(outputs=[Port("layers_printed"), Port("droplets_a"), Port("droplets_b")])
     recorder = Recorder(job, {"controller": controller, "printer": printer})
     pattern = np.zeros(shape, np.int32)
@@ -170,13 +178,13 @@ def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink() -> None:
     for layer, count in enumerate((COUNTER_END - 1, COUNTER_END, COUNTER_END)):
         counted = np.asarray(count, np.int32)
         values: dict[str, Values] = {
-            "controller": {"layer_command": np.asarray(layer), "pattern": pattern},
+            "controller": {"layer_command": np.asarray(layer), "pattern": pattern, **own},
             "printer": {"layers_printed": np.asarray(layer), "droplets_a": counted, "droplets_b": counted},
         }
         (recorder.stepped if layer else recorder.initialized)(layer * SECOND, values)
     run = recorder.dataset()
-    assert run.droplets_a.values.tolist() == [COUNTER_END - 1, COUNTER_END + 2, COUNTER_END + 5]
-    assert run.droplets_b.values.tolist() == [COUNTER_END - 1, COUNTER_END + 4, COUNTER_END + 9]
+    assert run.droplets_a.values.tolist() == [COUNTER_END - 1 + layer * of_a for layer in range(3)]
+    assert run.droplets_b.values.tolist() == [COUNTER_END - 1 + layer * of_b for layer in range(3)]
 
 
 JOB = toy_job()
@@ -244,6 +252,8 @@ def test_plan_belongs_to_the_layer_that_it_commands_and_its_estimate_to_the_one_
     np.testing.assert_allclose(run.y, np.arange(JOB.ny) * JOB.pitch, rtol=1e-12)
     assert run.layer.values.tolist() == [0, 1, 2]
     assert run.attrs["pitch"] == JOB.pitch
+    recorder.stepped(6 * SECOND, step(3, 2))  # commanded, and never printed
+    np.testing.assert_array_equal(recorder.table().stage, [0, 11, 12])
 
 
 @pytest.mark.parametrize("reason", [1, 2])
