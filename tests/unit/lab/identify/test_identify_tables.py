@@ -55,6 +55,16 @@ def shown(heights: Any = ONE, comparisons: Sequence[Comparison] = (), **parts: A
     ]
 
 
+@pytest.mark.parametrize(("name", "low", "high"), [("samples", 0, 2000), ("layers", 1, 200), ("side", 12, 500)])
+def test_size_of_an_experiment_has_its_ends(name: str, low: int, high: int) -> None:
+    options = argparse.Namespace(samples=75, layers=20, side=32, runs=None, noise_um=0.0)
+    for number in (low, high):
+        command._check(argparse.Namespace(**vars(options) | {name: number}))
+    for number in (low - 1, high + 1):
+        with pytest.raises(IdentificationError, match=f"^--{name} is {number}; expected {low} to {high}$"):
+            command._check(argparse.Namespace(**vars(options) | {name: number}))
+
+
 def test_heights_stand_in_micrometres_with_their_intervals_for_each_method_and_material() -> None:
     (title, caption, rows), _ = shown()
     assert title == "height that a droplet adds [µm], with 95 % intervals"
