@@ -112,7 +112,7 @@ def _coefficient_rows(where: str, found: VolumeAreaEstimate, *, known: bool) -> 
 
 def _error_row(where: str, prior: str, printed: float, found: VolumeAreaEstimate) -> Row:
     """Scatter over the groups of three."""
-    error, scatter = (value for value in found.rms[prior])
+    error, scatter = (100.0 * value for value in found.rms[prior])
     return Row(where, f"{prior} prior drops: rms (21)", "%", printed, error, remark=NO_PROFILES, scatter=scatter)
 
 

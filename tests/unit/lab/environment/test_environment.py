@@ -162,6 +162,35 @@ def test_invalid_action_changes_nothing() -> None:
     env.close()
 
 
+def test_print_that_has_failed_and_one_before_a_reset_have_ended() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID)
+    observation, _ = env.reset(seed=1)
+
+    def fails(_: object) -> Any:
+        raise inkloop.ComponentError("broken")
+
+    env._seat.act = fails
+    with pytest.raises(inkloop.ComponentError, match="broken"):
+        env.step(observation["mask"])
+    with pytest.raises(inkloop.InkloopError, match=r"the print has ended or has not begun; call reset\(\)"):
+        env.step(observation["mask"])
+    env.reset(seed=1)
+    before = env._turns
+    assert before is not None
+    env.reset(seed=2)
+    assert next(before, None) is None
+    env.close()
+
+
+def test_print_of_a_printer_that_does_not_know_its_surface_is_judged_by_the_last_scan() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, NOISY)
+    observation, info = env.reset(seed=1)
+    assert not np.array_equal(info["height"], observation["measured_height"])
+    env._surface.height = None
+    np.testing.assert_array_equal(env._height(), observation["measured_height"])
+    env.close()
+
+
 def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
     env = inkloop_lab.LayerEnv(CUBOID)
     _, first = env.reset(seed=4)
