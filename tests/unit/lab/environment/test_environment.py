@@ -162,6 +162,14 @@ def test_invalid_action_changes_nothing() -> None:
     env.close()
 
 
+def test_overrides_are_laid_over_a_scenario_that_was_loaded() -> None:
+    scenario = inkloop.load(CUBOID, {"run.layers_max": 7})
+    assert isinstance(scenario, inkloop.Scenario)
+    found = FreedScenario.of(scenario, {"seed": 9, "grid.pitch_um": 250.0}, None).own.tables
+    assert (found.run.layers_max, found.seed, found.grid.pitch_um) == (7, 9, 250.0)
+    assert FreedScenario.of(scenario, {}, None).own is scenario
+
+
 def test_print_that_has_failed_and_one_before_a_reset_have_ended() -> None:
     env = inkloop_lab.LayerEnv(CUBOID)
     observation, _ = env.reset(seed=1)
@@ -228,6 +236,10 @@ def test_environments_side_by_side_print_what_one_prints() -> None:
 def test_devices_and_impossible_options_are_refused() -> None:
     with pytest.raises(inkloop.ScenarioError, match=r"is 'hardware\.printer', no model; LayerEnv needs"):
         inkloop_lab.LayerEnv(SCENARIOS / "bench.toml")
+    text = (SCENARIOS / "bench.toml").read_text(encoding="utf-8").partition("[components.profiler]")[0]
+    text += '[components.profiler]\nkind = "MapFolder"\nfolder = "maps"\n'
+    with pytest.raises(inkloop.ScenarioError, match=r"components\.profiler\.kind is 'MapFolder', no model; LayerEnv"):
+        inkloop_lab.LayerEnv(inkloop.Scenario.of_text(text, str(SCENARIOS / "bench.toml")))
     with pytest.raises(ValueError, match="alpha is 2"):
         inkloop_lab.LayerEnv(CUBOID, alpha=2.0)
     with pytest.raises(ValueError, match="render_mode is 'human'; needs 'rgb_array' or None"):
