@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,11 @@ def test_scans_that_do_not_grow_are_named_with_their_layers() -> None:
     again = record.measured[:3][[0, 1, 2, 2, 2, 2]] + noise.normal(0.0, 1e-6, record.measured.shape)
     assert "the scans do not grow in layer 3, 4, 5:" in refusal(replace(record, measured=again))
     assert "layer 3, 4, 5, 6, 7, ...:" in refusal(logged(Profiler(frozen_from=3), layers(count=9)))
+    record = logged(Profiler(), layers(count=6))
+    growth = np.diff(record.measured, axis=0) * np.reshape([1.0, 0.12, 1.0, 1.0, 0.0, 1.0], (6, 1, 1))
+    slow = record.measured[0] + np.concatenate([np.zeros((1, *record.shape)), growth.cumsum(axis=0)])
+    found = refusal(replace(record, measured=slow))
+    assert re.search(r"do not grow in layer 2, 5: the droplets of layer 2 show 1[12]% of what those of other", found)
     for profiler in (Profiler(frozen_from=1), Profiler(zero=True)):
         assert "all scans are the same" in refusal(logged(profiler, layers()))
 
