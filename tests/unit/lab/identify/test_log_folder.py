@@ -12,7 +12,7 @@ import xarray
 
 from inkloop.contract import pass_colours
 from inkloop_lab.identify.log_folder import read_log
-from inkloop_lab.identify.print_record import IdentificationError, record_of
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, record_of
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition
 from support.logged_print import CELL, PITCH, log, made_up, random_layers
 
@@ -79,6 +79,15 @@ def test_level_of_every_scan_is_that_of_untouched_cells(tmp_path: Path) -> None:
     record.measured[:] = drifted
     read = read_log(log(tmp_path / "print", record, CELL + "datum = 'offset'\n"))
     assert read.measured == pytest.approx(exact, abs=1e-13)
+
+
+def test_level_is_that_of_cells_more_than_two_cells_away_from_droplets() -> None:
+    """Droplets of some inks reach two cells far."""
+    pattern, scan = np.zeros((1, 6, 6), np.int32), np.full((6, 6), 3e-6)
+    pattern[0, 2, 2] = 1
+    scan[:5, :5] = 4e-6
+    levelled = PrintRecord("it", PITCH, pattern, np.stack([np.zeros((6, 6)), scan])).levelled("offset")
+    np.testing.assert_allclose(levelled.measured[1], scan - 3e-6, atol=1e-15)
 
 
 def test_covered_area_is_of_the_whole_cell_over_the_median_of_the_start(tmp_path: Path) -> None:
