@@ -68,7 +68,10 @@ def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
     size.went_through()
     assert size.bytes == 508
     assert BlockSize(0xFFFF).bytes == 4093
-    assert BlockSize(100).bytes == 98, "a node that takes less than the floor"
+    small = BlockSize(100)
+    assert small.bytes == 98, "a node that takes less than the floor"
+    small.was_lost()
+    assert small.bytes == 98
 
 
 def random_pattern(cells: int, seed: int = 0) -> np.ndarray:
