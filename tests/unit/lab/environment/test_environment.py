@@ -168,6 +168,10 @@ def test_overrides_are_laid_over_a_scenario_that_was_loaded() -> None:
     found = FreedScenario.of(scenario, {"seed": 9, "grid.pitch_um": 250.0}, None).own.tables
     assert (found.run.layers_max, found.seed, found.grid.pitch_um) == (7, 9, 250.0)
     assert FreedScenario.of(scenario, {}, None).own is scenario
+    freed = FreedScenario.of(scenario, {"metrology.parameters": ["Sz"]}, None)
+    assert freed.own.tables.metrology is not None
+    tables = freed.seeded(3).tables
+    assert (tables.metrology, tables.compare, tables.literature) == (None, {}, {})  # none of which a layer needs
 
 
 def test_print_that_has_failed_and_one_before_a_reset_have_ended() -> None:
@@ -206,6 +210,7 @@ def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
     _, third = env.reset()
     assert first["seed"] == 4
     assert len({first["seed"], second["seed"], third["seed"]}) == 3
+    assert max(second["seed"], third["seed"]) > 2**24  # of all seeds that a scenario may have
     env.reset(seed=4)
     assert env.reset()[1]["seed"] == second["seed"]
     with pytest.raises(inkloop.ScenarioError, match="seed"):
