@@ -19,7 +19,7 @@ from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.requests import DeadlinePassed, Requests
 from inkloop_hardware.link.transfers import BlockSize, receive_map, send_pattern
 from inkloop_hardware.protocol.codec import Frame
-from inkloop_hardware.protocol.node_state import Flags, MapSize
+from inkloop_hardware.protocol.node_state import Flags, MapSize, TransferFlags, TransferState
 from inkloop_hardware.protocol.records import Node, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
@@ -590,6 +590,31 @@ def test_transfer_is_begun_again_where_the_two_ends_differ_in_the_middle_of_it(p
     profiler.answers[place] = refuse
     with pytest.raises(TransferError if code in DIFFER and place != "upload" else NodeRefused, match="refuses"):
         receive_map(profiler, 3, None)
+
+
+@pytest.mark.parametrize(
+    ("flags", "done", "sent"),
+    [(1, 64, [1, 2, 3]), (0, 64, []), (1, 0, [1, 1, 2, 3]), (0, 0, []), (1, 32, [])],
+    ids=["it has the block", "no transfer", "it has not the block", "begun again", "it has some of it"],
+)
+def test_block_without_an_answer_is_what_the_node_says_of_it(flags: int, done: int, sent: list[int]) -> None:
+    """Blocks of 64 bytes; the rest follows only where both ends agree."""
+    head: Any = OddProfiler((0, 0, 0), 66, [WHOLE])
+    lost = iter([True])
+
+    def block() -> dict[str, bytes]:
+        if next(lost, False):
+            raise LinkTimeout("no answer")
+        return {}
+
+    head.answers["block"] = block
+    head.read = lambda *_: TransferState(TransferFlags(flags), 1, 3, JOB, done, len(WHOLE))
+    if not sent:
+        with pytest.raises(TransferError, match=f"has {done} bytes, expected 0: block 1 of the pattern of layer 3"):
+            send_pattern(head, 3, WHOLE, False, None)
+        return
+    send_pattern(head, 3, WHOLE, False, None)
+    assert [number for number, _ in head.asked] == sent
 
 
 def test_pattern_of_which_the_node_has_another_checksum_is_not_there() -> None:
