@@ -166,7 +166,7 @@ def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink(
     job = toy_job()
     shape = (job.nx, job.ny)
     controller = FunctionComponent(outputs=[Port("layer_command"), Port("pattern", "1", shape, "int32")])
-    own: Values = {}
+    own: dict[str, Any] = {}
     if levels:
         controller.outputs += (Port("drop_level", "1", shape, "int32"),)
         own["drop_level"] = np.ones(shape, np.int32)
