@@ -14,7 +14,7 @@ import pytest
 from udsoncan.exceptions import TimeoutException
 
 from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection
-from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.errors import LinkTimeout, NodeLost, NodeRefused, TransferError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.requests import DeadlinePassed, Requests
 from inkloop_hardware.link.transfers import BlockSize, receive_map, send_pattern
@@ -510,6 +510,18 @@ def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_
         connection.send(bytes([0x22, number]))
         assert connection.wait_frame(1.0) == bytes([0x62, number])
         assert connection.stray == number
+
+
+def test_pause_ends_with_the_error_that_makes_waiting_useless() -> None:
+    class Lost(StoppingWire):
+        def check(self) -> None:
+            if self.seconds >= 0.2:
+                raise NodeLost("silent")
+
+    wire = Lost(0)
+    with pytest.raises(NodeLost, match="silent"):
+        IsoTpConnection(wire, 0x640, 0x641, lambda *_: True).pause(9.0)
+    assert 0.2 <= wire.seconds < 0.3
 
 
 def test_damaged_and_late_frames_of_a_node_are_counted_together() -> None:
