@@ -161,7 +161,6 @@ class Recorder:
                 self._of_run[name][layer] = value
             elif label := self._label(role, name):
                 self._scalars.setdefault(label, {})[layer] = value
-        self._new_rows = {}
 
     def table(self) -> xr.Dataset:
         """Everything recorded but the maps by layer, with units; layers that were jumped over hold NaN or 0."""

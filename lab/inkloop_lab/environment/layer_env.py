@@ -127,7 +127,6 @@ class LayerEnv(Env):
                 components,
                 layers_max=limits.layers_max,
                 events=self._scenario.events,
-                fed={connection.target for connection in self._scenario.connections},
             ),
         )
         time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * NS_PER_S)

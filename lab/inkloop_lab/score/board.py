@@ -197,7 +197,7 @@ def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
 def relative(scores: Sequence[Score], name: str) -> float:
     """Geometric mean, over the plants, of the rms error of an entry over that of the open loop."""
     rms = {(score.entry.name, score.plant): score.mean("rms") for score in scores}
-    plants = [plant for of, plant in rms if of == name and (OPEN_LOOP.name, plant) in rms]
+    plants = [plant for of, plant in rms if of == name]
     return float(np.exp(np.mean([np.log(rms[name, plant] / rms[OPEN_LOOP.name, plant]) for plant in plants])))
 
 

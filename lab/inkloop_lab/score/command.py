@@ -20,7 +20,6 @@ from inkloop_lab.score import PLANTS, tables
 from inkloop_lab.score.board import (
     AGAINST,
     ENTRIES,
-    OPEN_LOOP,
     SEEDS,
     Entry,
     Score,
@@ -62,19 +61,18 @@ def _scored(
     pictures: Sequence[str],
     console: Terminal,
 ) -> int:
-    """Print all, then write and show the tables of complete plants."""
+    """Print all, then write and show the tables of what was printed; the open loop is the first entry of a plant."""
     found, interrupted = _all(entries, plants, seeds, console)
-    complete = [one for one in found if one.plant in {other.plant for other in found if other.entry is OPEN_LOOP}]
-    if complete:
-        write(folder, complete, seeds, pictures)
-        for version, own in tables.by_version(complete).items():
+    if found:
+        write(folder, found, seeds, pictures)
+        for version, own in tables.by_version(found).items():
             console.print(tables.terminal_table(version, own))
             console.sentence(tables.how_to_cite(version, seeds))
         written = "tables and picture" if pictures else "tables"
         console.sentence(f"{'interrupted' if interrupted else 'done'}: {written} are in {folder}/")
     elif interrupted:
         console.sentence("interrupted: nothing is finished")
-    console.result(folder=folder, interrupted=interrupted, scores=[_record(one) for one in complete])
+    console.result(folder=folder, interrupted=interrupted, scores=[_record(one) for one in found])
     return INTERRUPTED if interrupted else 0
 
 

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import inkloop
-from inkloop.component import Ink, Job
+from inkloop.component import Ink, Job, Values
 from inkloop.components import catalog
 from inkloop.errors import ComponentError
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS
 from inkloop.testing import job as job_of_checks
-from inkloop_lab.policies import ActionCode, PolicyController, policy_controller
+from inkloop_lab.policies import ActionCode, PolicyController, observation_of, policy_controller
 from support.places import SCENARIOS
+from support.toys import toy_job
 
 POLICY = (
     "import numpy as np\n\n\nclass Fill:\n    def __init__(self, job, *, share: float = 0.5):\n"
@@ -96,6 +97,27 @@ def test_state_of_another_grid_is_refused() -> None:
     with pytest.raises(inkloop.ComponentError, match="is no state of its controller"):
         second.restore(b"rubbish")
     assert first.code.values == ActionCode((3, 3)).values == 2  # a droplet or none
+
+
+def test_observation_is_of_new_arrays_in_the_types_of_the_page() -> None:
+    """A policy may keep them, and alter them, whatever the scan that follows is written into."""
+    job = toy_job(nx=4, ny=3)
+    valid = np.arange(12).reshape(4, 3) % 2 > 0
+    scan: Values = {"measured_height": np.arange(12.0).reshape(4, 3), "valid": valid}
+    found = observation_of(job, scan)
+    expected = {
+        "measured_height": scan["measured_height"].copy(), "valid": valid.astype(np.int8),
+        "target": job.target_height.copy(), "mask": job.mask.astype(np.int8),
+    }  # fmt: skip
+    assert {name: str(values.dtype) for name, values in found.items()} == {
+        "measured_height": "float64", "valid": "int8", "target": "float64", "mask": "int8",
+    }  # fmt: skip
+    scan["measured_height"][...], scan["valid"][...] = -1.0, False
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values)
+    found["target"][...] = found["mask"][...] = 0
+    np.testing.assert_array_equal(job.target_height, expected["target"])
+    np.testing.assert_array_equal(job.mask, expected["mask"])
 
 
 def test_policy_is_asked_once_for_each_scan_until_it_is_done() -> None:

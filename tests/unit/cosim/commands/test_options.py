@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import errno
 import json
+import re
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -52,6 +54,30 @@ def block(tmp_path: Path) -> Path:
 )
 def test_override_is_a_key_and_a_value(pairs: list[str], found: dict[str, object]) -> None:
     assert options.overrides_of(pairs, "it") == found
+
+
+def options_of(of: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
+    """Every option, those of subcommands included, with its command."""
+    for action in of._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from options_of(below)
+        else:
+            yield of.prog, action
+
+
+def test_default_of_an_option_is_the_one_that_its_help_names() -> None:
+    found, named = {}, {}
+    for command, option in options_of(parser()):
+        words = re.search(r"default: ([^\s;,)]+)", option.help or "")
+        if words and option.default is not None and not isinstance(option.default, bool):
+            key, default = (command, *option.option_strings), option.default
+            found[key] = ",".join(default) if isinstance(default, tuple) else str(default)
+            named[key] = words[1]
+    picture = ("inkloop compare", "--out")  # the default without the suffix of its first picture
+    named[picture] = named[picture].removesuffix(".png")
+    assert found == named
+    assert found["inkloop identify", "--side"] == "32"
 
 
 def test_every_override_that_is_none_is_named() -> None:

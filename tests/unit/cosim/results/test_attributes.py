@@ -56,6 +56,9 @@ def test_long_names_differ_and_those_of_errors_say_their_sign() -> None:
 def test_codes_are_those_of_the_parts_that_put_them_out() -> None:
     assert spelled(MEANINGS["plan_status"].flags) == spelled(status.value for status in PlanStatus)
     assert MEANINGS["modified"].flags == ("no", "yes")
+    assert MEANINGS["pattern"].flags == MEANINGS["ink"].flags == ("none", "ink_a", "ink_b")
+    assert MEANINGS["valid"].flags == ("not_measured", "measured")
+    assert spelled(MEANINGS["shadow_status"].flags) == "idle busy done fault untrusted"
     bits = [1 << bit for bit in range(len(MEANINGS["untrusted_reasons"].masks))]
     assert bits == [reason.value for reason in UntrustedReason]
     assert MEANINGS["stop_reason"].masks == MEANINGS["untrusted_reasons"].masks

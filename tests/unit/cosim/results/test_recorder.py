@@ -159,10 +159,18 @@ def test_same_name_from_two_components_is_kept_apart() -> None:
     assert run.profiler_temperature.attrs["units"] == temperature.unit
 
 
-def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink() -> None:
+@pytest.mark.parametrize(("levels", "of_a", "of_b"), [((), 3, 5), ((1, 2, 4, 1, 1, 1, 1, 3), 7, 7)])
+def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink(
+    levels: tuple[int, ...], of_a: int, of_b: int
+) -> None:
     job = toy_job()
     shape = (job.nx, job.ny)
     controller = FunctionComponent(outputs=[Port("layer_command"), Port("pattern", "1", shape, "int32")])
+    own: dict[str, Any] = {}
+    if levels:
+        controller.outputs += (Port("drop_level", "1", shape, "int32"),)
+        own["drop_level"] = np.ones(shape, np.int32)
+        own["drop_level"].flat[: len(levels)] = levels
     printer = FunctionComponent(outputs=[Port("layers_printed"), Port("droplets_a"), Port("droplets_b")])
     recorder = Recorder(job, {"controller": controller, "printer": printer})
     pattern = np.zeros(shape, np.int32)
@@ -170,13 +178,13 @@ def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink() -> None:
     for layer, count in enumerate((COUNTER_END - 1, COUNTER_END, COUNTER_END)):
         counted = np.asarray(count, np.int32)
         values: dict[str, Values] = {
-            "controller": {"layer_command": np.asarray(layer), "pattern": pattern},
+            "controller": {"layer_command": np.asarray(layer), "pattern": pattern, **own},
             "printer": {"layers_printed": np.asarray(layer), "droplets_a": counted, "droplets_b": counted},
         }
         (recorder.stepped if layer else recorder.initialized)(layer * SECOND, values)
     run = recorder.dataset()
-    assert run.droplets_a.values.tolist() == [COUNTER_END - 1, COUNTER_END + 2, COUNTER_END + 5]
-    assert run.droplets_b.values.tolist() == [COUNTER_END - 1, COUNTER_END + 4, COUNTER_END + 9]
+    assert run.droplets_a.values.tolist() == [COUNTER_END - 1 + layer * of_a for layer in range(3)]
+    assert run.droplets_b.values.tolist() == [COUNTER_END - 1 + layer * of_b for layer in range(3)]
 
 
 JOB = toy_job()
@@ -244,6 +252,29 @@ def test_plan_belongs_to_the_layer_that_it_commands_and_its_estimate_to_the_one_
     np.testing.assert_allclose(run.y, np.arange(JOB.ny) * JOB.pitch, rtol=1e-12)
     assert run.layer.values.tolist() == [0, 1, 2]
     assert run.attrs["pitch"] == JOB.pitch
+    recorder.stepped(6 * SECOND, step(3, 2))  # commanded, and never printed
+    np.testing.assert_array_equal(recorder.table().stage, [0, 11, 12])
+
+
+@pytest.mark.parametrize("reason", [1, 2])
+def test_stop_stands_in_the_row_of_the_layer_whose_scan_it_was(reason: int) -> None:
+    planner = outputs_of(*CONTROLLER, number("stop_reason"), number("stop_layer"), Port("stop_figure"))
+    recorder = Recorder(JOB, {"planner": planner, "printer": outputs_of(HEIGHT, number("layers_printed"))})
+
+    def step(command: int, printed_: int, stop: int) -> Mapping[str, Values]:
+        ended = {"stop_reason": stop, "stop_layer": 3 * stop, "stop_figure": 0.25 * stop}
+        values = {name: np.asarray(value) for name, value in ended.items()}
+        printer: Values = {"height": flat(10.0 * printed_), **printed(printed_)}
+        return {"planner": {**commanded(command), **values}, "printer": printer}
+
+    recorder.initialized(0, step(0, 0, 0))
+    for point, values in enumerate((step(1, 0, 0), step(1, 1, 0), step(2, 1, 0), step(2, 2, reason)), 1):
+        recorder.stepped(point * SECOND, values)
+    run = recorder.dataset()
+    assert run.stop_reason.values.tolist() == [0, 0, reason]
+    assert run.stop_layer.values.tolist() == [0, 0, 3 * reason]
+    np.testing.assert_allclose(run.stop_figure, [np.nan, 0.0, 0.25 * reason], rtol=1e-12)
+    np.testing.assert_allclose(run.estimated_height[:, 1, 1] * 1e6, [100.0, 200.0, 200.0], rtol=1e-12)
 
 
 def test_scan_and_its_valid_cells_belong_to_the_layer_of_the_scan() -> None:
@@ -277,6 +308,18 @@ def test_scan_before_the_first_is_none() -> None:
     assert [(row.layer, row.time, row.mean_error * 1e6) for row in rows] == [
         (0, 1.0, pytest.approx(mean_um(4.0), rel=1e-9, abs=0.0))
     ]
+    assert recorder.layers == 0
+    np.testing.assert_allclose(recorder.dataset().measured_height[:, 1, 1] * 1e6, [4.0], rtol=1e-12)
+
+
+def test_of_two_profilers_the_first_one_is_recorded() -> None:
+    names = ("profiler", "second")
+    recorder = Recorder(JOB, {name: outputs_of(MEASURED, number("layers_scanned")) for name in names})
+    heights = zip(names, (3.0, 4.0), strict=True)
+    recorder.initialized(
+        0, {name: {"measured_height": flat(um), "layers_scanned": np.asarray(0)} for name, um in heights}
+    )
+    np.testing.assert_allclose(recorder.dataset().measured_height[:, 1, 1] * 1e6, [3.0], rtol=1e-12)
 
 
 SHADOW = outputs_of(

@@ -61,6 +61,26 @@ def test_figures_of_a_perfect_print(result: Result) -> None:
     assert int(np.isfinite(result.error_map).sum()) == toy_job().mask.sum()
 
 
+def test_spill_is_what_was_added_beside_the_part(result: Result) -> None:
+    """On a start surface of 1 um: 2 um in one cell beside the part, -0.5 um in another, an unknown one."""
+    run = result.dataset.copy(deep=True)
+    run.height[0] = 1e-6
+    run.height[-1] = np.where(run["mask"], 7e-6, 1e-6)
+    run.height[-1, 0, 1], run.height[-1, 3, 0], run.height[-1, 3, 2] = 3e-6, 0.5e-6, np.nan
+    figures = Result(run, result.run).metrics()
+    assert figures["spill"] == pytest.approx(1.5e-6 * 1e-4**2, rel=1e-9, abs=0.0)
+    assert figures["mean_error"] == pytest.approx(3 * DROPLET - 7e-6, rel=1e-9, abs=0.0)
+
+
+def test_droplets_are_those_of_both_inks_as_counted_else_as_commanded(result: Result) -> None:
+    run, cells = result.dataset.copy(deep=True), toy_job().mask.sum()
+    run["droplets_b"] = run["droplets_a"] + 5
+    assert Result(run, result.run).metrics()["droplets"] == 6 * cells + 5
+    commanded = run.drop_vars(["droplets_a", "droplets_b"])
+    assert Result(commanded, result.run).metrics()["droplets"] == 3 * cells
+    assert np.isnan(Result(commanded.drop_vars("pattern"), result.run).metrics()["droplets"])
+
+
 def test_folder_that_holds_no_such_run_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"holds no run\.json; name a folder that `inkloop run` has made"):
         Result.load(tmp_path)

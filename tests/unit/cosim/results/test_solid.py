@@ -46,6 +46,23 @@ def test_mismatch_is_the_share_that_is_too_much_or_lacking(boundary: float, expe
     assert found == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
+def test_interval_that_a_cell_does_not_have_is_unknown_at_both_ends() -> None:
+    class OneOrTwo:
+        def intervals(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            edges = np.broadcast_to(np.reshape([1.0, 2.0, 3.0, 4.0], (2, 2, 1, 1)), (2, 2, *x.shape)).copy()
+            edges[1, :, 0, 1] = 5.0, -5.0
+            edges[1, :, 2, 2] = 4.0, 4.0
+            return edges
+
+    job = Job(3, 4, 1e-4, np.ones((3, 4)), np.ones((3, 4), np.bool_), INKS, OneOrTwo())  # type: ignore[arg-type]
+    edges = region_edges(job)
+    for name, first, second in (("region_bottom", 1.0, 3.0), ("region_top", 2.0, 4.0)):
+        expected = np.stack([np.full((3, 4), first), np.full((3, 4), second)])
+        expected[1, 0, 1] = np.nan
+        expected[1, 2, 2] = 4.0
+        np.testing.assert_array_equal(edges[name], expected)
+
+
 def test_ink_a_above_the_target_is_too_much() -> None:
     height = np.array([0.0, 13e-6])[:, None, None] * np.ones((2, 4, 4))
     job = Job(4, 4, 263.256e-6, np.full((4, 4), 10e-6), np.ones((4, 4), np.bool_), INKS, Below(1.0))

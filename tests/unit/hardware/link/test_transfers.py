@@ -14,12 +14,12 @@ import pytest
 from udsoncan.exceptions import TimeoutException
 
 from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection
-from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.errors import LinkTimeout, NodeLost, NodeRefused, TransferError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.requests import DeadlinePassed, Requests
 from inkloop_hardware.link.transfers import BlockSize, receive_map, send_pattern
 from inkloop_hardware.protocol.codec import Frame
-from inkloop_hardware.protocol.node_state import Flags, MapSize
+from inkloop_hardware.protocol.node_state import Flags, MapSize, TransferFlags, TransferState
 from inkloop_hardware.protocol.records import Node, State
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.transfer_bytes import CELLS_MAX, map_size
@@ -68,7 +68,10 @@ def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
     size.went_through()
     assert size.bytes == 508
     assert BlockSize(0xFFFF).bytes == 4093
-    assert BlockSize(100).bytes == 98, "a node that takes less than the floor"
+    small = BlockSize(100)
+    assert small.bytes == 98, "a node that takes less than the floor"
+    small.was_lost()
+    assert small.bytes == 98
 
 
 def random_pattern(cells: int, seed: int = 0) -> np.ndarray:
@@ -318,6 +321,37 @@ def test_late_answer_to_a_request_that_was_broken_off_is_not_that_of_the_next_on
     assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
 
 
+class SlowRefusals(FaultyWire):
+    """A node that needs 1.2 s to refuse, for which a link waits 1 s; other answers come in their turn."""
+
+    def __init__(self, bench: NodeBench) -> None:
+        self.held: deque[tuple[int, Frame]] = deque()
+        super().__init__(bench, alter=self.hold)
+
+    def hold(self, frame: Frame) -> Frame | None:
+        is_refusal = is_single(frame, 0x7F)
+        if frame.arbitration_id % 2 == 0 or kind(frame) == 3 or not (is_refusal or self.held):
+            return frame
+        self.held.append((self.bench.clock + 1200 if is_refusal else self.held[-1][0], frame))
+        return None
+
+    def _turn(self) -> None:
+        super()._turn()
+        while self.held and self.held[0][0] <= self.bench.clock:
+            self.waiting.append(self.held.popleft()[1].data)
+
+
+def test_late_answer_to_a_request_that_was_repeated_is_not_that_of_the_next_one(bench: NodeBench) -> None:
+    """The first answer ends the request; the second one is under way when the next request is sent."""
+    wire = SlowRefusals(bench)
+    link = wire.link()
+    with pytest.raises(NodeRefused):
+        link.routine(Routine.HOME, Key(JOB, 0), limit_s=30)  # which a head refuses
+    link.pause(0.5)
+    assert [frame.data[1:3] for _, frame in wire.held] == [b"\x7f\x31"]
+    assert link.ask(Routine.PASS, Key(JOB, 1)) is Outcome.NEVER
+
+
 def test_routine_that_has_failed_is_asked_for_once(bench: NodeBench) -> None:
     """A second try is for a node that lacks conditions; what began and gave up may not begin again."""
 
@@ -478,6 +512,18 @@ def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_
         assert connection.stray == number
 
 
+def test_pause_ends_with_the_error_that_makes_waiting_useless() -> None:
+    class Lost(StoppingWire):
+        def check(self) -> None:
+            if self.seconds >= 0.2:
+                raise NodeLost("silent")
+
+    wire = Lost(0)
+    with pytest.raises(NodeLost, match="silent"):
+        IsoTpConnection(wire, 0x640, 0x641, lambda *_: True).pause(9.0)
+    assert 0.2 <= wire.seconds < 0.3
+
+
 def test_damaged_and_late_frames_of_a_node_are_counted_together() -> None:
     requests = Requests(Node.PROFILER, CODEC, PlainWire(), "here")
     requests.connection.broken, requests.connection.stray = 2, 3
@@ -556,6 +602,31 @@ def test_transfer_is_begun_again_where_the_two_ends_differ_in_the_middle_of_it(p
     profiler.answers[place] = refuse
     with pytest.raises(TransferError if code in DIFFER and place != "upload" else NodeRefused, match="refuses"):
         receive_map(profiler, 3, None)
+
+
+@pytest.mark.parametrize(
+    ("flags", "done", "sent"),
+    [(1, 64, [1, 2, 3]), (0, 64, []), (1, 0, [1, 1, 2, 3]), (0, 0, []), (1, 32, [])],
+    ids=["it has the block", "no transfer", "it has not the block", "begun again", "it has some of it"],
+)
+def test_block_without_an_answer_is_what_the_node_says_of_it(flags: int, done: int, sent: list[int]) -> None:
+    """Blocks of 64 bytes; the rest follows only where both ends agree."""
+    head: Any = OddProfiler((0, 0, 0), 66, [WHOLE])
+    lost = iter([True])
+
+    def block() -> dict[str, bytes]:
+        if next(lost, False):
+            raise LinkTimeout("no answer")
+        return {}
+
+    head.answers["block"] = block
+    head.read = lambda *_: TransferState(TransferFlags(flags), 1, 3, JOB, done, len(WHOLE))
+    if not sent:
+        with pytest.raises(TransferError, match=f"has {done} bytes, expected 0: block 1 of the pattern of layer 3"):
+            send_pattern(head, 3, WHOLE, False, None)
+        return
+    send_pattern(head, 3, WHOLE, False, None)
+    assert [number for number, _ in head.asked] == sent
 
 
 def test_pattern_of_which_the_node_has_another_checksum_is_not_there() -> None:

@@ -263,3 +263,22 @@ START = "31 01 0203 00000007 0001 02 03"
 )
 def test_answer_of_a_routine_has_its_kind_number_and_key(message: str, expected: bool) -> None:
     assert is_answer(bytes.fromhex(START) + b"\1", bytes.fromhex(message)) is expected
+
+
+@pytest.mark.parametrize(
+    ("request_", "message", "expected"),
+    [
+        ("22 01 00", "62 01 00 05", True),
+        ("22 01 00", "62 01 10 05", False),
+        ("22 01 00", "62 02 00 05", False),
+        ("36 05 aa bb", "76 05", True),
+        ("36 05 aa bb", "76 04", False),
+        ("36 05", "7f 36 73", True),
+        ("36 05", "7f 37 73", False),
+        ("3e 00", "7e 00", True),
+        ("3e 00", "76 00", False),
+        ("37", "77 12 34 56 78", True),
+    ],
+)
+def test_answer_repeats_the_identifier_or_the_number_of_the_block(request_: str, message: str, expected: bool) -> None:
+    assert is_answer(bytes.fromhex(request_), bytes.fromhex(message)) is expected

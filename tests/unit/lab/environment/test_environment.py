@@ -162,6 +162,47 @@ def test_invalid_action_changes_nothing() -> None:
     env.close()
 
 
+def test_overrides_are_laid_over_a_scenario_that_was_loaded() -> None:
+    scenario = inkloop.load(CUBOID, {"run.layers_max": 7})
+    assert isinstance(scenario, inkloop.Scenario)
+    found = FreedScenario.of(scenario, {"seed": 9, "grid.pitch_um": 250.0}, None).own.tables
+    assert (found.run.layers_max, found.seed, found.grid.pitch_um) == (7, 9, 250.0)
+    assert FreedScenario.of(scenario, {}, None).own is scenario
+    freed = FreedScenario.of(scenario, {"metrology.parameters": ["Sz"]}, None)
+    assert freed.own.tables.metrology is not None
+    tables = freed.seeded(3).tables
+    assert (tables.metrology, tables.compare, tables.literature) == (None, {}, {})  # none of which a layer needs
+
+
+def test_print_that_has_failed_and_one_before_a_reset_have_ended() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID)
+    observation, _ = env.reset(seed=1)
+
+    def fails(_: object) -> Any:
+        raise inkloop.ComponentError("broken")
+
+    env._seat.act = fails
+    with pytest.raises(inkloop.ComponentError, match="broken"):
+        env.step(observation["mask"])
+    with pytest.raises(inkloop.InkloopError, match=r"the print has ended or has not begun; call reset\(\)"):
+        env.step(observation["mask"])
+    env.reset(seed=1)
+    before = env._turns
+    assert before is not None
+    env.reset(seed=2)
+    assert next(before, None) is None
+    env.close()
+
+
+def test_print_of_a_printer_that_does_not_know_its_surface_is_judged_by_the_last_scan() -> None:
+    env = inkloop_lab.LayerEnv(CUBOID, NOISY)
+    observation, info = env.reset(seed=1)
+    assert not np.array_equal(info["height"], observation["measured_height"])
+    env._surface.height = None
+    np.testing.assert_array_equal(env._height(), observation["measured_height"])
+    env.close()
+
+
 def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
     env = inkloop_lab.LayerEnv(CUBOID)
     _, first = env.reset(seed=4)
@@ -169,6 +210,7 @@ def test_seeds_are_those_of_the_scenario_and_drawn_without_one() -> None:
     _, third = env.reset()
     assert first["seed"] == 4
     assert len({first["seed"], second["seed"], third["seed"]}) == 3
+    assert max(second["seed"], third["seed"]) > 2**24  # of all seeds that a scenario may have
     env.reset(seed=4)
     assert env.reset()[1]["seed"] == second["seed"]
     with pytest.raises(inkloop.ScenarioError, match="seed"):
@@ -199,6 +241,10 @@ def test_environments_side_by_side_print_what_one_prints() -> None:
 def test_devices_and_impossible_options_are_refused() -> None:
     with pytest.raises(inkloop.ScenarioError, match=r"is 'hardware\.printer', no model; LayerEnv needs"):
         inkloop_lab.LayerEnv(SCENARIOS / "bench.toml")
+    text = (SCENARIOS / "bench.toml").read_text(encoding="utf-8").partition("[components.profiler]")[0]
+    text += '[components.profiler]\nkind = "MapFolder"\nfolder = "maps"\n'
+    with pytest.raises(inkloop.ScenarioError, match=r"components\.profiler\.kind is 'MapFolder', no model; LayerEnv"):
+        inkloop_lab.LayerEnv(inkloop.Scenario.of_text(text, str(SCENARIOS / "bench.toml")))
     with pytest.raises(ValueError, match="alpha is 2"):
         inkloop_lab.LayerEnv(CUBOID, alpha=2.0)
     with pytest.raises(ValueError, match="render_mode is 'human'; needs 'rgb_array' or None"):

@@ -55,6 +55,16 @@ def shown(heights: Any = ONE, comparisons: Sequence[Comparison] = (), **parts: A
     ]
 
 
+@pytest.mark.parametrize(("name", "low", "high"), [("samples", 0, 2000), ("layers", 1, 200), ("side", 12, 500)])
+def test_size_of_an_experiment_has_its_ends(name: str, low: int, high: int) -> None:
+    options = argparse.Namespace(samples=75, layers=20, side=32, runs=None, noise_um=0.0)
+    for number in (low, high):
+        command._check(argparse.Namespace(**vars(options) | {name: number}))
+    for number in (low - 1, high + 1):
+        with pytest.raises(IdentificationError, match=f"^--{name} is {number}; expected {low} to {high}$"):
+            command._check(argparse.Namespace(**vars(options) | {name: number}))
+
+
 def test_heights_stand_in_micrometres_with_their_intervals_for_each_method_and_material() -> None:
     (title, caption, rows), _ = shown()
     assert title == "height that a droplet adds [µm], with 95 % intervals"
@@ -196,7 +206,9 @@ def test_folder_that_is_no_print_is_refused_with_the_name_that_was_meant(tmp_pat
 
 
 def test_experiment_takes_the_place_of_the_controller_and_leaves_the_plant() -> None:
-    scenario = Scenario.load(SCENARIOS / "cuboid.toml", {"components.printer.variation": 0.125})
+    event = {"at_layer": 2, "action": "bias", "port": "profiler.measured_height", "value_um": 0.7}
+    scenario = Scenario.load(SCENARIOS / "cuboid.toml", {"components.printer.variation": 0.125, "events": [event]})
+    assert scenario.events
     made = {design: experiment_of(scenario, design, 30, Plan(9, 4, 22, 17)) for design in ("droplets", "layers")}
     for design, found in made.items():
         grid, components = found.tables.grid, found.tables.components
@@ -205,7 +217,7 @@ def test_experiment_takes_the_place_of_the_controller_and_leaves_the_plant() -> 
         assert components["controller"].kind == experiments.KIND
         assert found.tables.title == f"{scenario.tables.title}: {design}"
         assert int(found.job().mask.sum()) == 22**2  # a margin of four cells
-        assert not found.tables.compare
+        assert [found.tables.compare, found.tables.literature, found.events] == [{}, {}, []]
     assert made["droplets"].tables.components["controller"].options == {"design": "droplets", "design_seed": 17}
     expected = {"design": "layers", "design_seed": 17, "layers": 4}
     assert made["layers"].tables.components["controller"].options == expected

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_lab.identify import designs
+from inkloop_lab.identify.droplet_volume import Freedom, improved_heights
 from inkloop_lab.identify.expected_increments import expected_rates, expected_share
 from inkloop_lab.identify.ink_regression import InkEstimate, _blocks, _Errors, _Variances, identify_ink
 from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, noise_of, record_of
@@ -228,6 +230,23 @@ def test_droplet_that_adds_less_in_its_middle_than_its_neighbours_get_is_refused
     with pytest.raises(IdentificationError, match="add less than their neighbours get at a reach of 1; fit reach 1"):
         identify_ink([record], 0.0, conserve=True)
     assert identify_ink([record], 0.0).heights[0][0] >= 0.0  # left free, none is below 0
+
+
+@pytest.mark.parametrize("last", [0.5, -0.5])
+@pytest.mark.parametrize("conserve", [False, True])
+def test_heights_are_the_least_squares_of_at_least_0_from_any_first_guess(conserve: bool, last: float) -> None:
+    """Of a linear problem, by another solver; in a conserved volume of 9 the first height is what the others leave."""
+    rng = np.random.default_rng(5)
+    sensitivity, weight = rng.normal(size=(3, 40)), rng.uniform(0.1, 2.0, 40)
+    guess, true = np.array([[6.0, 3.0, 1.0]]), np.array([4.0, 1.0, last])
+    error = sensitivity.T @ (true - guess[0]) + 0.3 * rng.normal(size=40)
+    freedom = Freedom.of((1, 3), np.array([9.0]) if conserve else None)
+    found = improved_heights(sensitivity, weight, error, guess, freedom)
+    basis = np.array([[-4.0, -4.0], [1.0, 0.0], [0.0, 1.0]]) if conserve else np.eye(3)
+    offset, root = np.array([9.0 * conserve, 0.0, 0.0]), np.sqrt(weight)
+    wanted = root * (error + sensitivity.T @ (guess[0] - offset))
+    free = lsq_linear(root[:, None] * (sensitivity.T @ basis), wanted, (0.0, np.inf), method="bvls").x
+    np.testing.assert_allclose(found[0], offset + basis @ free, rtol=1e-6, atol=1e-9)
 
 
 def test_material_and_heights_that_patterns_do_not_separate_are_named() -> None:

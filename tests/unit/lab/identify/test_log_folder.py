@@ -12,7 +12,7 @@ import xarray
 
 from inkloop.contract import pass_colours
 from inkloop_lab.identify.log_folder import read_log
-from inkloop_lab.identify.print_record import IdentificationError, record_of
+from inkloop_lab.identify.print_record import IdentificationError, PrintRecord, record_of
 from inkloop_lab.models import LayerDeposition, VolumeAreaDeposition
 from support.logged_print import CELL, PITCH, log, made_up, random_layers
 
@@ -81,6 +81,15 @@ def test_level_of_every_scan_is_that_of_untouched_cells(tmp_path: Path) -> None:
     assert read.measured == pytest.approx(exact, abs=1e-13)
 
 
+def test_level_is_that_of_cells_more_than_two_cells_away_from_droplets() -> None:
+    """Droplets of some inks reach two cells far."""
+    pattern, scan = np.zeros((1, 6, 6), np.int32), np.full((6, 6), 3e-6)
+    pattern[0, 2, 2] = 1
+    scan[:5, :5] = 4e-6
+    levelled = PrintRecord("it", PITCH, pattern, np.stack([np.zeros((6, 6)), scan])).levelled("offset")
+    np.testing.assert_allclose(levelled.measured[1], scan - 3e-6, atol=1e-15)
+
+
 def test_covered_area_is_of_the_whole_cell_over_the_median_of_the_start(tmp_path: Path) -> None:
     """Of 4 x 4 pixels two are ink, one was not seen; a spike of the start surface is no ground."""
     record = made_up(LayerDeposition(), [np.zeros((6, 5), np.int32)])
@@ -108,11 +117,11 @@ def test_cell_counts_where_enough_of_its_pixels_were_measured(share: str, is_kno
     assert np.isfinite(read_log(folder).measured[1, 2, 1]) == is_known
 
 
-@pytest.mark.parametrize("delimiter", [";", "\t", " "])
-def test_patterns_are_read_with_any_separator(delimiter: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("delimiter", "header"), [(";", ""), ("\t", ""), ("\t", "jetted, by row"), (" ", "")])
+def test_patterns_are_read_with_any_separator(delimiter: str, header: str, tmp_path: Path) -> None:
     record = made_up(LayerDeposition(), random_layers(5, 4, 1, 0))
     folder = log(tmp_path / "print", record)
-    np.savetxt(folder / "pattern_0001.csv", record.pattern[0].T, fmt="%d", delimiter=delimiter)
+    np.savetxt(folder / "pattern_0001.csv", record.pattern[0].T, fmt="%d", delimiter=delimiter, header=header)
     np.testing.assert_array_equal(read_log(folder).pattern, record.pattern)
 
 
@@ -190,9 +199,9 @@ def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
         read_log(folder)
     assert "pattern_0003.csv: cannot be read as a table of numbers" in str(caught.value)
     (folder / "pattern_0001.csv").write_text((folder / "pattern_0001.csv").read_text() * 2)
-    (folder / "pattern_0002.csv").write_text("0,1\n" * 18)  # as many cells as the first one has
+    (folder / "pattern_0002.csv").write_text("0,1\n" * 36)  # as many cells as the first one has
     with pytest.raises(
-        IdentificationError, match=r"pattern_0002\.csv: has \(2, 18\) cells, the first pattern \(6, 12\)"
+        IdentificationError, match=r"pattern_0002\.csv: has \(2, 36\) cells, the first pattern \(6, 12\)"
     ):
         read_log(folder)
     (folder / "pattern_0003.csv").write_bytes(b"0;1;\xe9\n")

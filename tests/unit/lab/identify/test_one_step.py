@@ -73,15 +73,26 @@ def test_measured_areas_are_the_ones_that_the_next_layer_begins_with() -> None:
         assert np.array_equal(found[1], measured[1]) == is_same
 
 
-def test_cell_that_the_first_scan_did_not_see_begins_on_the_plane_of_the_others() -> None:
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_cell_that_the_first_scan_did_not_see_begins_on_the_plane_of_the_others(noise: float) -> None:
     i, j = np.indices((4, 5))
     start = 2.0 * i - 1.0 * j
-    scans = np.stack([start, start])
+    scans = np.stack([start + noise * (-1.0) ** (i + j)] * 2)
     scans[0, 2, 1] = NAN
-    found = predictions(STACK, record(scans, np.zeros((1, 4, 5))))[0]
-    expected = start.copy()
+    found = predictions(STACK, record(scans, np.zeros((1, 4, 5))), noise)[0]
+    expected = scans[1].copy()
     expected[0, 0] += 100
+    expected[2, 1] = found[2, 1]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+    assert found[2, 1] == pytest.approx(start[2, 1], rel=0.0, abs=0.2 * noise + 1e-9)
+
+
+def test_noise_of_the_first_scan_is_no_ground_of_volumes() -> None:
+    """It is even within its noise of 0.1 um, so that the ground is a plane, below which there is no ink."""
+    i, j = np.indices((8, 8))
+    scans = np.stack([0.1e-6 * (-1.0) ** (i + j)] * 2)
+    found = predictions(VolumeAreaDeposition(), record(scans, np.zeros((1, 8, 8))), 0.1e-6)[0]
+    np.testing.assert_allclose(found, np.maximum(scans[0], 0.0), rtol=0.0, atol=0.02e-6)
 
 
 def test_measured_surface_holds_no_negative_ink_and_none_higher_than_its_highest_cell() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from inkloop.metrology.registration import Registration
 from inkloop_lab.identify import designs
 from inkloop_lab.identify.log_folder import read_log
 from inkloop_lab.identify.print_record import IdentificationError, PrintRecord
-from inkloop_lab.identify.scan_hypotheses import LAGS, TURNS, _explained, _growths, first_shift
+from inkloop_lab.identify.scan_hypotheses import LAGS, TURNS, _added, _explained, _growths, first_shift
 from support.logged_print import CELL, PITCH, log
 from support.lying_scans import profiler as rig
 from support.lying_scans.log import logged
@@ -120,6 +121,11 @@ def test_scans_that_do_not_grow_are_named_with_their_layers() -> None:
     again = record.measured[:3][[0, 1, 2, 2, 2, 2]] + noise.normal(0.0, 1e-6, record.measured.shape)
     assert "the scans do not grow in layer 3, 4, 5:" in refusal(replace(record, measured=again))
     assert "layer 3, 4, 5, 6, 7, ...:" in refusal(logged(Profiler(frozen_from=3), layers(count=9)))
+    record = logged(Profiler(), layers(count=6))
+    growth = np.diff(record.measured, axis=0) * np.reshape([1.0, 0.12, 1.0, 1.0, 0.0, 1.0], (6, 1, 1))
+    slow = record.measured[0] + np.concatenate([np.zeros((1, *record.shape)), growth.cumsum(axis=0)])
+    found = refusal(replace(record, measured=slow))
+    assert re.search(r"do not grow in layer 2, 5: the droplets of layer 2 show 1[12]% of what those of other", found)
     for profiler in (Profiler(frozen_from=1), Profiler(zero=True)):
         assert "all scans are the same" in refusal(logged(profiler, layers()))
 
@@ -211,6 +217,19 @@ def test_scan_with_fewer_readings_than_its_datum_takes_is_left_out() -> None:
     assert [number for number, *_ in _growths(record, record.measured)] == [1, 2]
     record.measured[2].ravel()[11] = np.nan
     assert [number for number, *_ in _growths(record, record.measured)] == [1]
+
+
+def test_droplets_of_both_inks_share_what_the_scans_grew_in_all() -> None:
+    """8 um, summed over cells and layers, are 2 um of each of four droplets; its own cell keeps 4.4 / 7.6 of them."""
+    pattern = np.zeros((2, 9, 8), np.int32)
+    pattern[0, 2, 2], pattern[0, 6, 5], pattern[1, 2, 5], pattern[1, 6, 2] = 1, 2, 2, 2
+    measured = np.zeros((3, 9, 8))
+    measured[1:, 4, 4] = 5e-6
+    measured[2, 0, 0] = 3e-6
+    found = _added(PrintRecord("it", PITCH, pattern, measured))
+    np.testing.assert_allclose(found.sum(axis=(1, 2)), 4e-6, rtol=1e-9)
+    np.testing.assert_allclose(found[pattern > 0], 2e-6 * 4.4 / 7.6, rtol=1e-9)
+    assert not _added(PrintRecord("it", PITCH, pattern, -measured)).any()
 
 
 def test_shift_is_the_centre_of_the_nine_heights_about_the_largest() -> None:

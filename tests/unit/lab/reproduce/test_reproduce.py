@@ -7,6 +7,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -261,6 +262,9 @@ def test_triangles_fill_the_outline() -> None:
     area = 0.5 * np.abs(cross(two - one, three - one)).sum()
     ahead = np.roll(outline, -1, axis=0)
     assert area == pytest.approx(0.5 * np.abs(np.sum(cross(outline, ahead))), rel=1e-9, abs=0.0)
+    assert len(nodes) > 2 * len(outline)
+    reverse, _ = triangles(outline[::-1], 6.0)  # whichever way round it goes
+    np.testing.assert_allclose(sorted(map(tuple, reverse.round(6))), sorted(map(tuple, nodes.round(6))), atol=1e-6)
 
 
 @pytest.mark.parametrize("form", ["linear", "nonlinear"])
@@ -303,6 +307,23 @@ def test_group_of_wu_and_chiu_gives_the_ratios_of_its_own_equation_17() -> None:
     assert ratios == pytest.approx([0.0081, -0.0187, 0.0, -0.0636], abs=5e-5)
     assert found["(19): cap of 0.6 pitches, default: rms error"] < 0.18
     assert found["(19): cap of 1.5 pitches, the text: rms error"] > 2.0
+
+
+def test_error_of_a_pattern_is_in_percent_with_its_scatter() -> None:
+    estimate: Any = SimpleNamespace(rms={"1": (0.0625, 0.0125), "2 on the sides": (0.5, 0.25)})
+    row = wu_chiu._error_row("Table I", "1", 5.1, estimate)
+    assert (row.printed, row.ours, row.scatter, row.unit) == (5.1, 6.25, 1.25, "%")
+
+
+def test_profile_holds_the_pixels_that_stand_above_the_noise() -> None:
+    """Of 16 x 16 pixels of a cell a quarter is 3 um high; noise of 0.04 um elsewhere is no ink."""
+    surface = wu_chiu.liquid().start(np.zeros((wu_chiu.SIDE, wu_chiu.SIDE)))
+    surface.over_grid[16:24, 32:40] = 3e-6
+    height, area = wu_chiu._measured(surface, np.random.default_rng(0))
+    expected = np.zeros((wu_chiu.SIDE, wu_chiu.SIDE))
+    expected[1, 2] = 0.25
+    np.testing.assert_array_equal(area, expected)
+    np.testing.assert_allclose(height, 3e-6 * expected, rtol=0.01)
 
 
 def test_resampling_gives_back_the_coefficients_that_made_the_profiles() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -45,6 +46,16 @@ def alpha_of(task: Task) -> Record:
 
 def begun(*words: str) -> int:
     return main(["sweep", "study.toml", "--no-pictures", *words])
+
+
+def test_check_says_nothing_of_pictures_that_cannot_be_drawn(
+    engines: Engines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    study(tmp_path, ALPHA)
+    for words, is_told in ((["--check"], False), ([], True)):
+        assert main(["sweep", "study.toml", *words]) == 0
+        assert ("no pictures are written" in "".join(capsys.readouterr())) == is_told
 
 
 def test_check_prints_nothing_and_says_how_much_it_is(
