@@ -124,6 +124,11 @@ def load(tmp_path: Path, events: str, **grid: int) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"', "value is missing; add what to override printer.pattern with"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0.5', "value is 0.5; expected a whole number"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = [0, 1]', "value has shape (2,); printer.pattern takes"),
+        (
+            'at_layer = 1\nport = "printer.pattern"\nvalue = [0]',
+            "value has shape (1,); printer.pattern takes a number or",
+        ),
+        ('at_layer = 1\nport = "printer.height"\nvalue_um = true', "value_um is True; expected a finite number"),
         ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = inf', "value_um is inf; expected a finite number"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = [1.5, nan]', "value_um is [1.5, nan]; expected a finite"),

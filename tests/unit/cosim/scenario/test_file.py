@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 from inkloop.commands.options import overrides_of
+from inkloop.contract import PassOrder
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.overrides import apply_overrides
 from inkloop.tables.job import component_seed
 from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
@@ -65,7 +68,9 @@ def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = N
 )
 def test_each_error_is_named_with_its_place(tmp_path: Path, old: str, new: str, error: str) -> None:
     assert old in GOOD
-    assert any(error in sentence for sentence in errors_of(tmp_path, GOOD.replace(old, new)))
+    found = errors_of(tmp_path, GOOD.replace(old, new))
+    assert any(error in sentence for sentence in found)
+    assert len(found) == 1 or "compare" not in new
 
 
 @pytest.mark.parametrize(("axis", "pitches"), [("x", 1.0), ("x", 7.0), ("y", 0.5), ("y", 6.5)])
@@ -174,6 +179,13 @@ def test_components_draw_from_streams_of_their_own() -> None:
     assert component_seed(7, "printer") == component_seed(7, "printer")
 
 
+def test_passes_of_the_file_are_those_of_every_job(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + '[process]\npasses = 4\npass_order = "diagonal"\npass_rotation = 3\n')
+    job = Scenario.load(path).job("controller")
+    assert (job.passes, job.pass_order, job.pass_rotation) == (4, PassOrder.DIAGONAL, 3)
+
+
 def test_value_that_a_controller_refuses_is_an_error_with_its_place_in_every_run(tmp_path: Path) -> None:
     text = GOOD.replace('kind = "OpenLoop"', 'kind = "LayerMpc"\nalpha = 2.0')
     found = errors_of(tmp_path, text + '[compare.x.components.controller]\nkind = "OpenLoop"\nlayers = -1\n')
@@ -194,6 +206,25 @@ def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> No
 
 
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
+
+
+@pytest.mark.parametrize("kind", ["none", None])
+def test_margin_is_kept_empty_for_a_support_only(tmp_path: Path, kind: str | None) -> None:
+    """The part ends on the outer cells."""
+    text = GOOD.replace("height_um = 22.8", "height_um = 22.8\ncenter_x_um = 526.512")
+    support = "[support]\n" + ('kind = "none"\n' if kind else "")
+    if kind is None:
+        assert "less its margin of 2" in errors_of(tmp_path, text + support)[0]
+        return
+    assert Scenario.of_text(text + support, str(tmp_path / "case.toml")).job().mask.sum() == 5 * 4
+
+
+def test_options_of_a_file_with_other_errors_are_checked_on_its_own_grid(tmp_path: Path) -> None:
+    """Of 120 x 2 cells."""
+    rows = f"height_start_um = {[[0.5, 0.5]] * 120}"
+    text = GOOD.replace("nx = 9\nny = 8", "nx = 120\nny = 2").replace('"LayerDeposition"', f'"LayerDeposition"\n{rows}')
+    (error,) = errors_of(tmp_path, text.replace("height_um = 22.8", "height_um = -1.0"))
+    assert error.startswith("part.height_um is -1.0")
 
 
 def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
@@ -223,6 +254,7 @@ def test_text_of_a_variant_states_what_it_prints(tmp_path: Path) -> None:
     path.write_text(Scenario.load(SCENARIOS / "cylinder.toml").variant("open loop").text, encoding="utf-8")
     again = Scenario.load(path).tables
     assert (again.label, again.components["controller"].kind, again.compare) == ("open loop", "OpenLoop", {})
+    assert again.literature == {}, "the published figures are those of the other run"
 
 
 def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: Path) -> None:
@@ -287,6 +319,19 @@ def test_title_says_what_was_overridden_and_published_figures_are_those_of_the_f
     found = Scenario.of_text(text, "cylinder.toml", overrides).tables
     assert found.title == title
     assert bool(found.literature) == is_published
+
+
+def test_title_shows_thirty_characters_of_a_value() -> None:
+    for text, shown in (("x" * 30, "x" * 30), ("x" * 31, "x" * 30 + "...")):
+        document = tomlkit.parse('title = "C"\n')
+        assert apply_overrides(document, {"components.controller.kind": text}) == []
+        assert document["title"] == f"C (controller.kind = {shown})"
+
+
+def test_override_may_add_a_component_by_its_kind(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    kind = {"components.shadow.kind": "Shadow", "components.shadow.start": "job"}
+    assert Scenario.load(tmp_path / "case.toml", kind).tables.components["shadow"].options == {"start": "job"}
 
 
 @pytest.mark.parametrize(

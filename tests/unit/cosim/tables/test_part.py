@@ -131,6 +131,19 @@ def test_three_parts_are_combined_in_their_order(op: str, inks: str | None, tmp_
         np.testing.assert_array_equal(scenario.solid.region.contains(x, y, z) & expected, in_a)
 
 
+@pytest.mark.parametrize(("op", "other"), [("difference", ROD), ("intersection", BOX)])
+def test_ink_of_a_part_within_a_part_ends_where_that_does(op: str, other: str, tmp_path: Path) -> None:
+    """What an inner part is cut off leaves room for ink B of the next one."""
+    _, box, rod = sampled()
+    first = f'{{ shape = "combine", op = "{op}", inks = ["A", "B"], {TABLES} }}'
+    second = f'{{ shape = "combine", op = "union", inks = ["B", "B"], parts = [{{ {other} }}, {{ {other} }}] }}'
+    solid = with_part(f'shape = "combine"\nop = "union"\nparts = [{first}, {second}]', tmp_path).solid
+    x, y = cell_centers(NX, NY, PITCH)
+    assert solid.region is not None
+    in_a = solid.region.contains(x, y, sampled()[0])
+    np.testing.assert_array_equal(in_a, box & ~rod if op == "difference" else box & rod)
+
+
 @pytest.mark.parametrize(
     ("op", "box_um"),
     [

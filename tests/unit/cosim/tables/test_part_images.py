@@ -155,6 +155,11 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
     assert error.startswith("part.files is 's_{n:03d}.png': 1 of the slices 1 to 5 are missing: 3; add them")
 
 
+def test_slices_may_begin_with_any_number(tmp_path: Path) -> None:
+    write_stack(tmp_path, F, F, first=4)
+    np.testing.assert_allclose(with_part(BITS, tmp_path).job().target_height.max(), 16e-6, rtol=1e-12)
+
+
 def test_picture_that_says_it_is_larger_than_its_data_is_refused(tmp_path: Path) -> None:
     """Pillow takes memory for all of it, and leaves what no strip holds 0."""
     Image.fromarray(F).save(tmp_path / "s_001.tif")
@@ -197,6 +202,8 @@ def test_every_cell_below_an_oblong_pixel_has_its_height(cells: tuple[int, int],
     assert scenario.solid.volume == pytest.approx(heights.sum() * dx * dy, rel=1e-9, abs=0.0)
     target = scenario.job().target_height
     i, j = (slice(size // 2 - count, size // 2 + count) for size, count in zip((NX, NY), cells, strict=True))
+    box = [PITCH_UM * (end - 0.5) for each in (i, j) for end in (each.start, each.stop)]
+    assert [value / M_PER_UM for value in scenario.solid.bounds] == pytest.approx(box, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(target[i, j], heights.repeat(cells[0], axis=0).repeat(cells[1], axis=1), rtol=1e-9)
     assert np.count_nonzero(target) == 4 * 4
 

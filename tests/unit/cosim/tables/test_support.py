@@ -167,6 +167,7 @@ def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
             loaded(tmp_path, support)
     job = loaded(tmp_path, "below-overhangs").job()
     assert int(job.mask.sum()) == 81
+    assert (job.target_height[job.mask] == 60e-6).all()
 
 
 class Mushroom:
