@@ -3,6 +3,7 @@ from __future__ import annotations
 import sys
 import types
 from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from inkloop.component import Component, Job, Port, Values
 from inkloop.components import catalog
 from inkloop.components.devices import job_with_overrides
+from inkloop.components.kind import Bench
 from inkloop.errors import ScenarioError
 from inkloop.testing import job as small_job
 from support.toys import toy_job
@@ -30,10 +32,12 @@ class Fan:
         blades: int = 3,
         mode: Literal["on", "off"] = "on",
         levels: tuple[float, ...] = (),
+        parts: list[int] | None = None,
     ) -> None:
         if speed < 0:
             raise ValueError(f"speed is {speed:g}; a fan turns forwards")
         self.options = (speed, blades, mode, levels)
+        self.parts = parts
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         return {"speed": np.asarray(self.options[0])}
@@ -76,6 +80,42 @@ def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, objec
     assert catalog.check("Fan", toy_job(), options).errors == [message]
     with pytest.raises(ScenarioError, match="1 error"):
         catalog.make("Fan", toy_job(), options)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "resolved"),
+    [
+        ("Fmu", {"file": "a.fmu", "gain": 2.0}, {"file": "jobs/a.fmu", "gain": 2.0}),
+        ("Fmu", {"file": "/a.fmu"}, {"file": "/a.fmu"}),
+        ("Fmu", {"file": 3}, {"file": 3}),
+        ("Fmu", {"folder": "a"}, {"folder": "a"}),
+        ("PlainPlant", {"file": "a.fmu"}, {"file": "jobs/a.fmu"}),
+        ("Shadow", {"file": "a.fmu"}, {"file": "jobs/a.fmu"}),
+        ("MapFolder", {"folder": "scans", "file": "a"}, {"folder": "jobs/scans", "file": "a"}),
+        ("hardware.mapped", {"mapping": "rig.toml"}, {"mapping": "jobs/rig.toml"}),
+        ("OpenLoop", {"file": "a"}, {"file": "a"}),
+        ("Fann", {"file": "a"}, {"file": "a"}),
+    ],
+)
+def test_only_the_path_that_a_kind_names_lies_next_to_the_scenario(
+    kind: str, options: dict[str, object], resolved: dict[str, object]
+) -> None:
+    assert catalog.resolve_paths(kind, options, Path("jobs")) == resolved
+
+
+def test_each_component_of_a_class_has_options_of_its_own() -> None:
+    checked = catalog.check("Fan", toy_job(), {"parts": [1, 2]})
+    first, second, third = (checked.make(Bench()) for _ in range(3))
+    assert len({id(first), id(second), id(third)}) == 3
+    first.parts.append(3)  # type: ignore[attr-defined]
+    assert second.parts == third.parts == [1, 2]  # type: ignore[attr-defined]
+
+
+def test_misspelt_key_does_not_replace_the_one_that_is_there_too() -> None:
+    assert catalog.check("Fan", toy_job(), {"speed": -1.0, "sped": 2.0}).errors == [
+        "sped is not a key of this table; did you mean speed?",
+        "speed is -1; a fan turns forwards",
+    ]
 
 
 @pytest.mark.parametrize(

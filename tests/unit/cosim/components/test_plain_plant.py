@@ -122,6 +122,20 @@ def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
         part.save()
 
 
+def test_flat_arrays_have_the_cells_of_the_map_in_their_order() -> None:
+    job = toy_job()
+    plant = FunctionComponent(
+        [Port("dots", shape=(12,))],
+        [Port("surface", "um", (12,))],
+        lambda time_ns, step_ns, inputs: {"surface": inputs["dots"] * 1.0},
+    )
+    part = PlainPlant(job, plant, pattern_input="dots", height_output="surface")
+    part.initialize(0, inputs(job, 0))
+    pattern = np.arange(12, dtype=np.int32).reshape(4, 3)
+    values = part.do_step(0, SECOND, {**inputs(job, 1), "pattern": pattern})
+    np.testing.assert_allclose(values["height"], pattern * 1e-6, rtol=1e-12)
+
+
 class KeptHeap(Heap):
     """One that can be saved."""
 

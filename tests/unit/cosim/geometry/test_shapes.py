@@ -65,3 +65,19 @@ def test_steps_of_a_staircase_are_equally_wide_and_high() -> None:
         at = edge * PITCH + 5.5 * PITCH
         below, above = stairs.top(np.array([at, at + 1e-6]), np.zeros(2))
         assert above - below == pytest.approx(50e-6, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("center", [k / 2 for k in range(9, 60)])
+def test_step_of_an_edge_and_of_both_ends_holds_wherever_the_stairs_stand(center: float) -> None:
+    """Eight cells in four steps, the edges between cells as numbers round them."""
+    stairs = Staircase(center * PITCH, 0.0, 8 * PITCH, 3 * PITCH, 4, 200e-6)
+    edges = (center + np.array([-4.0, -2.0, 0.0, 2.0, 4.0])) * PITCH
+    np.testing.assert_allclose(stairs.top(edges, np.zeros(5)) * 1e6, [50, 50, 100, 150, 200], rtol=1e-12)
+
+
+def test_wall_of_a_bore_is_not_part_of_the_pipe() -> None:
+    pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
+    ends = 200e-6 + np.array([-1.0, 1.0]) * 117e-6 * np.sqrt(1.0 + 1e-9)
+    at = np.zeros(2)
+    assert not pipes.contains(at, at, ends).any()
+    assert pipes.contains(at, at, np.nextafter(ends, [0.0, 1.0])).all()

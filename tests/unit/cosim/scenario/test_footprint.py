@@ -67,6 +67,24 @@ def test_grid_that_would_fit_has_both_sides(
         planned.check_disk(tmp_path)
 
 
+def test_disk_that_is_just_enough_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned = Footprint(40, 90, 3, 3.0, 100, 10**12, 1.0)
+    monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: planned.disk)
+    planned.check_disk(tmp_path)
+    monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: planned.disk - 1)
+    with pytest.raises(ResultError, match="40 x 90 cells"):
+        planned.check_disk(tmp_path)
+
+
+@pytest.mark.parametrize(("ny", "microseconds"), [(100, 2 * 3 * 5 + 10 * 10), (101, 2 * 3 * 1.25 + 10 * 0.4)])
+def test_grids_of_up_to_twenty_thousand_cells_are_small(ny: int, microseconds: float) -> None:
+    """Of a printed cell in two runs of 3 layers and 10 plans of one layer."""
+    tables = Scenario.load(CUBOID, {HORIZON: 1}).tables
+    tables = tables.model_copy(update={"grid": tables.grid.model_copy(update={"nx": 200, "ny": ny})})
+    less, more = (Footprint.of(tables, 22.8e-6, cells).seconds for cells in (0, 5000))
+    assert more - less == pytest.approx(5000e-6 * microseconds, rel=1e-9, abs=0.0)
+
+
 @pytest.mark.parametrize("name", ["bracket", "lithophane"])
 def test_grid_is_refused_before_a_part_is_laid_over_it(name: str, eight_gib: None) -> None:
     tracemalloc.start()
@@ -195,6 +213,7 @@ HORIZON, MODEL = "components.controller.horizon", "components.printer.kind"
         ({HORIZON: 3}, 3, 401, 550, 10, 15),
         ({HORIZON: 4}, 3, 429, 550, 10, 35),
         ({"components.controller.finish": "fast"}, 3, 429, 550, 10, 35),
+        ({"part.height_um": 22.800001}, 3, 457, 550, 10, 60),
         ({"part.height_um": 76.0}, 10, 457, 34 * 11 + 165 + 21 * 11 * 2, 17, 60),
         ({"part.height_um": 76.1}, 11, 457, 34 * 12 + 165 + 21 * 12 * 2, 18, 60),
         ({"part.height_um": 760.0}, 100, 457, 34 * 101 + 165 + 21 * 101 * 2, 20, 60),
