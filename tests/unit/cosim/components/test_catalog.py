@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import sys
 import types
 from importlib.metadata import EntryPoint, EntryPoints
@@ -14,8 +15,12 @@ from inkloop.components import catalog
 from inkloop.components.devices import job_with_overrides
 from inkloop.components.kind import Bench
 from inkloop.errors import ScenarioError
+from inkloop.fmu import FmuComponent
 from inkloop.testing import job as small_job
 from support.toys import toy_job
+
+FANS: list[Fan] = []
+"""All that were made."""
 
 
 class Fan:
@@ -38,6 +43,8 @@ class Fan:
             raise ValueError(f"speed is {speed:g}; a fan turns forwards")
         self.options = (speed, blades, mode, levels)
         self.parts = parts
+        self.is_over = False
+        FANS.append(self)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         return {"speed": np.asarray(self.options[0])}
@@ -45,7 +52,8 @@ class Fan:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         return {"speed": np.asarray(self.options[0])}
 
-    def terminate(self) -> None: ...
+    def terminate(self) -> None:
+        self.is_over = True
 
 
 @pytest.fixture(autouse=True)
@@ -111,6 +119,17 @@ def test_each_component_of_a_class_has_options_of_its_own() -> None:
     assert second.parts == third.parts == [1, 2]  # type: ignore[attr-defined]
 
 
+def test_component_lives_as_long_as_its_loop_and_one_that_is_never_made_is_ended() -> None:
+    FANS.clear()
+    made = catalog.check("Fan", toy_job(), {}).make(Bench())
+    catalog.check("Fan", toy_job(), {})
+    gc.collect()
+    first, second = FANS
+    assert first is made
+    assert (first.is_over, second.is_over) == (False, True)
+    FANS.clear()
+
+
 def test_misspelt_key_does_not_replace_the_one_that_is_there_too() -> None:
     assert catalog.check("Fan", toy_job(), {"speed": -1.0, "sped": 2.0}).errors == [
         "sped is not a key of this table; did you mean speed?",
@@ -128,6 +147,15 @@ def test_misspelt_key_does_not_replace_the_one_that_is_there_too() -> None:
 )  # fmt: skip
 def test_native_code_of_others_is_that_of_an_fmu_file(kind: str, options: dict[str, Any], is_foreign: bool) -> None:
     assert catalog.is_foreign_fmu(kind, options) is is_foreign
+
+
+@pytest.mark.parametrize(("form", "fmi"), [("fmi2", 2), ("fmi3-fixed", 3), ("fmi3", 3)])
+def test_model_of_any_form_has_the_grid_of_the_job(form: str, fmi: int) -> None:
+    model = catalog.make("LayerDeposition", small_job(6, 5), {"fmi": form})
+    assert isinstance(model, FmuComponent)
+    assert model.description.fmi == fmi
+    assert {port.name: port.shape for port in model.outputs}["height"] == (6, 5)
+    model.terminate()
 
 
 @pytest.mark.parametrize(

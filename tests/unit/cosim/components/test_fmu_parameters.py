@@ -89,6 +89,19 @@ def test_inks_and_ground_of_the_job_come_by_their_names_and_in_the_unit_of_the_f
     assert fmu_parameters.parse(printer, uneven, {}, ()).parameters["flat_ground"] is False
 
 
+@pytest.mark.parametrize(
+    ("nx", "ny", "sizes"), [(9, 4, {"ny": 4}), (6, 9, {"nx": 6}), (9, 9, {}), (6, 4, {"nx": 6, "ny": 4})]
+)
+def test_values_of_a_file_have_the_sizes_that_it_does_not_have(nx: int, ny: int, sizes: dict[str, int]) -> None:
+    found = fmu_parameters.values_of_file(PRINTER, toy_job(nx=nx, ny=ny), {"variation": 0.5})
+    assert {name: int(found[name]) for name in ("nx", "ny") if name in found} == sizes
+    assert float(found["variation"]) == 0.5
+
+
+def test_options_of_the_python_controller_have_their_names_in_the_fmu() -> None:
+    assert fmu_parameters.options_of_controller_fmu({"sweeps": 3, "horizon": 2}) == {"sweeps_max": 3, "horizon": 2}
+
+
 REGION = replace(
     PRINTER,
     variables={

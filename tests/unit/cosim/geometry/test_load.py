@@ -219,6 +219,8 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "no mesh": ("a.stl", b"hello", {}, "has 5 bytes; expected 'solid'.*or binary STL of 84 bytes at least"),
     "vertex beyond": ("a.obj", OBJ.replace(b"f 1 2 3", b"f 1 2 99"), {}, "line 25: .* vertex 99, expected 1 to 24"),
     "face beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 99"), {}, "number 1: found 0, 1, 99; expected 0 to 23"),
+    "face one beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 24"), {}, "number 1: found 0, 1, 24; expected 0 to"),
+    "face of two": ("a.ply", PLY.replace(b"3 0 1 2", b"2 0 1"), {}, "has 8 faces, of which 7 can be read; save it"),
     "relative beyond": ("a.obj", OBJ.replace(b"f 1 2", b"f -1 -25", 1), {}, "line 25: found 'f -1 -25 3', expected"),
     "counted from 0": (
         "a.obj", re.sub(rb"f (\d+)", lambda m: b"f %d" % (int(m[1]) - 1), OBJ), {},

@@ -88,6 +88,9 @@ ROLES: dict[str, tuple[tuple[str, str], dict[str, bytes], float, str]] = {
     "component of type support": (
         (of_type("support")[0] + PAIR.format(OTHER), TWO_PARTS[1]), {}, WHOLE, "object extra (type support)",
     ),
+    "printable false": (
+        (TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="false"')), {}, WHOLE, 'object extra (printable="0")',
+    ),
     "printable 0": ((TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="0"')), {}, WHOLE, 'object extra (printable="0")'),
     "slic3r": (ONE_MESH, slic3r("1", "modifier"), WHOLE, "object part (ParameterModifier)"),
     **{f"prusa {kind}": (ONE_MESH, slic3r(kind), WHOLE, f"not printed: object part ({kind})")
@@ -113,6 +116,24 @@ def test_only_parts_print_and_negative_volumes_are_taken_away(case: str, tmp_pat
     solid = MeshTable(shape="mesh", file=path.name).solid(Grid(nx=40, ny=30, pitch_um=100.0), tmp_path)
     assert solid.columns(40, 30, 1e-4).volume == pytest.approx(volume * 1e-9, rel=1e-6, abs=0.0)
     assert any(remark in each for each in solid.remarks), solid.remarks
+
+
+@pytest.mark.parametrize(
+    ("model", "others"),
+    [
+        (ONE_MESH, slic3r("0", "modifier")),
+        (ONE_MESH, slic3r("", "name")),
+        (TWO_PARTS, {BAMBU: b'<config><object id="4"><part id="2"/><part id="3"/></object></config>'}),
+        (TWO_PARTS, {BAMBU: bambu("negative_part")[BAMBU].replace(b'object id="4"', b'object id="5"')}),
+        ((TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="1"')), {}),
+    ],
+)
+def test_volume_that_no_entry_makes_another_is_a_part(
+    model: tuple[str, str], others: dict[str, bytes], tmp_path: Path
+) -> None:
+    path = written(tmp_path, model_xml(*model), others)
+    solid = MeshTable(shape="mesh", file=path.name).solid(Grid(nx=40, ny=50, pitch_um=100.0), tmp_path)
+    assert solid.columns(40, 50, 1e-4).volume == pytest.approx((6.0 + 7.0 - 1.5) * 1e-9, rel=1e-6, abs=0.0)
 
 
 def test_negative_volume_moves_with_its_object_and_spares_others(tmp_path: Path) -> None:
@@ -186,6 +207,7 @@ def test_negative_volume_is_of_the_ink_of_its_object(tmp_path: Path) -> None:
             slic3r("ModelPart", last=22),
             "volumes of object 2 in Meta.*config do not hold its 24 tri",
         ),
+        (ONE_MESH, slic3r("ModelPart", last=24), "volumes of object 2 in Meta.*config do not hold its 24 tri"),
         (ONE_MESH, {"Metadata/Slic3r_PE_sla_drain_holes.txt": b"v=1\nobject_id=1|0 0 0"}, "has drain holes"),
         (ONE_MESH, {PRUSA: b'<!DOCTYPE a [<!ENTITY b "c">]><config/>'}, "declares a document type"),
         ((TWO_ITEMS[0], '<item objectid="3" printable="0"/>'), {}, "not printed: object extra .*; nothing is left"),
