@@ -229,6 +229,10 @@ def test_clocks_and_frames_beside_plain_outputs_are_a_warning(tmp_path: Path) ->
     assert found[plain].notes == []
     (note,) = found[fmu].notes
     assert "tick (Clock output) and 1 more of bus.fmu are not exchanged" in note
+    text = (ROOT / "scenarios/cuboid.toml").read_text(encoding="utf-8")
+    text += f'\n[components.odd]\nkind = "Fmu"\nfile = "{fmu}"\nports.x2 = "x"\n'
+    warnings = Scenario.of_text(text, str(tmp_path / "it.toml")).warnings
+    assert f"components.odd: {note}" in warnings
 
 
 @pytest.mark.compiled

@@ -15,7 +15,9 @@ from inkloop.contract import PassOrder
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
+from inkloop.scenario.validation import _is_beyond
 from inkloop.tables.job import component_seed
+from inkloop.tables.shapes import Bounds, Grid
 from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
@@ -79,6 +81,19 @@ def test_part_may_reach_beyond_no_side_of_the_grid(axis: str, pitches: float, tm
     text = GOOD.replace("height_um = 22.8", f"height_um = 22.8\ncenter_{axis}_um = {pitches * 263.256}")
     (error,) = errors_of(tmp_path, text)
     assert error.startswith("part reaches beyond the grid of 9 x 8 cells")
+
+
+@pytest.mark.parametrize("margin", [0, 2])
+@pytest.mark.parametrize("side", Bounds._fields)
+def test_part_that_ends_on_the_centre_of_a_cell_outside_reaches_beyond(margin: int, side: str) -> None:
+    grid = Grid(nx=9, ny=8, pitch_um=100.0)
+    first, count = margin - 1, {"x": grid.nx, "y": grid.ny}[side[0]] - margin
+    inside = Bounds(3 * grid.pitch, 4 * grid.pitch, 3 * grid.pitch, 4 * grid.pitch)
+    edge = (first if side.endswith("min") else count) * grid.pitch
+    assert not _is_beyond(grid, margin, inside)
+    assert _is_beyond(grid, margin, inside._replace(**{side: edge}))
+    nearer = np.nextafter(edge, inside.x_min)
+    assert not _is_beyond(grid, margin, inside._replace(**{side: nearer}))
 
 
 @pytest.mark.parametrize(("axis", "pitches"), [("x", 2.0), ("x", 6.0), ("y", 1.5), ("y", 5.5)])

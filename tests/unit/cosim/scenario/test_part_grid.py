@@ -180,6 +180,11 @@ def test_map_of_which_half_is_empty_prints_in_the_middle_of_its_grid(tmp_path: P
     assert part.solid.volume == pytest.approx(12 * 20e-6 * 1e-8, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize(("height_um", "layers"), [(22.8, 3), (22.800001, 3), (22.8001, 4), (0.1, 1)])
+def test_rounding_of_a_file_makes_no_further_layer(tmp_path: Path, height_um: float, layers: int) -> None:
+    assert fit(height_map(tmp_path, np.full((6, 4), height_um)), PITCH_UM).layers == layers
+
+
 def test_part_is_the_channel_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     np.savez("maps.npz", z_um=np.full((6, 4), 20.0), other_um=np.full((6, 4), 50.0), pixel_um=PITCH_UM)

@@ -85,7 +85,7 @@ def test_part_with_overhangs_is_refused_with_all_that_can_be_done(tmp_path: Path
     assert float(share) == pytest.approx(100 * hanging.sum() / np.isfinite(bottom).sum(), rel=1e-2, abs=0.0)
     assert int(rest) == (bottom <= 1e-9).sum()
     i, j = np.argwhere(hanging)[0]
-    assert f"first at ({i}, {j})" in error
+    assert f"first at ({i}, {j}) from 30 µm, up to 32 µm of air" in error  # the side of a pipe; a bore
     for kind in ("below-overhangs", "around", "none"):
         assert f'"{kind}"' in error
 

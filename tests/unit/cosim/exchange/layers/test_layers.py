@@ -128,7 +128,10 @@ def test_drops_of_several_sizes_add_up(split: str | None, tmp_path: Path) -> Non
     names = {entry["file"] for entry, _ in planes(tmp_path / "out", "bmp")}
     manifest = manifest_of(tmp_path / "out")
     assert (manifest["drop_levels"], manifest["drop_split"]) == (jetted.max(), split or "planes")
-    assert ("L0001_P1_A_b0.bmp" if split == "bits" else "L0001_P1_A_d1.bmp") in names
+    most = int(jetted.max())
+    parts = [f"b{bit}" for bit in range(3)] if split == "bits" else [f"d{level}" for level in range(1, most + 1)]
+    assert 4 <= most <= 7, "three bits"
+    assert names == {f"L000{layer}_P1_A_{part}.bmp" for layer in (1, 2) for part in parts}
     if split != "bits":
         assert not np.logical_and.reduce([bits for entry, bits in planes(tmp_path / "out", "bmp")][:2]).any()
 
@@ -190,6 +193,13 @@ def test_droplet_of_a_run_without_a_size_is_one_drop() -> None:
     assert (of_run(Result(bare, result.run), "run").drop_level == 1).all()
 
 
+def test_run_in_two_inks_has_two_although_its_file_names_one() -> None:
+    result = printed("cuboid")
+    assert len(of_run(result, "run").inks) == 1
+    both = result.dataset.assign(ink=result.dataset.pattern)
+    assert of_run(Result(both, result.run), "run").inks == (Ink(), Ink())
+
+
 def test_layers_that_were_aborted_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = printed("cuboid")
     whole = result.dataset.assign(layer_unknown=("layer", np.array([False, False, True])))
@@ -230,6 +240,11 @@ def test_a_scenario_without_an_open_loop_gets_full_layers_to_its_height_else_its
     assert planned.pattern.shape == (3, 12, 12)
     assert np.array_equal(planned.pattern[0], planned.pattern[2])
     assert planned.pattern.sum() == 3 * 64
+    own = {"part.height_um": 25.0, "components.controller": {"kind": "OpenLoop", "layers": 2}}
+    text = text.replace("alpha = 0.8\n", "")
+    mine = of_open_loop(Scenario.of_text(text, str(SCENARIOS / "cuboid.toml"), own | {"label": "mine"}))
+    assert len(mine.pattern) == 2
+    assert mine.origin.endswith(", mine")
     changes = {"compare": {"open loop": {"components": {"controller": {"layers": 2}}}}}
     assert len(of_open_loop(Scenario.load(SCENARIOS / "cuboid.toml", changes)).pattern) == 2
 
