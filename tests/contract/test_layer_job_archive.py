@@ -230,9 +230,8 @@ def test_state_of_another_print_is_refused(form) -> None:
 def test_layer_takes_as_long_as_printing_and_scanning_it() -> None:
     durations = {"components.printer.layer_duration_s": 2.0, "components.profiler.scan_duration_s": 6.0}
     limits = {"components.controller.alpha": 0.7, "components.controller.time_limit_s": 3.5}
-    limited = bake(Scenario.load(quick_cuboid(), limits)).own
-    assert (limited["alpha"], limited["time_limit"]) == (0.7, 3.5)
-    own = bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 1.0})).own
+    own = bake(Scenario.load(quick_cuboid(), durations | limits | {"run.step_s": 1.0})).own
+    assert (own["alpha"], own["time_limit"]) == (0.7, 3.5)
     assert (own["layer_duration"], own["scan_duration"], own["layer_period"]) == (2.0, 6.0, 8.0)
     assert bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 30.0})).own["layer_period"] == 30.0
 

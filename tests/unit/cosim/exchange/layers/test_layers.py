@@ -145,6 +145,7 @@ def test_manifest_describes_the_folder(run_folder: str, tmp_path: Path, capsys: 
     manifest = manifest_of(tmp_path / "out")
     assert (manifest["width_pixels"], manifest["height_pixels"]) == (12, 12)
     assert manifest["pitch_x_um"] == pytest.approx(result.dataset.attrs["pitch"] * 1e6, rel=1e-11, abs=0.0)
+    assert manifest["pitch_y_um"] == manifest["pitch_x_um"]
     assert manifest["pitch_of_resolution_um"] == pytest.approx(1e6 / 3799, rel=1e-11, abs=0.0)
     assert manifest["inks"]["A"]["drop_volume_pl"] == pytest.approx(263.256**2 * 7.6e-3, rel=1e-9, abs=0.0)
     assert manifest["inks"]["A"]["layer_height_um"] == pytest.approx(7.6, rel=1e-12, abs=0.0)
@@ -289,6 +290,13 @@ def test_wrong_options_are_refused(
     assert main(["export", "layers", run_folder, *arguments, "--out", str(out)]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_part_without_a_droplet_has_no_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    low = ["--set", "part.height_um=3.0", "--out", str(tmp_path / "out")]
+    assert main(["export", "layers", str(SCENARIOS / "cuboid.toml"), *low]) == 1
+    assert "no layer of the part needs a droplet: its height is less than half of a layer" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
