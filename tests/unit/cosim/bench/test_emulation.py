@@ -146,7 +146,8 @@ def test_every_key_of_the_bench_arrives_at_its_bus(tmp_path: Path) -> None:
         "interface": "socketcan", "channel": "can3", "bitrate": 250_000, "data_bitrate": 2_000_000,
         "bit_rate_switch": True, "loop_timeout_s": 11.0, "grace_s": 0.75, "answer_s": 1.25, "silence_s": 0.5,
     }  # fmt: skip
-    rig = Bench(BenchTable(**keys, options={"fd": True}, valid_share=0.625, on_part=True), tmp_path).rig
+    more = {"options": {"fd": True}, "valid_share": 0.625, "on_part": True}
+    rig = Bench(BenchTable.model_validate(keys | more), tmp_path).rig
     assert {key: getattr(rig.settings, key) for key in keys} == keys
     assert rig.settings.options == {"fd": True}
     assert (rig.folder, rig.valid_share, rig.on_part) == (tmp_path, 0.625, True)

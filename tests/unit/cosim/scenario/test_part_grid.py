@@ -62,7 +62,7 @@ def test_box_gets_the_number_of_cells_next_to_its_sides(
     turn = slice(None, None, -1 if turned else 1)
     sides = np.array([wide, deep][turn]) * pitch_um / PITCH_UM
     mask = cells(fitted(tmp_path, meshes.box((0, 0, 0), (*sides, 1)), pitch_um=pitch_um))
-    assert mask.shape == (expected[turn][0] + 4, expected[turn][1] + 4), "the first of equal phases"
+    assert list(mask.shape) == [count + 4 for count in expected][turn], "the first of equal phases"
     assert (mask.any(axis=1).sum(), mask.any(axis=0).sum()) == expected[turn]
     assert mask.sum() == np.prod(expected)
 
@@ -124,8 +124,8 @@ def test_of_phases_within_a_thousandth_of_the_volume_the_middle_counts(tmp_path:
 @pytest.mark.parametrize(("longer_mm", "pitch_um"), [(11.0, 263.256), (6.0, 127.0), (2.0, 42.333), (0.1, 21.167)])
 def test_pitch_is_that_of_the_longer_side(tmp_path: Path, longer_mm: float, pitch_um: float, turned: bool) -> None:
     """Forty cells show it; the finest shows whatever is smaller."""
-    sides = (longer_mm, 0.5 * longer_mm)
-    (tmp_path / "part.stl").write_bytes(meshes.binary_stl(meshes.box((0, 0, 0), (*sides[:: -1 if turned else 1], 0.1))))
+    wide, deep = (0.5 * longer_mm, longer_mm) if turned else (longer_mm, 0.5 * longer_mm)
+    (tmp_path / "part.stl").write_bytes(meshes.binary_stl(meshes.box((0, 0, 0), (wide, deep, 0.1))))
     assert fit(PartFile(tmp_path / "part.stl"), None).grid.pitch_um == pitch_um
 
 
