@@ -205,6 +205,8 @@ def test_part_is_the_channel_that_is_named(tmp_path: Path, monkeypatch: pytest.M
         (["part.stl", "--rotate", "y=1", "--rotate", "y=1"], "--rotate y, y: a part is turned about x, then y"),
         (["part.stl", "--rotate", "x=nan"], "rotate_deg.[0] is nan; expected a finite number"),
         (["part.stl", "--scale", "-2"], "--scale is -2; expected a factor above 0"),
+        (["part.stl", "--height-um", "inf"], "--height-um is inf; expected a length above 0"),
+        (["part.stl", "--pitch-um", "nan"], "--pitch-um is nan; expected a length above 0"),
         (["part.stl", "--height-um", "0"], "--height-um is 0; expected a length above 0"),
         (["flat.stl", "--height-um", "9"], "is flat, and no scale gives it a height; turn it (--rotate)"),
     ],
