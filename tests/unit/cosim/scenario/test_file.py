@@ -192,6 +192,10 @@ def test_components_draw_from_streams_of_their_own() -> None:
     seeds = {component_seed(seed, name) for seed in range(50) for name in ("printer", "profiler", "controller")}
     assert len(seeds) == 150
     assert component_seed(7, "printer") == component_seed(7, "printer")
+    scenario = Scenario.load(SCENARIOS / "cuboid.toml", {"seed": 7})
+    assert [scenario.job(name).seed for name in ("printer", "profiler")] == [
+        component_seed(7, name) for name in ("printer", "profiler")
+    ]
 
 
 def test_passes_of_the_file_are_those_of_every_job(tmp_path: Path) -> None:

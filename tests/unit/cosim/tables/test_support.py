@@ -217,6 +217,15 @@ def test_roughness_has_its_standard_deviation_and_follows_the_seed() -> None:
     assert not np.array_equal(first, other)
 
 
+def test_roughness_of_a_file_follows_its_seed() -> None:
+    rough = {"substrate.roughness_um": 2.0}
+    found = [
+        Scenario.load(SCENARIOS / "uneven-start.toml", rough | {"seed": seed}).job().height_start for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(found[0], found[1])
+    assert not np.array_equal(found[0], found[2])  # type: ignore[arg-type]
+
+
 def test_print_starts_from_the_substrate_of_the_file() -> None:
     scenario = Scenario.load(SCENARIOS / "uneven-start.toml")
     expected = scenario.job().height_start

@@ -221,6 +221,8 @@ def test_a_part_becomes_layers_without_a_scenario(tmp_path: Path) -> None:
     found = planes(out, "png")
     assert [(entry["layer"], entry["drops"]) for entry, _ in found] == [(1, 24), (2, 24), (3, 24)]
     assert manifest_of(out)["pitch_x_um"] == 100.0
+    assert main([*command[:-1], str(tmp_path / "less"), "--set", "run.layers_max=2"]) == 0
+    assert manifest_of(tmp_path / "less")["last_layer"] == 2
 
 
 @pytest.mark.parametrize(
