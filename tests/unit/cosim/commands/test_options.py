@@ -6,7 +6,7 @@ import errno
 import json
 from argparse import Namespace
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -150,9 +150,10 @@ def test_valid_scenario_is_described_in_figures(block: Path, capsys: pytest.Capt
     found, footprint = json.loads(streams.out), scenario.footprint
     printed = int(scenario.job().mask.sum())
     assert (found["cells"], found["printed_cells"], found["layers"]) == ([7, 5], printed, footprint.layers)
+    assert found["processor_s"] == footprint.seconds
     assert (found["memory_bytes"], found["disk_bytes"]) == (footprint.memory, footprint.disk)
     assert footprint.memory != footprint.disk
-    assert found["errors"] == []
+    assert (found["errors"], found["warnings"]) == ([], [])
     assert found["components"] == ["controller", "printer", "profiler"]
     assert f"no errors; 7 x 5 cells, {printed} printed, components controller, printer, profiler; " in streams.err
 
@@ -262,6 +263,54 @@ def test_isolated_print_has_the_folder_of_a_print(block: Path, monkeypatch: pyte
     folder = Path("runs/block")
     words = ["run", str(block), "--isolate", "--no-isolate", "--out", str(folder)]
     isolated.assert_called_once_with(words, folder, [])
+
+
+def test_isolated_rest_of_a_print_is_not_isolated_again(
+    block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    isolated = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.isolation.run_isolated", isolated)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", lambda run: nullcontext(Scenario.load(block)))
+    assert main(["resume", str(tmp_path), "--isolate"]) == 4
+    isolated.assert_called_once_with(["resume", str(tmp_path), "--isolate", "--no-isolate"], tmp_path, [])
+
+
+def test_warning_is_told_and_listed(block: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", str(block), "--json", "--set", "part.height_um=2.0"]) == 0
+    streams = capsys.readouterr()
+    (warning,) = json.loads(streams.out)["warnings"]
+    assert warning.startswith("the part is 0.26 of a layer high")
+    assert f"{block}: warning: {warning}" in streams.err
+
+
+def test_layer_that_a_person_has_seen_is_told_to_the_rest_of_a_print(
+    block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    resume = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.run.resume", resume)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", lambda run: nullcontext(Scenario.load(block)))
+    assert main(["resume", str(tmp_path), "--layer-is", "blank", "--no-pictures"]) == 4
+    assert resume.call_args.args[1] == tmp_path
+    assert resume.call_args.kwargs == {"pictures": (), "layer_is": "blank"}
+
+
+def test_part_of_a_scenario_is_described_with_the_classes_next_to_it(tmp_path: Path, block: Path) -> None:
+    (tmp_path / "next_to_it.py").write_text("""class Rule:
+    def __init__(self, job):
+        pass
+
+    def pattern(self, height, layer):
+        return (0 * height).astype(int)
+""")
+    block.write_text(BLOCK.replace('"LayerMpc"', '"next_to_it:Rule"'), encoding="utf-8")
+    assert main(["geometry", str(block), "--no-pictures"]) == 0
+
+
+@pytest.mark.parametrize("turn", ["=5", "w=5", "x", "x=a", "xy=5"])
+def test_turn_is_an_axis_and_an_angle(turn: str) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["geometry", "a.stl", "--rotate", turn])
+    assert parser().parse_args(["geometry", "a.stl", "--rotate", "y=-5"]).rotate == [("y", -5.0)]
 
 
 @pytest.mark.parametrize(

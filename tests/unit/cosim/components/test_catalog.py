@@ -16,6 +16,7 @@ from inkloop.components.devices import job_with_overrides
 from inkloop.components.kind import Bench
 from inkloop.errors import ScenarioError
 from inkloop.fmu import FmuComponent
+from inkloop.fmu_writer.export import find_fmu
 from inkloop.testing import job as small_job
 from support.toys import toy_job
 
@@ -130,6 +131,29 @@ def test_component_lives_as_long_as_its_loop_and_one_that_is_never_made_is_ended
     FANS.clear()
 
 
+class Lamp(Fan):
+    """One that is given rig and journal of its loop."""
+
+    def use_rig(self, rig: object) -> None:
+        self.rig = rig
+
+    def use_journal(self, journal: object) -> None:
+        self.journal = journal
+
+
+def test_class_is_given_the_rig_and_the_journal_of_its_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["workshop"], "Fan", Lamp)
+    bench = Bench()
+    lamp = catalog.make("Fan", toy_job(), {}, bench)
+    assert isinstance(lamp, Lamp)
+    assert (lamp.rig, lamp.journal) == (bench.rig, bench.journal)
+
+
+def test_required_option_that_is_wrong_is_told_once() -> None:
+    found = catalog.check("MapFolder", toy_job(), {"folder": 3, "nothing": 1}).errors
+    assert [error.partition(";")[0] for error in found] == ["folder is 3", "nothing is not a key of this table"]
+
+
 def test_misspelt_key_does_not_replace_the_one_that_is_there_too() -> None:
     assert catalog.check("Fan", toy_job(), {"speed": -1.0, "sped": 2.0}).errors == [
         "sped is not a key of this table; did you mean speed?",
@@ -156,6 +180,18 @@ def test_model_of_any_form_has_the_grid_of_the_job(form: str, fmi: int) -> None:
     assert model.description.fmi == fmi
     assert {port.name: port.shape for port in model.outputs}["height"] == (6, 5)
     model.terminate()
+
+
+def test_file_of_an_fmu_has_the_grid_of_the_job_and_outputs_that_are_mapped_alone() -> None:
+    options = {"file": str(find_fmu("LayerDeposition", "fmi3")), "ports": {"surface": "height"}}
+    checked = catalog.check("Fmu", small_job(6, 5), options)
+    assert checked.ports is not None
+    part = checked.make(Bench())
+    for ports in (checked.ports.outputs, part.outputs):
+        shapes = {port.name: port.shape for port in ports}
+        assert shapes["surface"] == (6, 5)
+        assert "height" not in shapes
+    part.terminate()
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,8 @@ REGION = replace(
         "ny": PRINTER.variables["ny"],
         INTERVALS: Variable(INTERVALS, "UInt64", "structuralParameter", "fixed", (3,), start=("2",)),
         "height": PRINTER.variables["height"],
+        "inks": parameter("inks", type="Int32"),
+        "has_region": parameter("has_region", type="Boolean"),
         "region_bottom": parameter("region_bottom", "m", dimensions=(INTERVALS, "nx", "ny")),
         "region_top": parameter("region_top", "m", dimensions=(INTERVALS, "nx", "ny")),
     },
@@ -133,6 +135,7 @@ def test_fmu_has_room_for_the_intervals_of_the_region(count: int, asked: int | N
     parsed = fmu_parameters.parse(REGION, heaps(count), options, ())
     assert parsed.errors == []
     assert parsed.structural == {"nx": 2, "ny": 3, INTERVALS: room}
+    assert (parsed.parameters["inks"], parsed.parameters["has_region"]) == (2, True)
     bottom, top = (parsed.values[f"region_{end}"] for end in ("bottom", "top"))
     assert bottom.shape == top.shape == (room, 2, 3)
     assert (bottom[:count, 0, 1] < top[:count, 0, 1]).all()
@@ -297,6 +300,8 @@ def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
             describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {"job_parameters": asked}
         )
         assert ("seed" in given.parameters) == asked
+    unasked = fmu_parameters.parse_file(describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {})
+    assert "seed" in unasked.parameters
     found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_m": -1.0}).errors
     assert found[0] == "job_parameters is 'no'; expected true or false"
     assert found[1].startswith("noise_std_m is -1")

@@ -248,6 +248,7 @@ MAP_OF_M = Port("z", "m", (2, 3))
             "so 'z[1,1]', which is no input or output of the FMU; its scalars are j",
         ),
         ([MAP_OF_M], {"height": "z", "measured_height": "z"}, "stands behind two ports"),
+        ([MAP_OF_M], {"height": {"variable": "z", "gain": 0.0}}, "ports.height.gain is 0; needs another number"),
         ([MAP_OF_M, Port("height", "m", (2, 3))], {"height": "z"}, "also has a variable of that name"),
         ([Port("z1"), Port("z2")], {"height": "z{i}"}, "one name for several of 2 x 3 cells; write both {i} and {j}"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import tomlkit
 from inkloop.commands.options import overrides_of
 from inkloop.contract import PassOrder
 from inkloop.errors import ScenarioError
+from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import _is_beyond
@@ -224,6 +226,16 @@ def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> No
     assert not [error for error in errors if error.startswith("compare")], "an error of both is told once"
 
 
+def test_fmu_of_a_comparison_run_is_foreign_and_found_from_here(tmp_path: Path) -> None:
+    (tmp_path / "fmus").mkdir()
+    shutil.copyfile(find_fmu("ProfileSensor", "fmi3"), tmp_path / "fmus" / "sensor.fmu")
+    text = GOOD + '[compare.x.components.profiler]\nkind = "Fmu"\nfile = "fmus/sensor.fmu"\n'
+    scenario = Scenario.of_text(text, str(tmp_path / "case.toml"))
+    assert scenario.foreign_fmus == ["compare.x.components.profiler"]
+    assert scenario.variant("x").options("profiler") == {"file": str(tmp_path / "fmus" / "sensor.fmu")}
+    assert scenario.options("profiler") == {"scan_duration_s": 0.0}
+
+
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
 
 
@@ -281,6 +293,7 @@ def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: 
     parts = [TWO_INKS, *(TWO_INKS.replace(*change) for change in (
         ("height_um = 30.0", "height_um = 31.0"), ("height_um = 20.0", "height_um = 21.0"),
         ("size_x_um = 400.0", "size_x_um = 200.0"), ('["A", "B"]', '["B", "A"]'),
+        ("center_x_um = 450.0", "center_x_um = 350.0"),
     ))]  # fmt: skip
     hashes = [with_part(text, tmp_path).part_sha256 for text in (*parts, TWO_INKS)]
     assert None not in hashes

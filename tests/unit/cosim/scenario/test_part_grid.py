@@ -259,7 +259,9 @@ def test_long_work_is_refused_or_announced_with_its_estimate(tmp_path: Path, mon
     assert len(said) == 1
 
 
-def test_of_a_large_grid_only_the_middle_is_tried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_large_grid_only_the_middle_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Where another phase would be closer to the part."""
     boxes = meshes.box((0, 0, 0), (4.5, 3, 1)), meshes.box((6, 0, 0), (9, 3, 1))
     path = tmp_path / "part.stl"
@@ -267,6 +269,8 @@ def test_of_a_large_grid_only_the_middle_is_tried(tmp_path: Path, monkeypatch: p
     assert fit(PartFile(path), PITCH_UM).solid.remarks == ()
     monkeypatch.setattr(part_grid, "LARGE_CELLS", 10)
     assert fit(PartFile(path), PITCH_UM).solid.remarks != ()
+    assert main(["new", str(tmp_path / "large"), "--part", str(path), "--pitch-um", "100"]) == 0
+    assert "cells of 100 µm takes about" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from inkloop.component import BoolMap
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Cuboid, Cylinder, cell_centers
 from inkloop.scenario.file import Scenario
+from inkloop.tables.shapes import CylinderTable, Grid
 from support.parts import NX, NY, PITCH_UM, with_part
 
 PITCH = PITCH_UM * 1e-6
@@ -157,6 +158,22 @@ def test_box_of_a_combination_is_that_of_what_can_be_left(
 ) -> None:
     found = combined(op, tmp_path).solid.bounds
     assert [value * 1e6 for value in found] == pytest.approx(box_um, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("center", "box"),
+    [
+        ({}, (150.0, 450.0, 50.0, 350.0)),
+        ({"center_x_um": 0.0}, (-150.0, 150.0, 50.0, 350.0)),
+        ({"center_y_um": 0.0}, (150.0, 450.0, -150.0, 150.0)),
+        ({"center_x_um": 500.0, "center_y_um": 100.0}, (350.0, 650.0, -50.0, 250.0)),
+    ],
+)
+def test_centre_is_that_of_the_grid_unless_it_is_given(center: dict[str, float], box: tuple[float, ...]) -> None:
+    """Of 7 x 5 cells, also where it is 0."""
+    table = CylinderTable(shape="cylinder", radius_um=150.0, height_um=9.0, **center)
+    found = table.solid(Grid(nx=7, ny=5, pitch_um=100.0), Path()).bounds
+    assert [value * 1e6 for value in found] == pytest.approx(box, rel=1e-9, abs=0.0)
 
 
 def test_remark_on_a_part_says_which_part_it_is(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
@@ -16,7 +17,7 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import _without_ends, inks_of
 from inkloop.tables.schema import Inks, InkTable
-from inkloop.tables.shapes import Bounds, PipeJunctionTable, Solid, SubstrateTable
+from inkloop.tables.shapes import Bounds, Grid, PipeJunctionTable, Solid, SubstrateTable
 from support.places import SCENARIOS
 
 PITCH = 100e-6
@@ -60,6 +61,12 @@ def ends() -> tuple[Any, Any]:
     with np.errstate(invalid="ignore"):
         half = 30e-6 * np.sqrt(1.0 + 1e-9 - across**2)
     return 30e-6 - half, 30e-6 + half
+
+
+def test_pipes_have_no_end_along_either_axis() -> None:
+    part = tomlkit.parse(TEXT)["part"].unwrap()
+    solid = PipeJunctionTable.model_validate(part).solid(Grid(nx=21, ny=21, pitch_um=100.0), Path())
+    assert solid.bounds == (-np.inf, np.inf, -np.inf, np.inf)
 
 
 def assert_is_the_pipes(job: Job) -> None:
@@ -205,6 +212,7 @@ def test_tilt_step_and_wave_have_their_size_over_the_lowest_cell() -> None:
     np.testing.assert_allclose(np.diff(tilted, axis=0), 0.01 * 250e-6)
     np.testing.assert_allclose(np.diff(tilted, axis=1), -0.02 * 250e-6)
     np.testing.assert_allclose(height(6, 2, step_um=30.0)[:, 0], [0.0] * 3 + [30e-6] * 3, rtol=1e-12)
+    np.testing.assert_allclose(height(5, 2, step_um=30.0)[:, 0], [0.0] * 3 + [30e-6] * 2, rtol=1e-12)
     wave = height(9, 5, wave_um=5.0, wavelength_um=7.3 * 250e-6 * 1e6)
     along_x, along_y = (np.cos(2.0 * np.pi * np.arange(-cells, cells + 1) / 7.3) for cells in (4, 2))
     np.testing.assert_allclose(wave - wave[4, 2], 5e-6 * (np.outer(along_x, along_y) - 1.0), rtol=0.0, atol=1e-17)
