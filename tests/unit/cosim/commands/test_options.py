@@ -275,6 +275,40 @@ def test_isolated_rest_of_a_print_is_not_isolated_again(
     isolated.assert_called_once_with(["resume", str(tmp_path), "--isolate", "--no-isolate"], tmp_path, [])
 
 
+def test_table_of_a_report_comes_with_its_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("inkloop.report.run_report.write", lambda run, formats: f"table of {run.name} {formats}")
+    monkeypatch.setattr("inkloop.report.run_report.record", lambda run: {"folder": run.name})
+    assert main(["report", str(tmp_path / "it"), "--json", "--no-pictures"]) == 0
+    streams = capsys.readouterr()
+    assert json.loads(streams.out) == {"folder": "it"}
+    assert "table of it ()" in streams.err
+
+
+def test_every_run_is_compared_in_the_picture_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    compare = Mock(return_value=("table", [], []))
+    monkeypatch.setattr("inkloop.report.run_report.compare", compare)
+    assert main(["compare", "a", "b", "c", "--out", "all.svg"]) == 0
+    compare.assert_called_once_with([Path("a"), Path("b"), Path("c")], Path("all.svg"), ("svg",))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["info", "{folder}/none.toml"], "none.toml: is not there; name an .fmu file"),
+        (["info", "{folder}/block.toml"], "block.toml: is a scenario; `inkloop validate` describes it"),
+        (["info"], "info: name an FMU or a run, or --devices"),
+        (["validate", "{folder}/block.toml", "--job", "x.toml"], "--job x.toml: --job goes with an .ssp; leave it out"),
+    ],
+)
+def test_word_that_a_command_cannot_take_is_answered(
+    words: list[str], message: str, block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([word.format(folder=block.parent) for word in words]) == 1
+    assert message in capsys.readouterr().err
+
+
 def test_warning_is_told_and_listed(block: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", str(block), "--json", "--set", "part.height_um=2.0"]) == 0
     streams = capsys.readouterr()

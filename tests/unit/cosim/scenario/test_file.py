@@ -15,6 +15,7 @@ from inkloop.commands.options import overrides_of
 from inkloop.contract import PassOrder
 from inkloop.errors import ScenarioError
 from inkloop.fmu_writer.export import find_fmu
+from inkloop.master.orientation import Orientation
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import _is_beyond
@@ -266,6 +267,13 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
     assert wire.offset == pytest.approx(20e-6, rel=1e-9, abs=0.0)
 
 
+def test_orientation_of_a_connection_is_that_of_the_file() -> None:
+    text = GOOD.replace("ny = 8", "ny = 9") + WIRE + 'mirror = "y"\ntranspose = true\n'
+    wire, *others = Scenario.of_text(text, "case.toml").connections
+    assert wire.orientation == Orientation("y", True)
+    assert all(other.orientation.is_own for other in others)
+
+
 @pytest.mark.parametrize(
     ("key", "message"),
     [
@@ -341,6 +349,8 @@ def test_overrides_change_the_run_and_its_record(tmp_path: Path) -> None:
         ({"grid": {"nx": 40, "ny": 41}, "seed": 2, "run.layers_max": 9}, "C (grid.nx = 40, grid.ny = 41, seed = 2, "
          "1 more)", False),
         ({"components.printer": {"kind": "LayerDeposition"}}, "C (printer.kind = LayerDeposition)", False),
+        ({"label": "mine"}, "C", True),
+        ({"bench.cure_ms": 70}, "C", True),
         ({"label": "mine", "title": "Own", "literature.Lu.std_um": 3.0}, "Own", True),
     ],
 )  # fmt: skip

@@ -136,6 +136,8 @@ def test_text_of_a_part_offers_the_keys_that_it_leaves_out(tmp_path: Path) -> No
     head = text.read_text().partition("[part]")[2].partition("[substrate]")[0]
     assert re.findall(r"^# (\w+) =", head, re.MULTILINE) == ["place", "mirror", "open_columns", "margin_cells"]
     assert "part.inks" not in head, "one body is of one ink"
+    (tmp_path / "jobs").mkdir()
+    assert 'file = "../part.stl"\n' in write_for_part(tmp_path / "jobs" / "mine", PartFile(path))[0].read_text()
     assert "is assumed" not in head
     assert (
         "# the file does not state its unit, mm is assumed\n"
