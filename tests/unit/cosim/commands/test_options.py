@@ -115,6 +115,8 @@ def test_every_option_of_an_exported_fmu_arrives(monkeypatch: pytest.MonkeyPatch
     assert main(["export", "fmu", "M", "--fmi", "2", *numbers, "--fixed", "--force", "--platforms", "a, b"]) == 0
     chosen = {"fmi": "2", "nx": 4, "ny": 5, "intervals": 3, "fixed": True, "force": True, "platforms": ("a", "b")}
     export.assert_called_once_with("M", out=Path("M.fmu"), **chosen)
+    assert main(["export", "fmu", "M", "--out", "other.fmu"]) == 0
+    assert export.call_args.kwargs["out"] == Path("other.fmu")
 
 
 @pytest.mark.parametrize(("words", "give_up"), [(["clear"], False), (["clear", "--give-up"], True), (["home"], False)])
@@ -126,6 +128,28 @@ def test_open_layer_is_given_up_where_it_is_asked(
     assert main(["bench", words[0], str(block), *words[1:]]) == 0
     assert act.call_args.args[1] == words[0]
     assert act.call_args.kwargs == {"give_up": give_up}
+
+
+def test_overrides_of_a_run_on_a_bench_arrive(block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found: list[tuple[Path, dict[str, object]]] = []
+
+    def scenario_of_run(run: Path, overrides: dict[str, object]) -> Any:
+        found.append((run, overrides))
+        return nullcontext(Scenario.load(block))
+
+    act, replay = Mock(return_value=4), Mock(return_value=5)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", scenario_of_run)
+    monkeypatch.setattr("inkloop.bench.commands.act", act)
+    monkeypatch.setattr("inkloop.bench.replay.replay", replay)
+    given = ["--set", "bench.channel=can1"]
+    assert main(["bench", "status", str(tmp_path), *given]) == 4
+    assert found == [(tmp_path, {"bench.channel": "can1"})]
+    assert main(["bench", "replay", str(tmp_path), *given]) == 5
+    assert replay.call_args.args[1] == {"bench.channel": "can1"}
+
+
+def test_doctor_of_a_scenario_that_cannot_be_read_has_an_exit_code_of_its_own(tmp_path: Path) -> None:
+    assert main(["bench", "doctor", str(tmp_path / "none.toml")]) == 2
 
 
 @pytest.mark.parametrize(

@@ -191,6 +191,7 @@ def test_file_of_an_fmu_has_the_grid_of_the_job_and_outputs_that_are_mapped_alon
         shapes = {port.name: port.shape for port in ports}
         assert shapes["surface"] == (6, 5)
         assert "height" not in shapes
+    assert {port.name: port.shape for port in part.inputs}["pattern"] == (6, 5)
     part.terminate()
 
 
