@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import gc
+import hashlib
 import sys
 import types
 from importlib.metadata import EntryPoint, EntryPoints
@@ -192,7 +193,16 @@ def test_file_of_an_fmu_has_the_grid_of_the_job_and_outputs_that_are_mapped_alon
         assert shapes["surface"] == (6, 5)
         assert "height" not in shapes
     assert {port.name: port.shape for port in part.inputs}["pattern"] == (6, 5)
+    content = find_fmu("LayerDeposition", "fmi3").read_bytes()
+    assert part.sha256 == hashlib.sha256(content).hexdigest()  # type: ignore[attr-defined]
     part.terminate()
+
+
+def test_only_a_file_that_is_not_there_is_sought_in_the_folder_of_the_scenario(tmp_path: Path) -> None:
+    (tmp_path / "bad.fmu").write_text("no archive")
+    for name, sought in (("none.fmu", True), ("bad.fmu", False)):
+        (error,) = catalog.check("Fmu", toy_job(), {"file": str(tmp_path / name)}).errors
+        assert error.endswith("; give its path from the scenario's folder") == sought
 
 
 @pytest.mark.parametrize(

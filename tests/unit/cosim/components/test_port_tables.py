@@ -150,6 +150,13 @@ def test_counters_of_real_numbers_must_be_whole() -> None:
         mapped.from_fmu({"n": np.asarray(1.5)})
 
 
+def test_scalars_of_a_map_are_named_from_the_first_to_the_last() -> None:
+    ports = [Port(f"n{n}") for n in range(1, 7)]
+    mapped = the_one([], ports, {"pattern": "n{n}"})
+    with pytest.raises(ComponentError, match=r"pattern, read from n1 to n6, is 0\.5; needs whole numbers"):
+        mapped.from_fmu({port.name: np.asarray(0.5) for port in ports})
+
+
 @pytest.mark.parametrize("value", [3e9, np.nan, np.inf])
 def test_number_beyond_its_type_is_refused(value: float) -> None:
     mapped = the_one([], [Port("n", "1")], {"layers_printed": "n"})

@@ -401,6 +401,21 @@ def test_layer_given_up_stays_so_where_its_scan_comes_later() -> None:
         assert outputs["height"].max() == 2 * DROPLET
 
 
+def test_last_comparison_is_that_of_the_saved_state() -> None:
+    job = toy_job()
+    flat = np.zeros((4, 3))
+    first, other = (begun(job, scan(-1, flat, False))[0] for _ in "ab")
+    first.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, flat)))
+    last = inputs(job, 1, 1, 1, scan(1, flat + 0.5 * DROPLET))
+    first.do_step(SECOND, SECOND, last)
+    other.restore(first.save())
+    for shadow in (first, other):
+        outputs = shadow.do_step(2 * SECOND, SECOND, last)
+        assert int(outputs["layers_compared"]) == 1
+        for name in ("growth_divergence", "surface_divergence"):
+            assert float(outputs[name]) == pytest.approx(0.5 * DROPLET, rel=1e-9, abs=0.0)
+
+
 def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
     assumed = np.array([[0.0, 1.0, 2.0, 3.0]])
     measured, seen = np.array([[10.0, 12.0, 99.0, 0.0]]), np.array([[True, True, True, False]])

@@ -27,6 +27,14 @@ def test_cuboid_of_eight_pitches_stands_on_eight_cells_each_way_and_ends_at_its_
         assert not cuboid.contains(x, y, np.full_like(x, z)).any()
 
 
+def test_base_of_a_cuboid_and_of_stairs_has_its_own_edge_along_each_axis() -> None:
+    x, y = cell_centers(12, 9, PITCH)
+    at = (5.5 * PITCH, 4.0 * PITCH, 8 * PITCH, 3 * PITCH)
+    for shape in (Cuboid(*at, 22.8e-6), Staircase(*at, 4, 22.8e-6)):
+        footprint = shape.contains(x, y, np.zeros_like(x))
+        assert footprint.sum() == footprint[2:10, 3:6].sum() == 8 * 3
+
+
 def test_bores_of_a_pipe_junction_open_into_each_other() -> None:
     pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
     at = np.array([0.0, 30e-4, 16e-4, 16e-4, 30e-4])  # centre, along the bore, wall of the other pipe, corner outside

@@ -123,3 +123,6 @@ def test_name_means_the_packaged_scenario_where_no_file_has_it(
         assert "neither a file nor a scenario of inkloop; did you mean cuboid?" in capsys.readouterr().err
     assert main(["new"]) == 1
     assert "--list" in capsys.readouterr().err
+    Path("mine.toml").touch()
+    assert main(["validate", "mine"]) == 1
+    assert "did you mean mine.toml?" in capsys.readouterr().err

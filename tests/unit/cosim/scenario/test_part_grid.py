@@ -159,7 +159,17 @@ def test_text_of_a_3mf_names_the_ink_of_each_object_and_no_unit(tmp_path: Path) 
     assert part.names == ("lid", "soft")
     assert re.findall(r'^# "(\w+)" = "A"$', text, re.MULTILINE) == ["lid", "soft"]
     assert "is assumed" not in text
+    units = [PartFile(Path(name)).mesh_unit for name in ("part.3mf", "part.3MF", "part.STL", "map.npy")]
+    assert units == [None, None, "mm", None]
     assert PartFile(tmp_path / "part.3mf", unit="in").mesh_unit == "in"
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("A.STL", "mesh"), ("a.3mf", "mesh"), ("a.Ply", "mesh"), ("M.JSON", "layers"), ("m.npy", "height-map")],
+)
+def test_suffix_in_either_case_says_what_a_file_holds(name: str, shape: str) -> None:
+    assert PartFile(Path(name)).shape == shape
 
 
 def height_map(folder: Path, heights: Any) -> PartFile:
