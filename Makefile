@@ -51,14 +51,14 @@ $(BIN)/python:
 	inkloop needs Python 3.11 or later: make PYTHON=/path/to/python"; exit 1; }
 	@"$(PYTHON)" -m pip --version >/dev/null 2>&1 || { echo "$(PYTHON) has no pip: install it (Debian: python3-pip)"; exit 1; }
 	@command -v "$${CC:-cc}" >/dev/null || { echo "there is no C compiler ($${CC:-cc}): install gcc or clang"; exit 1; }
-	"$(PYTHON)" -m venv --without-pip .venv
+	"$(PYTHON)" -m venv --without-pip .venv   # which Debian has without a further package
 
-# what the build, a print, its pictures and the formats of files need
+# what the build, a print, its pictures and the formats of files need, and pip for the extras that messages name
 .venv/requirements: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "inkloop: downloading and installing what a print needs into .venv (250 MB; half a minute after the downloads) ..."
 	@$(BIN)/python -c 'import tomllib; file = tomllib.load(open("pyproject.toml", "rb")); \
 	extras = file["project"]["optional-dependencies"]; \
-	print(*file["build-system"]["requires"], *file["project"]["dependencies"], *extras["report"], *extras["formats"], sep="\n")' \
+	print(*file["build-system"]["requires"], *file["project"]["dependencies"], *extras["report"], *extras["formats"], "pip", sep="\n")' \
 	> $@.txt
 	$(PIP) --requirement $@.txt
 	@touch $@

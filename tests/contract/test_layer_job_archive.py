@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import xml.etree.ElementTree as ET
 import zipfile
 from argparse import Namespace
@@ -228,9 +229,30 @@ def test_state_of_another_print_is_refused(form) -> None:
 
 def test_layer_takes_as_long_as_printing_and_scanning_it() -> None:
     durations = {"components.printer.layer_duration_s": 2.0, "components.profiler.scan_duration_s": 6.0}
-    own = bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 1.0})).own
+    limits = {"components.controller.alpha": 0.7, "components.controller.time_limit_s": 3.5}
+    own = bake(Scenario.load(quick_cuboid(), durations | limits | {"run.step_s": 1.0})).own
+    assert (own["alpha"], own["time_limit"]) == (0.7, 3.5)
     assert (own["layer_duration"], own["scan_duration"], own["layer_period"]) == (2.0, 6.0, 8.0)
     assert bake(Scenario.load(quick_cuboid(), durations | {"run.step_s": 30.0})).own["layer_period"] == 30.0
+
+
+def test_importer_is_offered_the_period_of_a_layer_and_the_time_of_the_print(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    durations = {"components.printer.layer_duration_s": 2.0, "components.profiler.scan_duration_s": 6.0}
+    own = bake(Scenario.load(quick_cuboid(), durations))
+    found: list[Any] = []
+    monkeypatch.setattr(layer_job, "described", lambda members, *more: found.append(more[-1]) or members)
+    monkeypatch.setattr(layer_job, "pack", lambda out, members: None)
+    layer_job.write(own, "2", tmp_path / "it.fmu", picture=False)
+    (baked,) = found
+    assert (baked.step_size, baked.stop_time) == (8.0, own.stop_s)
+    assert own.stop_s > 8.0
+
+
+def test_maps_of_a_job_lie_there_with_the_last_index_fastest() -> None:
+    value = np.arange(6, dtype=np.int32).reshape(2, 3)
+    assert layer_job._parameter(7, value) == struct.pack("<QQ6d", 7, 6, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 
 
 def obstacles(roles: dict[str, str], *wires: Wire, outside: dict[str, str] | None = None) -> list[str]:

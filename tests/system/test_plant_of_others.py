@@ -155,9 +155,23 @@ def test_other_maps_of_the_grid_are_listed(desk: Path) -> None:
 
 
 def test_dose_as_a_thickness_is_that_of_a_droplet(desk: Path) -> None:
-    found = plant_with(array("input", "dose", (4, 3), "um"), array("output", "height", (4, 3), "mm"))
+    found = plant_with(array("input", "dose", (20, 10), "um"), array("output", "height", (20, 10), "mm"))
     assert not found.unstated
+    written = tomllib.loads(text_for_plant(desk / "x.toml", TEMPLATE, found))
+    block = [round(written["part"][f"size_{axis}_um"] / 263.256, 3) for axis in "xy"]
+    assert (block, written["grid"]) == ([12.0, 6.0], {"nx": 20, "ny": 10})
     assert "gain = 7.6}   # [um] of a droplet of the default ink" in text_for_plant(desk / "x.toml", TEMPLATE, found)
+
+
+def test_scalars_of_two_units_are_no_map() -> None:
+    dose = [array("input", f"dose_{number}", (), "um" if number < 4 else "mm") for number in range(1, 7)]
+    with pytest.raises(ScenarioError, match="inputs: none; outputs: bed of 6 x 1"):
+        plant_with(*dose, array("output", "bed", (6,), "mm"))
+
+
+def test_array_of_three_indices_is_no_map() -> None:
+    with pytest.raises(ScenarioError, match="inputs: none; outputs: bed of 4 x 3"):
+        plant_with(array("input", "dose", (4, 3, 2)), array("output", "bed", (4, 3), "mm"))
 
 
 def test_map_of_another_quantity_is_no_surface() -> None:

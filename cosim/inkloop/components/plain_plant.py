@@ -80,7 +80,7 @@ class PlainPlant:
             printed, plant_time_ns = np.frombuffer(saved, np.int64, 2)
             for port in self._plant.outputs:
                 start = port.start_value()
-                values[port.name] = np.frombuffer(saved, port.dtype, start.size, offset).reshape(port.shape).copy()
+                values[port.name] = np.frombuffer(saved, port.dtype, start.size, offset).reshape(port.shape)
                 offset += start.nbytes
         except ValueError as error:
             raise ComponentError(f"what is to be restored is no state of this plant ({error})") from error

@@ -158,7 +158,7 @@ class Shadow:
 
     def _compare(self, layer: int, measured: FloatMap, valid: BoolMap) -> None:
         plant = self._plant
-        if self._last_scan is None and plant.layer == layer == self._reference and self.starts_on_scan:
+        if plant.layer == layer == self._reference and self.starts_on_scan:
             plant.begin_on(start_surface(plant.start_surface, measured, valid))
             if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
                 _LOG.warning(

@@ -25,8 +25,8 @@ ROUNDED = 1e-9
 """Share of the volume that rounding lets bodies share."""
 _LISTED = 3
 _OPEN = (
-    "the surface is not closed, so that its inside is a guess where a column meets a hole; `inkloop geometry` lists the "
-    "holes"
+    "the surface is not closed, so that its inside is a guess where a column meets a hole; `inkloop geometry` lists "
+    "the holes"
 )
 
 

@@ -133,6 +133,26 @@ def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
         assert of_device == of_model
 
 
+def test_passes_of_the_options_are_those_that_the_printer_jets() -> None:
+    options = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}
+    printer = catalog.make("hardware.printer", job(), options, Bench(BenchTable(cure_ms=70)))
+    own = printer._job  # type: ignore[attr-defined]
+    assert (own.passes, own.pass_order, own.pass_rotation, printer._cure_ms) == (4, 2, 3, 70)  # type: ignore[attr-defined]
+
+
+def test_every_key_of_the_bench_arrives_at_its_bus(tmp_path: Path) -> None:
+    """Each with a value of its own."""
+    keys = {
+        "interface": "socketcan", "channel": "can3", "bitrate": 250_000, "data_bitrate": 2_000_000,
+        "bit_rate_switch": True, "loop_timeout_s": 11.0, "grace_s": 0.75, "answer_s": 1.25, "silence_s": 0.5,
+    }  # fmt: skip
+    more = {"options": {"fd": True}, "valid_share": 0.625, "on_part": True}
+    rig = Bench(BenchTable.model_validate(keys | more), tmp_path).rig
+    assert {key: getattr(rig.settings, key) for key in keys} == keys
+    assert rig.settings.options == {"fd": True}
+    assert (rig.folder, rig.valid_share, rig.on_part) == (tmp_path, 0.625, True)
+
+
 def test_traffic_of_a_resumed_run_does_not_replace_that_of_its_first_part(tmp_path: Path) -> None:
     names = []
     for _ in range(3):

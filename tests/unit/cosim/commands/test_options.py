@@ -8,7 +8,7 @@ import json
 import re
 from argparse import Namespace
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -141,6 +141,8 @@ def test_every_option_of_an_exported_fmu_arrives(monkeypatch: pytest.MonkeyPatch
     assert main(["export", "fmu", "M", "--fmi", "2", *numbers, "--fixed", "--force", "--platforms", "a, b"]) == 0
     chosen = {"fmi": "2", "nx": 4, "ny": 5, "intervals": 3, "fixed": True, "force": True, "platforms": ("a", "b")}
     export.assert_called_once_with("M", out=Path("M.fmu"), **chosen)
+    assert main(["export", "fmu", "M", "--out", "other.fmu"]) == 0
+    assert export.call_args.kwargs["out"] == Path("other.fmu")
 
 
 @pytest.mark.parametrize(("words", "give_up"), [(["clear"], False), (["clear", "--give-up"], True), (["home"], False)])
@@ -152,6 +154,28 @@ def test_open_layer_is_given_up_where_it_is_asked(
     assert main(["bench", words[0], str(block), *words[1:]]) == 0
     assert act.call_args.args[1] == words[0]
     assert act.call_args.kwargs == {"give_up": give_up}
+
+
+def test_overrides_of_a_run_on_a_bench_arrive(block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found: list[tuple[Path, dict[str, object]]] = []
+
+    def scenario_of_run(run: Path, overrides: dict[str, object]) -> Any:
+        found.append((run, overrides))
+        return nullcontext(Scenario.load(block))
+
+    act, replay = Mock(return_value=4), Mock(return_value=5)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", scenario_of_run)
+    monkeypatch.setattr("inkloop.bench.commands.act", act)
+    monkeypatch.setattr("inkloop.bench.replay.replay", replay)
+    given = ["--set", "bench.channel=can1"]
+    assert main(["bench", "status", str(tmp_path), *given]) == 4
+    assert found == [(tmp_path, {"bench.channel": "can1"})]
+    assert main(["bench", "replay", str(tmp_path), *given]) == 5
+    assert replay.call_args.args[1] == {"bench.channel": "can1"}
+
+
+def test_doctor_of_a_scenario_that_cannot_be_read_has_an_exit_code_of_its_own(tmp_path: Path) -> None:
+    assert main(["bench", "doctor", str(tmp_path / "none.toml")]) == 2
 
 
 @pytest.mark.parametrize(
@@ -176,9 +200,10 @@ def test_valid_scenario_is_described_in_figures(block: Path, capsys: pytest.Capt
     found, footprint = json.loads(streams.out), scenario.footprint
     printed = int(scenario.job().mask.sum())
     assert (found["cells"], found["printed_cells"], found["layers"]) == ([7, 5], printed, footprint.layers)
+    assert found["processor_s"] == footprint.seconds
     assert (found["memory_bytes"], found["disk_bytes"]) == (footprint.memory, footprint.disk)
     assert footprint.memory != footprint.disk
-    assert found["errors"] == []
+    assert (found["errors"], found["warnings"]) == ([], [])
     assert found["components"] == ["controller", "printer", "profiler"]
     assert f"no errors; 7 x 5 cells, {printed} printed, components controller, printer, profiler; " in streams.err
 
@@ -288,6 +313,88 @@ def test_isolated_print_has_the_folder_of_a_print(block: Path, monkeypatch: pyte
     folder = Path("runs/block")
     words = ["run", str(block), "--isolate", "--no-isolate", "--out", str(folder)]
     isolated.assert_called_once_with(words, folder, [])
+
+
+def test_isolated_rest_of_a_print_is_not_isolated_again(
+    block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    isolated = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.isolation.run_isolated", isolated)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", lambda run: nullcontext(Scenario.load(block)))
+    assert main(["resume", str(tmp_path), "--isolate"]) == 4
+    isolated.assert_called_once_with(["resume", str(tmp_path), "--isolate", "--no-isolate"], tmp_path, [])
+
+
+def test_table_of_a_report_comes_with_its_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("inkloop.report.run_report.write", lambda run, formats: f"table of {run.name} {formats}")
+    monkeypatch.setattr("inkloop.report.run_report.record", lambda run: {"folder": run.name})
+    assert main(["report", str(tmp_path / "it"), "--json", "--no-pictures"]) == 0
+    streams = capsys.readouterr()
+    assert json.loads(streams.out) == {"folder": "it"}
+    assert "table of it ()" in streams.err
+
+
+def test_every_run_is_compared_in_the_picture_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    compare = Mock(return_value=("table", [], []))
+    monkeypatch.setattr("inkloop.report.run_report.compare", compare)
+    assert main(["compare", "a", "b", "c", "--out", "all.svg"]) == 0
+    compare.assert_called_once_with([Path("a"), Path("b"), Path("c")], Path("all.svg"), ("svg",))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["info", "{folder}/none.toml"], "none.toml: is not there; name an .fmu file"),
+        (["info", "{folder}/block.toml"], "block.toml: is a scenario; `inkloop validate` describes it"),
+        (["info"], "info: name an FMU or a run, or --devices"),
+        (["validate", "{folder}/block.toml", "--job", "x.toml"], "--job x.toml: --job goes with an .ssp; leave it out"),
+    ],
+)
+def test_word_that_a_command_cannot_take_is_answered(
+    words: list[str], message: str, block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([word.format(folder=block.parent) for word in words]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_warning_is_told_and_listed(block: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", str(block), "--json", "--set", "part.height_um=2.0"]) == 0
+    streams = capsys.readouterr()
+    (warning,) = json.loads(streams.out)["warnings"]
+    assert warning.startswith("the part is 0.26 of a layer high")
+    assert f"{block}: warning: {warning}" in streams.err
+
+
+def test_layer_that_a_person_has_seen_is_told_to_the_rest_of_a_print(
+    block: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    resume = Mock(return_value=4)
+    monkeypatch.setattr("inkloop.printing.run.resume", resume)
+    monkeypatch.setattr("inkloop.printing.run.scenario_of_run", lambda run: nullcontext(Scenario.load(block)))
+    assert main(["resume", str(tmp_path), "--layer-is", "blank", "--no-pictures"]) == 4
+    assert resume.call_args.args[1] == tmp_path
+    assert resume.call_args.kwargs == {"pictures": (), "layer_is": "blank"}
+
+
+def test_part_of_a_scenario_is_described_with_the_classes_next_to_it(tmp_path: Path, block: Path) -> None:
+    (tmp_path / "next_to_it.py").write_text("""class Rule:
+    def __init__(self, job):
+        pass
+
+    def pattern(self, height, layer):
+        return (0 * height).astype(int)
+""")
+    block.write_text(BLOCK.replace('"LayerMpc"', '"next_to_it:Rule"'), encoding="utf-8")
+    assert main(["geometry", str(block), "--no-pictures"]) == 0
+
+
+@pytest.mark.parametrize("turn", ["=5", "w=5", "x", "x=a", "xy=5"])
+def test_turn_is_an_axis_and_an_angle(turn: str) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["geometry", "a.stl", "--rotate", turn])
+    assert parser().parse_args(["geometry", "a.stl", "--rotate", "y=-5"]).rotate == [("y", -5.0)]
 
 
 @pytest.mark.parametrize(

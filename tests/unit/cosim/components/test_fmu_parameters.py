@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.component import Job
+from inkloop.component import Ink, Job
 from inkloop.components import catalog, fmu_parameters
 from inkloop.components.fmu_parameters import PRESETS
 from inkloop.errors import ScenarioError
 from inkloop.fmu import FmuDescription, Variable, describe
-from inkloop.fmu_writer.export import find_fmu
+from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, find_fmu
+from inkloop.geometry import Columns
 from inkloop.scenario.file import Scenario
 from support.fmus.amplifier import altered, build
 from support.places import ROOT
@@ -72,6 +73,86 @@ def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
     job = toy_job()
     assert fmu_parameters.parse(foreign, job, {}, ()).parameters == {"pitch": job.pitch * 1e3, "passes": 1}
     assert fmu_parameters.parse(foreign, job, {}, (), use_job_parameters=False).parameters == {}
+
+
+def test_inks_and_ground_of_the_job_come_by_their_names_and_in_the_unit_of_the_fmu() -> None:
+    names = [f"h{order}_{ink}" for ink in "ab" for order in (1, 2, 3)]
+    lengths = {name: parameter(name, "mm") for name in names}
+    printer = replace(PRINTER, variables=lengths | {"flat_ground": parameter("flat_ground", type="Boolean")})
+    inks = Ink(5e-6, 0.5e-6, 0.25e-6), Ink(4e-6, 0.75e-6, 0.125e-6)
+    job = replace(toy_job(), inks=inks)
+    found = fmu_parameters.parse(printer, job, {}, ()).parameters
+    expected = [5e-3, 0.5e-3, 0.25e-3, 4e-3, 0.75e-3, 0.125e-3]
+    assert [found[name] for name in names] == pytest.approx(expected, rel=1e-9, abs=0.0)
+    assert found["flat_ground"] is True
+    uneven = replace(job, height_start=np.zeros((job.nx, job.ny)))
+    assert fmu_parameters.parse(printer, uneven, {}, ()).parameters["flat_ground"] is False
+
+
+@pytest.mark.parametrize(
+    ("nx", "ny", "sizes"), [(9, 4, {"ny": 4}), (6, 9, {"nx": 6}), (9, 9, {}), (6, 4, {"nx": 6, "ny": 4})]
+)
+def test_values_of_a_file_have_the_sizes_that_it_does_not_have(nx: int, ny: int, sizes: dict[str, int]) -> None:
+    found = fmu_parameters.values_of_file(PRINTER, toy_job(nx=nx, ny=ny), {"variation": 0.5})
+    assert {name: int(found[name]) for name in ("nx", "ny") if name in found} == sizes
+    assert float(found["variation"]) == 0.5
+
+
+def test_options_of_the_python_controller_have_their_names_in_the_fmu() -> None:
+    assert fmu_parameters.options_of_controller_fmu({"sweeps": 3, "horizon": 2}) == {"sweeps_max": 3, "horizon": 2}
+
+
+REGION = replace(
+    PRINTER,
+    variables={
+        "nx": PRINTER.variables["nx"],
+        "ny": PRINTER.variables["ny"],
+        INTERVALS: Variable(INTERVALS, "UInt64", "structuralParameter", "fixed", (3,), start=("2",)),
+        "height": PRINTER.variables["height"],
+        "inks": parameter("inks", type="Int32"),
+        "has_region": parameter("has_region", type="Boolean"),
+        "region_bottom": parameter("region_bottom", "m", dimensions=(INTERVALS, "nx", "ny")),
+        "region_top": parameter("region_top", "m", dimensions=(INTERVALS, "nx", "ny")),
+    },
+)
+
+
+def heaps(count: int) -> Job:
+    """A job whose ink A is `count` intervals over cell (0, 1)."""
+    job = toy_job(nx=2, ny=3)
+    bottoms = np.arange(count) * 2e-6
+    region = Columns.of_intervals(2, 3, job.pitch, np.ones(count), bottoms, bottoms + 1e-6)
+    return replace(job, inks=(Ink(), Ink()), region=region)
+
+
+@pytest.mark.parametrize(
+    ("count", "asked", "room"),
+    [(1, None, 2), (2, None, 2), (3, None, 3), (INTERVALS_MAX, None, INTERVALS_MAX), (2, 2, 2), (2, 5, 5),
+     (2, INTERVALS_MAX, INTERVALS_MAX)],
+)  # fmt: skip
+def test_fmu_has_room_for_the_intervals_of_the_region(count: int, asked: int | None, room: int) -> None:
+    options: dict[str, object] = {} if asked is None else {INTERVALS: asked}
+    parsed = fmu_parameters.parse(REGION, heaps(count), options, ())
+    assert parsed.errors == []
+    assert parsed.structural == {"nx": 2, "ny": 3, INTERVALS: room}
+    assert (parsed.parameters["inks"], parsed.parameters["has_region"]) == (2, True)
+    bottom, top = (parsed.values[f"region_{end}"] for end in ("bottom", "top"))
+    assert bottom.shape == top.shape == (room, 2, 3)
+    assert (bottom[:count, 0, 1] < top[:count, 0, 1]).all()
+    assert (bottom < top).sum() == count
+
+
+@pytest.mark.parametrize(
+    ("count", "asked", "message"),
+    [
+        (3, 2, "room for 2 (region_intervals); leave region_intervals out"),
+        (INTERVALS_MAX + 1, None, f"room for {INTERVALS_MAX} (region_intervals); take 'LayerMpc'"),
+        (2, INTERVALS_MAX + 1, f"region_intervals is {INTERVALS_MAX + 1}; expected 1 to {INTERVALS_MAX}"),
+    ],
+)
+def test_region_of_more_intervals_than_an_fmu_has_is_refused(count: int, asked: int | None, message: str) -> None:
+    options: dict[str, object] = {} if asked is None else {INTERVALS: asked}
+    assert message in fmu_parameters.parse(REGION, heaps(count), options, ()).errors[0]
 
 
 def test_value_of_the_job_that_the_fmu_cannot_take_is_an_error() -> None:
@@ -151,17 +232,24 @@ def test_clocks_and_frames_beside_plain_outputs_are_a_warning(tmp_path: Path) ->
     assert found[plain].notes == []
     (note,) = found[fmu].notes
     assert "tick (Clock output) and 1 more of bus.fmu are not exchanged" in note
+    text = (ROOT / "scenarios/cuboid.toml").read_text(encoding="utf-8")
+    text += f'\n[components.odd]\nkind = "Fmu"\nfile = "{fmu}"\nports.x2 = "x"\n'
+    warnings = Scenario.of_text(text, str(tmp_path / "it.toml")).warnings
+    assert f"components.odd: {note}" in warnings
 
 
 @pytest.mark.compiled
 def test_fmu_of_one_instance_a_process_stands_once_in_a_loop(tmp_path: Path) -> None:
     single = ('modelIdentifier="amplifier"', 'modelIdentifier="amplifier" canBeInstantiatedOnlyOncePerProcess="true"')
     lone = altered(build(tmp_path, 3), tmp_path / "lone.fmu", single)
-    tables = {
-        name: {"kind": "Fmu", "file": str(path)}
-        for name, path in {"one": lone, "two": lone, "free": tmp_path / "amplifier3.fmu",
-                           "free_too": tmp_path / "amplifier3.fmu"}.items()
-    }  # fmt: skip
+    (tmp_path / "folder").mkdir()
+    for kind, plant in (("Fmu", {}), ("PlainPlant", {}), ("Shadow", {"plant": "Fmu"})):
+        ports = {} if kind == "Fmu" else {"pattern_input": "x", "height_output": "y"}
+        checked = catalog.check(kind, toy_job(nx=3, ny=1), {"file": str(lone), **plant, **ports})
+        assert (checked.errors, checked.single) == ((), lone)
+    free, same = tmp_path / "amplifier3.fmu", tmp_path / "folder" / ".." / "lone.fmu"
+    files = {"one": lone, "two": same, "free": free, "free_too": free}
+    tables = {name: {"kind": "Fmu", "file": str(path)} for name, path in files.items()}
     text = (ROOT / "scenarios/cuboid.toml").read_text(encoding="utf-8")
     for name, table in tables.items():
         text += f'\n[components.{name}]\nkind = "Fmu"\nfile = "{table["file"]}"\n'
@@ -212,6 +300,8 @@ def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
             describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {"job_parameters": asked}
         )
         assert ("seed" in given.parameters) == asked
+    unasked = fmu_parameters.parse_file(describe(find_fmu("ProfileSensor", "fmi3")), toy_job(), {})
+    assert "seed" in unasked.parameters
     found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_m": -1.0}).errors
     assert found[0] == "job_parameters is 'no'; expected true or false"
     assert found[1].startswith("noise_std_m is -1")
@@ -232,6 +322,16 @@ def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
     parameters = fmu_parameters.parse_model("ProfileSensor", toy_job(), options).parameters
     assert parameters["noise_std"] == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     assert parameters["resolution"] == PRESETS["ProfileSensor"]["laser"]["resolution"]
+
+
+def test_presets_have_the_numbers_of_their_sources() -> None:
+    """Lu, Zheng, Mishra 2015, Fig. 17; Wu, Chiu 2024."""
+    expected = {
+        "laser": {"noise_std": 1e-6, "resolution": 0.1e-6, "scan_duration": 6.0},
+        "zeta-20": {"resolution": 0.04e-6, "scan_duration": 6.0},
+        "exact": {"scan_duration": 0.0},
+    }
+    assert {"ProfileSensor": expected} == PRESETS
 
 
 @pytest.mark.parametrize(

@@ -109,17 +109,31 @@ def test_error_of_the_scenario_is_reported(changes: dict[str, object], message: 
 def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
     job = toy_job()
     plant, part = heap(job)
-    assert int(part.initialize(0, inputs(job, 4))["layers_printed"]) == 4
+    assert int(part.initialize(3 * SECOND, inputs(job, 4))["layers_printed"]) == 4
     for command in (6, 3):
         with pytest.raises(ComponentError, match=f"layer_command is {command} after layer 4; needs 4 or 5"):
             part.do_step(0, SECOND, inputs(job, command))
     found = [part.do_step(k * SECOND, SECOND, inputs(job, command)) for k, command in enumerate([4, 5, 5, 5, 6])]
     assert [int(values["layers_printed"]) for values in found] == [4, 5, 5, 5, 6]
-    assert plant.times == [(0, SECOND), (SECOND, SECOND)]
+    assert plant.times == [(3 * SECOND, SECOND), (4 * SECOND, SECOND)]
     np.testing.assert_allclose(found[1]["height"], DROPLET, rtol=1e-12)  # in metres
     assert float(found[1]["fumes"]) == 310.0  # handed through
     with pytest.raises(ComponentError, match="the plant cannot save its state"):
         part.save()
+
+
+def test_flat_arrays_have_the_cells_of_the_map_in_their_order() -> None:
+    job = toy_job()
+    plant = FunctionComponent(
+        [Port("dots", shape=(12,))],
+        [Port("surface", "um", (12,))],
+        lambda time_ns, step_ns, inputs: {"surface": inputs["dots"] * 1.0},
+    )
+    part = PlainPlant(job, plant, pattern_input="dots", height_output="surface")
+    part.initialize(0, inputs(job, 0))
+    pattern = np.arange(12, dtype=np.int32).reshape(4, 3)
+    values = part.do_step(0, SECOND, {**inputs(job, 1), "pattern": pattern})
+    np.testing.assert_allclose(values["height"], pattern * 1e-6, rtol=1e-12)
 
 
 class KeptHeap(Heap):

@@ -106,6 +106,20 @@ def test_calibration_reads_the_same_both_ways() -> None:
     np.testing.assert_allclose(coming.from_fmu(volts), MAP * 1e-6, atol=1e-18)
 
 
+def test_offset_without_a_gain_is_taken_off_again() -> None:
+    option = {"height": {"variable": "U", "offset": 0.5}}
+    coming = the_one([], [Port("U", "m", (2, 3))], option)
+    np.testing.assert_allclose(coming.from_fmu({"U": MAP + 0.5}), MAP, rtol=0.0, atol=1e-15)
+
+
+def test_indices_of_a_transposed_template_are_those_of_the_fmu() -> None:
+    """Three rows of two there, two by three cells here."""
+    ports = [Port(f"U{i}{j}", "m") for i in (1, 2, 3) for j in (1, 2)]
+    mapped = the_one([], ports, {"height": {"variable": "U{i}{j}", "transpose": True}})
+    values = {f"U{i}{j}": np.asarray(MAP[j - 1, i - 1]) for i in (1, 2, 3) for j in (1, 2)}
+    np.testing.assert_array_equal(mapped.from_fmu(values), MAP)
+
+
 def test_gain_is_that_of_a_unit_with_its_own_zero() -> None:
     """Twice the micrometres above 5 um, and one."""
     gauge = defined_unit("gauge", {"m": 1}, 1e-6, 5e-6)
@@ -121,6 +135,7 @@ def test_port_of_no_contract_starts_as_its_variable_in_si() -> None:
 def test_height_in_another_unit_is_mapped_by_itself() -> None:
     mapped = the_one([], [Port("height", "mm", (2, 3))], {})
     np.testing.assert_allclose(mapped.from_fmu({"height": MAP}), MAP * 1e-3, rtol=1e-12)
+    assert mapped_ports([], [Port("height", "m", (2, 3))], JOB, {}) == ([], [], [])
 
 
 def test_truth_of_a_number_is_that_it_is_not_zero() -> None:
@@ -133,6 +148,13 @@ def test_counters_of_real_numbers_must_be_whole() -> None:
     assert mapped.from_fmu({"n": np.asarray(3.0)}).dtype == np.int32
     with pytest.raises(ComponentError, match=r"layers_printed, read from n, is 1\.5; needs whole numbers"):
         mapped.from_fmu({"n": np.asarray(1.5)})
+
+
+def test_scalars_of_a_map_are_named_from_the_first_to_the_last() -> None:
+    ports = [Port(f"n{n}") for n in range(1, 7)]
+    mapped = the_one([], ports, {"pattern": "n{n}"})
+    with pytest.raises(ComponentError, match=r"pattern, read from n1 to n6, is 0\.5; needs whole numbers"):
+        mapped.from_fmu({port.name: np.asarray(0.5) for port in ports})
 
 
 @pytest.mark.parametrize("value", [3e9, np.nan, np.inf])
@@ -233,6 +255,7 @@ MAP_OF_M = Port("z", "m", (2, 3))
             "so 'z[1,1]', which is no input or output of the FMU; its scalars are j",
         ),
         ([MAP_OF_M], {"height": "z", "measured_height": "z"}, "stands behind two ports"),
+        ([MAP_OF_M], {"height": {"variable": "z", "gain": 0.0}}, "ports.height.gain is 0; needs another number"),
         ([MAP_OF_M, Port("height", "m", (2, 3))], {"height": "z"}, "also has a variable of that name"),
         ([Port("z1"), Port("z2")], {"height": "z{i}"}, "one name for several of 2 x 3 cells; write both {i} and {j}"),
     ],

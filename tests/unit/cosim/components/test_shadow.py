@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -171,7 +172,7 @@ def test_cells_that_were_not_seen_twice_do_not_count() -> None:
 
 def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: pytest.LogCaptureFixture) -> None:
     job = toy_job()
-    parts = rig(job, alarm=DROPLET / 2)
+    parts = rig(job, alarm=DROPLET / 2, stop=1.01 * DROPLET)
     parts["printer"].disturb = lambda layer, pattern: 0 * pattern if layer == 2 else pattern
     with caplog.at_level(logging.WARNING):
         watch, reason = run(parts)
@@ -187,13 +188,13 @@ def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: 
 
 
 def test_layer_beyond_the_stop_limit_ends_the_run(caplog: pytest.LogCaptureFixture) -> None:
-    parts = rig(toy_job(), alarm=DROPLET / 4, stop=DROPLET / 2)
+    parts = rig(toy_job(), alarm=DROPLET / 4, stop=0.99 * DROPLET)
     parts["printer"].disturb = lambda layer, pattern: 0 * pattern if layer == 3 else pattern
     watch, reason = run(parts)
     assert reason == "fault"
     assert watch.status == {-1: 0, 0: 0, 1: 0, 2: 0, 3: Status.FAULT}
     assert "layer 3 grew differently" in caplog.text
-    assert "stop_um = 5: the run ends" in caplog.text
+    assert "stop_um = 9.9: the run ends" in caplog.text
 
 
 def test_layer_of_which_nothing_can_be_compared_is_untrusted(caplog: pytest.LogCaptureFixture) -> None:
@@ -256,6 +257,20 @@ def test_plant_that_cannot_be_followed_is_named() -> None:
         Shadow(job, made)
 
 
+@pytest.mark.parametrize(
+    ("height", "found"),
+    [
+        (Port("height", "mm", (4, 3)), r"height of shape \(4, 3\) in \[mm\]"),
+        (Port("height", "m", (3, 4)), r"height of shape \(3, 4\) in \[m\]"),
+    ],
+)
+def test_plant_of_another_surface_is_refused_and_terminated(height: Port, found: str) -> None:
+    plant = FunctionComponent([Port("pattern"), Port("layer_command")], [height, Port("layers_printed")])
+    with pytest.raises(ValueError, match=rf"plant has {found}; needs \(4, 3\) in \[m\]"):
+        Shadow(toy_job(), lambda job: plant)
+    assert plant.log == ["terminate"]
+
+
 def begun(job: Job, *given: Any) -> tuple[Shadow, Values]:
     """A shadow after initialization."""
     shadow = Shadow(job, StartingPrinter)
@@ -304,6 +319,103 @@ def test_shadow_may_begin_after_layers_of_an_earlier_part_of_the_print() -> None
     assert (int(values["layers_followed"]), values["height"].max()) == (4, DROPLET)
 
 
+class Watched(StartingPrinter):
+    """Knows whether it was terminated."""
+
+    is_over = False
+
+    def terminate(self) -> None:
+        self.is_over = True
+
+
+def test_plant_that_begins_again_on_a_scan_ends_the_one_before() -> None:
+    job, made = toy_job(), list[Watched]()
+
+    def make(wanted: Job) -> Component:
+        made.append(Watched(wanted))
+        return made[-1]
+
+    shadow = Shadow(job, make)
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    shadow.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, np.full((4, 3), 7e-6))))
+    assert [plant.is_over for plant in made] == [True, False]
+    shadow.terminate()
+    assert made[-1].is_over
+
+
+def test_model_of_a_file_begins_on_the_scan() -> None:
+    job = small_job(4, 3)
+    shadow = catalog.make("Shadow", job, {"variation": 0.0})
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    plate = np.linspace(0.0, 9e-6, 12).reshape(4, 3)
+    outputs = shadow.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, plate)))
+    np.testing.assert_allclose(outputs["height"], plate, rtol=0.0, atol=1e-12)
+    shadow.terminate()
+
+
+def test_pattern_of_a_command_stays_as_it_was_commanded() -> None:
+    """Whatever becomes of the array."""
+    job = toy_job()
+    shadow, _ = begun(job)
+    given = inputs(job, 1, 0, 1)
+    shadow.do_step(0, SECOND, given)
+    given["pattern"][:] = 0
+    assert shadow.do_step(SECOND, SECOND, inputs(job, 1, 1, 0))["height"].max() == DROPLET
+
+
+def surfaces(shadow: Shadow) -> list[str]:
+    """Of the saved state."""
+    return sorted(key for key in np.load(io.BytesIO(shadow.save())).files if key.startswith("surface/"))
+
+
+def test_surfaces_are_kept_from_the_last_scan_on() -> None:
+    job = toy_job()
+    flat = np.zeros((4, 3))
+    shadow, _ = begun(job, scan(-1, flat, False))
+    for command, layer in enumerate((0, 0, 0, 2, 2)):
+        shadow.do_step(command * SECOND, SECOND, inputs(job, command, command, 1, scan(layer, flat)))
+    assert surfaces(shadow) == ["surface/2", "surface/3", "surface/4"]
+    blind, _ = begun(job)
+    for command in (1, 2, 3):
+        blind.do_step(command * SECOND, SECOND, inputs(job, command, command, 1))
+    assert surfaces(blind) == ["surface/3"]
+
+
+def test_layer_given_up_stays_so_where_its_scan_comes_later() -> None:
+    """After the next layer, whose surface is that of the model; also in a state that was saved in between."""
+    job = toy_job()
+    flat = np.zeros((4, 3))
+    first, other = (begun(job, scan(-1, flat, False))[0] for _ in "ab")
+    first.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, flat)))
+    unknown = {"layer_unknown": np.asarray(True)}
+    first.do_step(SECOND, SECOND, {**inputs(job, 1, 1, 1, scan(0, flat)), **unknown})
+    first.do_step(2 * SECOND, SECOND, inputs(job, 2, 1, 1, scan(0, flat)))  # a pattern not deposited yet
+    other.initialize(0, inputs(job, 0, 0, 0, scan(-1, flat, False)))
+    other.restore(first.save())
+    for shadow in (first, other):
+        outputs = shadow.do_step(3 * SECOND, SECOND, inputs(job, 2, 2, 0, scan(0, flat)))
+        assert outputs["height"].max() == 2 * DROPLET
+        outputs = shadow.do_step(4 * SECOND, SECOND, inputs(job, 2, 2, 0, scan(1, flat)))
+        assert (int(outputs["layers_compared"]), int(outputs["status"])) == (1, Status.UNTRUSTED)
+        assert np.isnan(float(outputs["growth_divergence"]))
+        assert outputs["height"].max() == 2 * DROPLET
+
+
+def test_last_comparison_is_that_of_the_saved_state() -> None:
+    job = toy_job()
+    flat = np.zeros((4, 3))
+    first, other = (begun(job, scan(-1, flat, False))[0] for _ in "ab")
+    first.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, flat)))
+    last = inputs(job, 1, 1, 1, scan(1, flat + 0.5 * DROPLET))
+    first.do_step(SECOND, SECOND, last)
+    other.restore(first.save())
+    for shadow in (first, other):
+        outputs = shadow.do_step(2 * SECOND, SECOND, last)
+        assert int(outputs["layers_compared"]) == 1
+        for name in ("growth_divergence", "surface_divergence"):
+            assert float(outputs[name]) == pytest.approx(0.5 * DROPLET, rel=1e-9, abs=0.0)
+
+
 def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
     assumed = np.array([[0.0, 1.0, 2.0, 3.0]])
     measured, seen = np.array([[10.0, 12.0, 99.0, 0.0]]), np.array([[True, True, True, False]])
@@ -316,6 +428,10 @@ def test_what_cannot_be_followed_is_refused() -> None:
     for command, printed, message in ((2, 0, "2 after 0: a pattern was missed"), (0, 1, "layer 1 was never commanded")):
         with pytest.raises(ComponentError, match=message):
             begun(job)[0].do_step(0, SECOND, inputs(job, command, printed, 1))
+    back, _ = begun(job)
+    back.do_step(0, SECOND, inputs(job, 1, 1, 1))
+    with pytest.raises(ComponentError, match="0 after 1: a pattern was missed"):
+        back.do_step(SECOND, SECOND, inputs(job, 0, 1, 1))
     with pytest.raises(ComponentError, match="no state of a shadow"):
         begun(job)[0].restore(b"something else")
     job = small_job()

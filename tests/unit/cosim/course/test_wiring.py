@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from inkloop.component import Port
-from inkloop.course.layer_course import contract_connections, open_inputs
+from inkloop.course.events import Event
+from inkloop.course.layer_course import LayerCourse, contract_connections, open_inputs
 from inkloop.master.wiring import Connection, check
 from support.toys import FunctionComponent, toy_job, toy_loop
 
@@ -51,6 +53,24 @@ def test_open_input_is_answered_with_who_gives_it(port: str, giver: str) -> None
     part = FunctionComponent(inputs=[Port(port, dtype="int32"), Port("speed")])
     (error,) = open_inputs({"part": part}, [])
     assert error.endswith(f"add {giver}, or name a source under [[connections]]")
+
+
+def test_end_of_a_print_is_that_of_its_controller_for_any_reason_above_none() -> None:
+    ports = [Port(name, dtype="int32") for name in ("layer_command", "stop_reason", "status")]
+    course = LayerCourse({"controller": FunctionComponent(outputs=ports)})
+    for reason, end in ((0, None), (1, "stopped"), (64, "stopped")):
+        values = {"layer_command": np.asarray(2), "stop_reason": np.asarray(reason), "status": np.asarray(0)}
+        assert course.end({"controller": values}) == end
+
+
+def test_event_on_the_controller_begins_with_the_outputs_that_command_its_layer() -> None:
+    controller = FunctionComponent(outputs=[Port("pattern", shape=(2, 3)), Port("layer_command", dtype="int32")])
+    events = [Event("controller.pattern", "override", at_layer=2, value=np.asarray(0.0))]
+    course = LayerCourse({"controller": controller}, events=events)
+    before = {"controller": {"pattern": np.ones((2, 3)), "layer_command": np.asarray(1)}}
+    for layer, dots in ((1, 1.0), (2, 0.0)):
+        values = {"pattern": np.ones((2, 3)), "layer_command": np.asarray(layer)}
+        assert (course.outputs("controller", values, 0, before)["pattern"] == dots).all()
 
 
 def test_open_input_is_asked_about_unless_its_component_calls_it_optional() -> None:

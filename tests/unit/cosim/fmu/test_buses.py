@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from inkloop.component import Values
+from inkloop.components.kind import Checked
 from inkloop.errors import ComponentError, FmuError, ScenarioError
 from inkloop.fmu import FmuComponent
 from inkloop.fmu.bus import (
@@ -35,6 +36,8 @@ from inkloop.fmu_writer.archive import pack, unpack
 from inkloop.fmu_writer.documentation import MANIFEST
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.loop import _bus_links
+from inkloop.tables.schema import BusTable
 from support.benches.bench_run import BLOCK
 
 CAN = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'
@@ -57,6 +60,19 @@ def read(
     found = "".join(f'<Terminal terminalKind="{kind}" name="{name.strip()}">{listed}</Terminal>' for name in names)
     variables = {name: ElementTree.fromstring(text.replace(old, new)) for name, text in XML.items()}
     return bus_terminals(f"<x><Terminals>{found}</Terminals></x>".encode(), variables)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "ideal"),
+    [(False, False, True), (True, False, False), (False, True, False), (True, True, False)],
+)
+def test_link_is_ideal_where_neither_end_simulates_the_bus(first: bool, second: bool, ideal: bool) -> None:
+    checked = {
+        name: Checked("Fmu", buses=["can"], is_bus_simulation=simulates)
+        for name, simulates in (("a", first), ("b", second))
+    }
+    found = _bus_links([BusTable(between=["b.can", "a.can"])], checked)
+    assert found == ([BusLink((BusEnd("b", "can"), BusEnd("a", "can")), ideal=ideal)], [])
 
 
 def test_terminal_that_can_be_served_is_read() -> None:

@@ -185,12 +185,13 @@ AS_OTHERS_WRITE = {
     "normals of zero area.stl": TEXT.replace(b"normal 0 0 0", b"normal -nan(ind) nan 1e999"),
     "on one line.stl": TEXT.replace(b"\n", b" ").replace(b"part", b"part\n", 1).replace(b"end", b"\nend"),
     "one byte more.stl": BINARY + b"\7",
+    "almost a triangle more.stl": BINARY + 49 * b"\7",
     "padded binary.stl": BINARY + bytes(1000),
     "relative.obj": "".join(
         "".join(f"v {x!r} {y!r} {z!r} 0.5 0.5 0.5\n" for x, y, z in corners) + "f -3 -2 -1\n"
         for corners in WEDGE.tolist()
     ).encode(),
-    "textures.obj": re.sub(rb"f (\d+) (\d+)", rb"  f \1/7/8 \\\n\2//-9", OBJ),
+    "textures.obj": re.sub(rb"f (\d+) (\d+)", rb"  f \1/7/8\\\n\2//-9", OBJ),
 }
 
 
@@ -206,6 +207,7 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "other unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": "mile"}, "unit is 'mile'; expected one of um"),
     "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
     "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),
+    "a triangle more": ("a.stl", BINARY + 50 * b"\7", {}, "is binary STL that states 8 triangles.*484 b.*has 534;"),
     "binary solid": ("a.stl", meshes.binary_stl(WEDGE, b"solid")[:-7], {}, "begins with 'solid'.*but is binary"),
     "word for number": ("a.stl", TEXT.replace(b"4.0", b"four"), {}, f"line {LINE}: found 'four', expected a number"),
     "number in code": ("a.stl", TEXT.replace(b"4.0", b"4_0"), {}, f"line {LINE}: found '4_0', expected a number"),
@@ -219,6 +221,8 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "no mesh": ("a.stl", b"hello", {}, "has 5 bytes; expected 'solid'.*or binary STL of 84 bytes at least"),
     "vertex beyond": ("a.obj", OBJ.replace(b"f 1 2 3", b"f 1 2 99"), {}, "line 25: .* vertex 99, expected 1 to 24"),
     "face beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 99"), {}, "number 1: found 0, 1, 99; expected 0 to 23"),
+    "face one beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 24"), {}, "number 1: found 0, 1, 24; expected 0 to"),
+    "face of two": ("a.ply", PLY.replace(b"3 0 1 2", b"2 0 1"), {}, "has 8 faces, of which 7 can be read; save it"),
     "relative beyond": ("a.obj", OBJ.replace(b"f 1 2", b"f -1 -25", 1), {}, "line 25: found 'f -1 -25 3', expected"),
     "counted from 0": (
         "a.obj", re.sub(rb"f (\d+)", lambda m: b"f %d" % (int(m[1]) - 1), OBJ), {},

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from inkloop.geometry import load
-from inkloop.geometry.mending import is_closed
+from inkloop.geometry.mending import is_closed, mended
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.report.part_flaws import holes
 from support import meshes
@@ -37,6 +37,9 @@ MENDED: dict[str, tuple[meshes.Triangles, meshes.Triangles, Callable[[meshes.Tri
         ROUND, np.floor(1e3 * ROUND + RNG.integers(0, 2, ROUND.shape)) / 1e3, meshes.obj, "joined to others within 1 ",
     ),
     "one repeated.stl": (TORUS, np.concatenate([TORUS, TORUS[7:8]]), meshes.binary_stl, "repeated left out: 1"),
+    "repeated from its next corner.stl": (
+        TORUS, np.concatenate([TORUS, np.roll(TORUS[7:8], 1, axis=1)]), meshes.binary_stl, "repeated left out: 1",
+    ),
     "fan repeated.stl": (TORUS, np.concatenate([TORUS, TORUS[FAN]]), meshes.ascii_stl, "repeated left out: 6"),
     "without area.ply": (TORUS, np.concatenate([TORUS, FLAT]), meshes.binary_ply, "without area left out: 1"),
 }  # fmt: skip
@@ -54,6 +57,27 @@ def test_surfaces_that_rounding_or_repetition_opens_are_mended(tmp_path: Path, n
         assert body.volume == pytest.approx(1e-9 * meshes.volume(whole), rel=1e-3, abs=0.0)
     written(tmp_path / name, writer(triangles))
     assert load(tmp_path / name, 300, 300, 2e-5 * np.ptp(whole) / np.ptp(TORUS), unit="mm").volume > 0.0
+
+
+def test_corner_that_moves_in_half_of_its_triangles_is_one_joined_corner() -> None:
+    moved = TORUS.copy()
+    corner = TORUS[0, 0]
+    for number in np.flatnonzero(FAN)[:3]:
+        moved[number, (TORUS[number] == corner).all(axis=1), 2] += 1e-7
+    found, (done,) = mended(moved, 1e-6)
+    assert is_closed(found)
+    assert done.endswith(": 1")
+
+
+def test_flat_triangle_alone_is_not_left_out() -> None:
+    found, done = mended(FLAT, 1e-9)
+    assert (len(found), done) == (1, [])
+
+
+def test_zero_has_no_sign() -> None:
+    box = meshes.box((0, 0, 0), (2, 1, 1))
+    box[::2] = np.where(box[::2] == 0.0, -0.0, box[::2])
+    assert is_closed(box)
 
 
 def test_sound_surfaces_and_real_holes_are_left_as_they_are(tmp_path: Path) -> None:

@@ -134,6 +134,14 @@ def test_what_lies_below_the_substrate_holds_and_hangs_nowhere() -> None:
     assert overhangs(under) is not None
 
 
+@pytest.mark.parametrize(("gap", "hangs"), [(0.9e-7, False), (1.1e-7, True)])
+def test_gap_within_the_rounding_of_a_mesh_is_closed(gap: float, hangs: bool) -> None:
+    part = columns(lambda x, y: [(x * 0, x * 0 + 5 * UM), (x * 0 + 5 * UM + gap, x * 0 + 9 * UM)])
+    assert (overhangs(part) is not None) == hangs
+    x, y = cell_centers(NX, NY, PITCH)
+    np.testing.assert_allclose(resting(part).top(x, y), 5 * UM if hangs else 9 * UM, rtol=1e-9)
+
+
 def test_rounding_of_a_mesh_is_no_overhang() -> None:
     """Coordinates in single precision, 100 mm from their origin, are wrong by some nanometres."""
     rng = np.random.default_rng(0)

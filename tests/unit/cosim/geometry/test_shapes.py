@@ -27,6 +27,14 @@ def test_cuboid_of_eight_pitches_stands_on_eight_cells_each_way_and_ends_at_its_
         assert not cuboid.contains(x, y, np.full_like(x, z)).any()
 
 
+def test_base_of_a_cuboid_and_of_stairs_has_its_own_edge_along_each_axis() -> None:
+    x, y = cell_centers(12, 9, PITCH)
+    at = (5.5 * PITCH, 4.0 * PITCH, 8 * PITCH, 3 * PITCH)
+    for shape in (Cuboid(*at, 22.8e-6), Staircase(*at, 4, 22.8e-6)):
+        footprint = shape.contains(x, y, np.zeros_like(x))
+        assert footprint.sum() == footprint[2:10, 3:6].sum() == 8 * 3
+
+
 def test_bores_of_a_pipe_junction_open_into_each_other() -> None:
     pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
     at = np.array([0.0, 30e-4, 16e-4, 16e-4, 30e-4])  # centre, along the bore, wall of the other pipe, corner outside
@@ -65,3 +73,19 @@ def test_steps_of_a_staircase_are_equally_wide_and_high() -> None:
         at = edge * PITCH + 5.5 * PITCH
         below, above = stairs.top(np.array([at, at + 1e-6]), np.zeros(2))
         assert above - below == pytest.approx(50e-6, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("center", [k / 2 for k in range(9, 60)])
+def test_step_of_an_edge_and_of_both_ends_holds_wherever_the_stairs_stand(center: float) -> None:
+    """Eight cells in four steps, the edges between cells as numbers round them."""
+    stairs = Staircase(center * PITCH, 0.0, 8 * PITCH, 3 * PITCH, 4, 200e-6)
+    edges = (center + np.array([-4.0, -2.0, 0.0, 2.0, 4.0])) * PITCH
+    np.testing.assert_allclose(stairs.top(edges, np.zeros(5)) * 1e6, [50, 50, 100, 150, 200], rtol=1e-12)
+
+
+def test_wall_of_a_bore_is_not_part_of_the_pipe() -> None:
+    pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
+    ends = 200e-6 + np.array([-1.0, 1.0]) * 117e-6 * np.sqrt(1.0 + 1e-9)
+    at = np.zeros(2)
+    assert not pipes.contains(at, at, ends).any()
+    assert pipes.contains(at, at, np.nextafter(ends, [0.0, 1.0])).all()

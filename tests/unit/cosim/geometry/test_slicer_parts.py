@@ -52,7 +52,7 @@ def bambu(kind: str) -> dict[str, bytes]:
 ONE_MESH = mesh_object(2, np.concatenate([LOW, TAKEN]), "part"), '<item objectid="2"/>'
 TWO_PARTS = mesh_object(2, LOW) + mesh_object(3, TAKEN) + PAIR.format(OTHER), '<item objectid="4"/>'
 TWO_ITEMS = mesh_object(2, LOW) + mesh_object(3, TAKEN, "extra"), '<item objectid="2"/><item objectid="3"{}/>'
-METADATA = '<metadatagroup><metadata name="cura:{}" type="xs:boolean">True</metadata></metadatagroup>'
+METADATA = '<metadatagroup><metadata name="cura:{}" type="xs:boolean">{}</metadata></metadatagroup>'
 PATH = "/3D/Objects/object_1.model"
 ELSEWHERE = (
     f'<object id="4" type="model" name="pair"><components><component objectid="2" p:path="{PATH}"/>'
@@ -70,10 +70,10 @@ SUB_MODEL = {
 }
 
 
-def cura(setting: str) -> tuple[str, str]:
+def cura(setting: str, value: str = "True") -> tuple[str, str]:
     objects, items = TWO_ITEMS
     head, tail = objects.rsplit("<mesh>", 1)
-    return head + METADATA.format(setting) + "<mesh>" + tail, items.format("")
+    return head + METADATA.format(setting, value) + "<mesh>" + tail, items.format("")
 
 
 def of_type(kind: str) -> tuple[str, str]:
@@ -88,6 +88,9 @@ ROLES: dict[str, tuple[tuple[str, str], dict[str, bytes], float, str]] = {
     "component of type support": (
         (of_type("support")[0] + PAIR.format(OTHER), TWO_PARTS[1]), {}, WHOLE, "object extra (type support)",
     ),
+    "printable false": (
+        (TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="false"')), {}, WHOLE, 'object extra (printable="0")',
+    ),
     "printable 0": ((TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="0"')), {}, WHOLE, 'object extra (printable="0")'),
     "slic3r": (ONE_MESH, slic3r("1", "modifier"), WHOLE, "object part (ParameterModifier)"),
     **{f"prusa {kind}": (ONE_MESH, slic3r(kind), WHOLE, f"not printed: object part ({kind})")
@@ -97,6 +100,7 @@ ROLES: dict[str, tuple[tuple[str, str], dict[str, bytes], float, str]] = {
        for kind in ("modifier_part", "support_enforcer", "support_blocker")},
     "bambu negative": (TWO_PARTS, bambu("negative_part"), CUT, "negative volume is taken away from object pair"),
     "bambu in two files": (ELSEWHERE, SUB_MODEL | bambu("negative_part"), CUT, "taken away from object pair"),
+    "cura 1": (cura("infill_mesh", "1"), {}, WHOLE, "object extra (infill_mesh)"),
     **{f"cura {kind}": (cura(kind), {}, WHOLE, f"object extra ({kind})")
        for kind in ("infill_mesh", "cutting_mesh", "anti_overhang_mesh", "support_mesh")},
 }  # fmt: skip
@@ -113,6 +117,25 @@ def test_only_parts_print_and_negative_volumes_are_taken_away(case: str, tmp_pat
     solid = MeshTable(shape="mesh", file=path.name).solid(Grid(nx=40, ny=30, pitch_um=100.0), tmp_path)
     assert solid.columns(40, 30, 1e-4).volume == pytest.approx(volume * 1e-9, rel=1e-6, abs=0.0)
     assert any(remark in each for each in solid.remarks), solid.remarks
+
+
+@pytest.mark.parametrize(
+    ("model", "others"),
+    [
+        (ONE_MESH, slic3r("0", "modifier")),
+        (ONE_MESH, slic3r("", "name")),
+        (TWO_PARTS, {BAMBU: b'<config><object id="4"><part id="2"/><part id="3"/></object></config>'}),
+        (TWO_PARTS, {BAMBU: bambu("negative_part")[BAMBU].replace(b'object id="4"', b'object id="5"')}),
+        ((TWO_ITEMS[0], TWO_ITEMS[1].format(' printable="1"')), {}),
+        (cura("infill_mesh", "False"), {}),
+    ],
+)
+def test_volume_that_no_entry_makes_another_is_a_part(
+    model: tuple[str, str], others: dict[str, bytes], tmp_path: Path
+) -> None:
+    path = written(tmp_path, model_xml(*model), others)
+    solid = MeshTable(shape="mesh", file=path.name).solid(Grid(nx=40, ny=50, pitch_um=100.0), tmp_path)
+    assert solid.columns(40, 50, 1e-4).volume == pytest.approx((6.0 + 7.0 - 1.5) * 1e-9, rel=1e-6, abs=0.0)
 
 
 def test_negative_volume_moves_with_its_object_and_spares_others(tmp_path: Path) -> None:
@@ -163,6 +186,20 @@ def test_size_pieces_and_volume_are_those_of_what_negative_volumes_leave(case: s
         assert abs(mask.shape[axis] - 4 - 1e3 * side / pitch_um) <= 1.0
 
 
+def test_object_that_is_negative_in_one_item_is_a_part_in_another(tmp_path: Path) -> None:
+    items = '<item objectid="4"/><item objectid="3" transform="1 0 0 0 1 0 0 0 1 5 0 0"/>'
+    path = written(tmp_path, model_xml(TWO_PARTS[0], items), bambu("negative_part"))
+    assert load(path, 90, 60, 1e-4).volume == pytest.approx((CUT + 7.0) * 1e-9, rel=1e-6, abs=0.0)
+
+
+def test_material_of_an_object_is_that_of_what_prints(tmp_path: Path) -> None:
+    head, *triangles = mesh_object(2, np.concatenate([LOW, TAKEN]), "part", 0).split("<triangle ")
+    of_taken = [f'pid="1" p1="1" {each}' if number >= 12 else each for number, each in enumerate(triangles)]
+    model = model_xml("<triangle ".join([head, *of_taken]), ONE_MESH[1], materials="stiff soft")
+    (body,) = read_bodies(written(tmp_path, model, slic3r("NegativeVolume")))
+    assert (body.material, body.paint) == ("stiff", ())
+
+
 def test_negative_volume_is_of_the_ink_of_its_object(tmp_path: Path) -> None:
     """Of two objects with their inks the mirrored one is cut; the other stands where its mirror image would be."""
     pair = PAIR.format(OTHER).replace("pair", "cut")
@@ -186,6 +223,7 @@ def test_negative_volume_is_of_the_ink_of_its_object(tmp_path: Path) -> None:
             slic3r("ModelPart", last=22),
             "volumes of object 2 in Meta.*config do not hold its 24 tri",
         ),
+        (ONE_MESH, slic3r("ModelPart", last=24), "volumes of object 2 in Meta.*config do not hold its 24 tri"),
         (ONE_MESH, {"Metadata/Slic3r_PE_sla_drain_holes.txt": b"v=1\nobject_id=1|0 0 0"}, "has drain holes"),
         (ONE_MESH, {PRUSA: b'<!DOCTYPE a [<!ENTITY b "c">]><config/>'}, "declares a document type"),
         ((TWO_ITEMS[0], '<item objectid="3" printable="0"/>'), {}, "not printed: object extra .*; nothing is left"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,13 @@ def test_ink_of_an_object_comes_before_that_of_its_material_and_names_have_to_ag
     message = "object 'cover' of material 'soft' has no ink.*inks: no object or material is called 'grond'.*'?ground"
     with pytest.raises(GeometryError, match=f"(?s){message}"):
         load_inks(path, 40, 30, 1e-4, {"ground": "A", "grond": "B"})
+
+
+def test_mesh_without_a_name_has_that_of_the_object_around_it(tmp_path: Path) -> None:
+    parts = '<component objectid="2"/><component objectid="3"/>'
+    pair = f'<object id="4" type="model" name="pair"><components>{parts}</components></object>'
+    model = model_xml(mesh_object(2, LOW, "ground") + mesh_object(3, HIGH) + pair, '<item objectid="4"/>')
+    assert [body.name for body in read_bodies(written(tmp_path, model))] == ["ground", "pair"]
 
 
 def painted(triangles: str, found: int, attribute: str) -> str:
@@ -180,6 +188,19 @@ def test_packages_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatc
         read_bodies(path)
 
 
+def test_memory_of_a_file_is_asked_for_by_its_unpacked_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twelve times."""
+    monkeypatch.setattr("inkloop.geometry.mesh_file.memory_error", lambda needed: f"needs {needed} bytes")
+    path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"))
+    with zipfile.ZipFile(path) as archive:
+        whole = sum(len(archive.read(name)) for name in archive.namelist())
+    assert whole > 2 * path.stat().st_size
+    (tmp_path / "part.stl").write_bytes(bytes(100))
+    for name, size in ((path.name, whole), ("part.stl", 100)):
+        with pytest.raises(GeometryError, match=f"needs {12 * size} bytes"):
+            read_bodies(tmp_path / name, "mm")
+
+
 def test_copies_of_copies_are_counted_before_they_are_made(tmp_path: Path) -> None:
     """Eight objects, each ten times the one before."""
     objects = mesh_object(2, LOW)
@@ -188,6 +209,20 @@ def test_copies_of_copies_are_counted_before_they_are_made(tmp_path: Path) -> No
         objects += f'<object id="{number}" type="model"><components>{parts}</components></object>'
     with pytest.raises(GeometryError, match=r"its components are 1e\+08 copies of its meshes; at most 1,000,000"):
         read_bodies(written(tmp_path, model_xml(objects, '<item objectid="10"/>')))
+
+
+def test_copies_of_meshes_in_a_later_file_are_counted_too(tmp_path: Path) -> None:
+    """Six objects there, each ten times the one before, and ten of the last one here."""
+    tenfold = ["".join(f'<component objectid="{number - 1}" p:path="/3D/more.model"/>' * 10) for number in range(3, 10)]
+    objects = [
+        f'<object id="{number}" type="model"><components>{parts}</components></object>'
+        for number, parts in enumerate(tenfold, start=3)
+    ]
+    produced = 'xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06"'
+    first = model_xml(objects[-1], '<item objectid="9"/>', attributes=produced)
+    more = model_xml(mesh_object(2, LOW) + "".join(objects[:-1]), "", attributes=produced)
+    with pytest.raises(GeometryError, match=r"its components are 1e\+07 copies of its meshes; at most 1,000,000"):
+        read_bodies(written(tmp_path, first, {"3D/more.model": more.encode()}))
 
 
 def test_copies_that_memory_cannot_hold_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,15 @@ import pytest
 
 from inkloop.components import fmu_kind, fmu_parameters
 from inkloop.components.fmu_kind import FmuModel
+from inkloop.components.kind import Bench, Checked
 from inkloop.components.python_class import PythonClass
+from inkloop.errors import FmuError
 from inkloop.fmu import FmuComponent, reading
 from inkloop.printing.run import print_part
 from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
 from inkloop.tables import part_mesh
+from inkloop.tables.schema import BenchTable
 from inkloop_controller import LayerMpc
 from inkloop_controller.baseline_planners import OpenLoop, StochasticGreedy
 from inkloop_hardware.devices.printer import Printer
@@ -27,6 +30,7 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.mapped.mapped import Mapped
 from support.benches import foreign_rig
 from support.places import ROOT
+from support.toys import FunctionComponent
 
 CONTROLLERS = (LayerMpc, OpenLoop, StochasticGreedy)
 SMALL = {"grid.nx": 9, "grid.ny": 9, "part.radius_um": 800, "run.layers_max": 1}
@@ -35,6 +39,19 @@ MODELS = ("LayerDeposition", "ProfileSensor")
 
 def once(*names: str) -> dict[str, int]:
     return dict.fromkeys(names, 1)
+
+
+def test_components_of_a_loop_that_cannot_be_built_are_ended() -> None:
+    first, second = FunctionComponent(), FunctionComponent()
+
+    def fail(bench: Bench, name: str) -> FunctionComponent:
+        raise FmuError(f"{name} is broken")
+
+    made: list[Any] = [lambda bench, name: first, lambda bench, name: second, fail]
+    checked = {f"c{number}": Checked("it", construct=each) for number, each in enumerate(made)}
+    with pytest.raises(FmuError, match="c2 is broken"):
+        loop.Loop(checked, {}, [], [], [], []).build(BenchTable(), None)
+    assert first.log == second.log == ["terminate"]
 
 
 @pytest.fixture

@@ -24,7 +24,8 @@ WANTED = ["Sz", "Ssk", "flatness_mz", "step_height_ls", "volume_error", "droplet
 
 def test_a_run_holds_what_its_scenario_asks_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = {"parameters": WANTED, "every_layer": True}
-    scenario = Scenario.load(quick_cuboid(), {"run.layers_max": 2, "metrology": table})
+    noise = {"components.profiler.noise_std_um": 1.0}
+    scenario = Scenario.load(quick_cuboid(), {"run.layers_max": 2, "metrology": table} | noise)
     print_part(scenario).save(tmp_path)
     run = Result.load(tmp_path).dataset
     mask, pitch = run.mask.values.astype(bool), float(run.attrs["pitch"])
@@ -60,6 +61,10 @@ def test_a_run_holds_what_its_scenario_asks_for(tmp_path: Path, capsys: pytest.C
     assert found["Sz_um"] == pytest.approx(float(run.Sz[1]) * 1e6, rel=1e-9, abs=0.0)
     assert found["volume_error_nl"] == pytest.approx(float(run.volume_error[1]) * 1e12, rel=1e-9, abs=0.0)
     assert found["mask"] == "part"
+    assert main(["metrology", str(tmp_path), "--map", "measured", "--json"]) == 0
+    (of_scan,) = (row for row in parameters(run.measured_height.values[2], mask, pitch) if row.symbol == "Sz")
+    assert json.loads(capsys.readouterr().out)["Sz_um"] == pytest.approx(of_scan.value * 1e6, rel=1e-9, abs=0.0)
+    assert of_scan.value != pytest.approx(float(run.Sz[2]), rel=1e-3, abs=0.0)
     subject = subject_of(run, "run", layer=1)
     assert subject.start is not None
     assert np.array_equal(subject.start, run.height.values[0])

@@ -44,6 +44,9 @@ def test_only_the_chosen_cells_change_and_the_source_keeps_its_array() -> None:
     np.testing.assert_array_equal(changed, np.where(cells, 5.0, 1.0))
     np.testing.assert_array_equal(given, np.ones((2, 3)))
     assert not changed.flags.writeable
+    unchanged = Manipulator(events, PARTS).outputs("a", {"y": given}, 0, 0)["y"]
+    np.testing.assert_array_equal(unchanged, given)
+    assert (unchanged.flags.writeable, given.flags.writeable) == (False, True)
 
 
 def test_layers_count_as_modified_until_every_cell_is_reset() -> None:
@@ -124,6 +127,11 @@ def load(tmp_path: Path, events: str, **grid: int) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"', "value is missing; add what to override printer.pattern with"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0.5', "value is 0.5; expected a whole number"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = [0, 1]', "value has shape (2,); printer.pattern takes"),
+        (
+            'at_layer = 1\nport = "printer.pattern"\nvalue = [0]',
+            "value has shape (1,); printer.pattern takes a number or",
+        ),
+        ('at_layer = 1\nport = "printer.height"\nvalue_um = true', "value_um is True; expected a finite number"),
         ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = inf', "value_um is inf; expected a finite number"),
         ('at_layer = 1\nport = "printer.height"\nvalue_um = [1.5, nan]', "value_um is [1.5, nan]; expected a finite"),
@@ -224,6 +232,7 @@ HALF = np.array([[True, False, False], [True, True, False]])
             "from layer 3: bias a.y 1, 0.25 more with each further layer",
         ),
         (Event("a.y", "reset", at_layer=4), "from layer 4: reset a.y"),
+        (Event("a.y", "bias", at_layer=1, value=np.array([0.0, 2.5])), "from layer 1: bias a.y 0 .. 2.5"),
     ],
 )
 def test_event_is_told_with_its_begin_place_values_and_cells(event: Event, text: str) -> None:

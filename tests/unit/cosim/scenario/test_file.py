@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 from inkloop.commands.options import overrides_of
+from inkloop.contract import PassOrder
 from inkloop.errors import ScenarioError
+from inkloop.fmu_writer.export import find_fmu
+from inkloop.master.orientation import Orientation
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.overrides import apply_overrides
+from inkloop.scenario.validation import _is_beyond
 from inkloop.tables.job import component_seed
+from inkloop.tables.shapes import Bounds, Grid
 from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
@@ -65,7 +73,9 @@ def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = N
 )
 def test_each_error_is_named_with_its_place(tmp_path: Path, old: str, new: str, error: str) -> None:
     assert old in GOOD
-    assert any(error in sentence for sentence in errors_of(tmp_path, GOOD.replace(old, new)))
+    found = errors_of(tmp_path, GOOD.replace(old, new))
+    assert any(error in sentence for sentence in found)
+    assert len(found) == 1 or "compare" not in new
 
 
 @pytest.mark.parametrize(("axis", "pitches"), [("x", 1.0), ("x", 7.0), ("y", 0.5), ("y", 6.5)])
@@ -74,6 +84,19 @@ def test_part_may_reach_beyond_no_side_of_the_grid(axis: str, pitches: float, tm
     text = GOOD.replace("height_um = 22.8", f"height_um = 22.8\ncenter_{axis}_um = {pitches * 263.256}")
     (error,) = errors_of(tmp_path, text)
     assert error.startswith("part reaches beyond the grid of 9 x 8 cells")
+
+
+@pytest.mark.parametrize("margin", [0, 2])
+@pytest.mark.parametrize("side", Bounds._fields)
+def test_part_that_ends_on_the_centre_of_a_cell_outside_reaches_beyond(margin: int, side: str) -> None:
+    grid = Grid(nx=9, ny=8, pitch_um=100.0)
+    first, count = margin - 1, {"x": grid.nx, "y": grid.ny}[side[0]] - margin
+    inside = Bounds(3 * grid.pitch, 4 * grid.pitch, 3 * grid.pitch, 4 * grid.pitch)
+    edge = (first if side.endswith("min") else count) * grid.pitch
+    assert not _is_beyond(grid, margin, inside)
+    assert _is_beyond(grid, margin, inside._replace(**{side: edge}))
+    nearer = np.nextafter(edge, inside.x_min)
+    assert not _is_beyond(grid, margin, inside._replace(**{side: nearer}))
 
 
 @pytest.mark.parametrize(("axis", "pitches"), [("x", 2.0), ("x", 6.0), ("y", 1.5), ("y", 5.5)])
@@ -172,6 +195,17 @@ def test_components_draw_from_streams_of_their_own() -> None:
     seeds = {component_seed(seed, name) for seed in range(50) for name in ("printer", "profiler", "controller")}
     assert len(seeds) == 150
     assert component_seed(7, "printer") == component_seed(7, "printer")
+    scenario = Scenario.load(SCENARIOS / "cuboid.toml", {"seed": 7})
+    assert [scenario.job(name).seed for name in ("printer", "profiler")] == [
+        component_seed(7, name) for name in ("printer", "profiler")
+    ]
+
+
+def test_passes_of_the_file_are_those_of_every_job(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + '[process]\npasses = 4\npass_order = "diagonal"\npass_rotation = 3\n')
+    job = Scenario.load(path).job("controller")
+    assert (job.passes, job.pass_order, job.pass_rotation) == (4, PassOrder.DIAGONAL, 3)
 
 
 def test_value_that_a_controller_refuses_is_an_error_with_its_place_in_every_run(tmp_path: Path) -> None:
@@ -193,7 +227,36 @@ def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> No
     assert not [error for error in errors if error.startswith("compare")], "an error of both is told once"
 
 
+def test_fmu_of_a_comparison_run_is_foreign_and_found_from_here(tmp_path: Path) -> None:
+    (tmp_path / "fmus").mkdir()
+    shutil.copyfile(find_fmu("ProfileSensor", "fmi3"), tmp_path / "fmus" / "sensor.fmu")
+    text = GOOD + '[compare.x.components.profiler]\nkind = "Fmu"\nfile = "fmus/sensor.fmu"\n'
+    scenario = Scenario.of_text(text, str(tmp_path / "case.toml"))
+    assert scenario.foreign_fmus == ["compare.x.components.profiler"]
+    assert scenario.variant("x").options("profiler") == {"file": str(tmp_path / "fmus" / "sensor.fmu")}
+    assert scenario.options("profiler") == {"scan_duration_s": 0.0}
+
+
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
+
+
+@pytest.mark.parametrize("kind", ["none", None])
+def test_margin_is_kept_empty_for_a_support_only(tmp_path: Path, kind: str | None) -> None:
+    """The part ends on the outer cells."""
+    text = GOOD.replace("height_um = 22.8", "height_um = 22.8\ncenter_x_um = 526.512")
+    support = "[support]\n" + ('kind = "none"\n' if kind else "")
+    if kind is None:
+        assert "less its margin of 2" in errors_of(tmp_path, text + support)[0]
+        return
+    assert Scenario.of_text(text + support, str(tmp_path / "case.toml")).job().mask.sum() == 5 * 4
+
+
+def test_options_of_a_file_with_other_errors_are_checked_on_its_own_grid(tmp_path: Path) -> None:
+    """Of 120 x 2 cells."""
+    rows = f"height_start_um = {[[0.5, 0.5]] * 120}"
+    text = GOOD.replace("nx = 9\nny = 8", "nx = 120\nny = 2").replace('"LayerDeposition"', f'"LayerDeposition"\n{rows}')
+    (error,) = errors_of(tmp_path, text.replace("height_um = 22.8", "height_um = -1.0"))
+    assert error.startswith("part.height_um is -1.0")
 
 
 def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
@@ -202,6 +265,13 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
     wire, *_ = Scenario.load(path).connections
     assert (wire.target, wire.gain) == ("profiler.height", 1.5)
     assert wire.offset == pytest.approx(20e-6, rel=1e-9, abs=0.0)
+
+
+def test_orientation_of_a_connection_is_that_of_the_file() -> None:
+    text = GOOD.replace("ny = 8", "ny = 9") + WIRE + 'mirror = "y"\ntranspose = true\n'
+    wire, *others = Scenario.of_text(text, "case.toml").connections
+    assert wire.orientation == Orientation("y", True)
+    assert all(other.orientation.is_own for other in others)
 
 
 @pytest.mark.parametrize(
@@ -223,6 +293,7 @@ def test_text_of_a_variant_states_what_it_prints(tmp_path: Path) -> None:
     path.write_text(Scenario.load(SCENARIOS / "cylinder.toml").variant("open loop").text, encoding="utf-8")
     again = Scenario.load(path).tables
     assert (again.label, again.components["controller"].kind, again.compare) == ("open loop", "OpenLoop", {})
+    assert again.literature == {}, "the published figures are those of the other run"
 
 
 def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: Path) -> None:
@@ -230,6 +301,7 @@ def test_part_of_files_is_another_one_when_any_of_its_ends_is_another(tmp_path: 
     parts = [TWO_INKS, *(TWO_INKS.replace(*change) for change in (
         ("height_um = 30.0", "height_um = 31.0"), ("height_um = 20.0", "height_um = 21.0"),
         ("size_x_um = 400.0", "size_x_um = 200.0"), ('["A", "B"]', '["B", "A"]'),
+        ("center_x_um = 450.0", "center_x_um = 350.0"),
     ))]  # fmt: skip
     hashes = [with_part(text, tmp_path).part_sha256 for text in (*parts, TWO_INKS)]
     assert None not in hashes
@@ -277,6 +349,8 @@ def test_overrides_change_the_run_and_its_record(tmp_path: Path) -> None:
         ({"grid": {"nx": 40, "ny": 41}, "seed": 2, "run.layers_max": 9}, "C (grid.nx = 40, grid.ny = 41, seed = 2, "
          "1 more)", False),
         ({"components.printer": {"kind": "LayerDeposition"}}, "C (printer.kind = LayerDeposition)", False),
+        ({"label": "mine"}, "C", True),
+        ({"bench.cure_ms": 70}, "C", True),
         ({"label": "mine", "title": "Own", "literature.Lu.std_um": 3.0}, "Own", True),
     ],
 )  # fmt: skip
@@ -287,6 +361,19 @@ def test_title_says_what_was_overridden_and_published_figures_are_those_of_the_f
     found = Scenario.of_text(text, "cylinder.toml", overrides).tables
     assert found.title == title
     assert bool(found.literature) == is_published
+
+
+def test_title_shows_thirty_characters_of_a_value() -> None:
+    for text, shown in (("x" * 30, "x" * 30), ("x" * 31, "x" * 30 + "...")):
+        document = tomlkit.parse('title = "C"\n')
+        assert apply_overrides(document, {"components.controller.kind": text}) == []
+        assert document["title"] == f"C (controller.kind = {shown})"
+
+
+def test_override_may_add_a_component_by_its_kind(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    kind = {"components.shadow.kind": "Shadow", "components.shadow.start": "job"}
+    assert Scenario.load(tmp_path / "case.toml", kind).tables.components["shadow"].options == {"start": "job"}
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,15 @@ def test_no_grid_is_advised_where_hardly_a_cell_fits_beside_the_files(
     assert error.endswith("0 KiB are available; there is no room for a smaller grid either: make room, or free memory")
 
 
+def test_disk_that_is_just_enough_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned = Footprint(40, 90, 3, 3.0, 100, 10**12, 1.0)
+    monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: planned.disk)
+    planned.check_disk(tmp_path)
+    monkeypatch.setattr("inkloop.scenario.footprint.free_disk", lambda _: planned.disk - 1)
+    with pytest.raises(ResultError, match="40 x 90 cells"):
+        planned.check_disk(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["bracket", "lithophane"])
 def test_grid_is_refused_before_a_part_is_laid_over_it(name: str, eight_gib: None) -> None:
     tracemalloc.start()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
+import tomlkit
 
 import inkloop
 from inkloop.cli import main
@@ -65,6 +67,21 @@ def test_new_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (tmp_path / "mine.toml").read_text() == "mine"
 
 
+@pytest.mark.parametrize(("name", "title"), [("my-part_two", "My part two"), ('the "A"', "The 'a'"), ("x.toml", "X")])
+def test_title_is_the_name_in_words(name: str, title: str, tmp_path: Path) -> None:
+    assert tomlkit.parse(new.write(tmp_path / name, "cuboid").read_text())["title"] == title
+
+
+def test_classes_of_a_folder_are_found_within_the_block_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless the folder was searched before."""
+    monkeypatch.setattr(sys, "path", before := ["elsewhere"])
+    for found in (["elsewhere"], ["elsewhere", str(tmp_path)]):
+        before[:] = found
+        with packaged.classes_from(tmp_path):
+            assert before == ["elsewhere", str(tmp_path)]
+        assert before == found
+
+
 @pytest.mark.parametrize("cells", [3, 6, 7, 12, 24])
 def test_part_of_whole_cells_gets_no_cell_more_by_rounding(cells: int, tmp_path: Path) -> None:
     """Its sides are 100 um each in mm, of which most have no exact double."""
@@ -106,3 +123,6 @@ def test_name_means_the_packaged_scenario_where_no_file_has_it(
         assert "neither a file nor a scenario of inkloop; did you mean cuboid?" in capsys.readouterr().err
     assert main(["new"]) == 1
     assert "--list" in capsys.readouterr().err
+    Path("mine.toml").touch()
+    assert main(["validate", "mine"]) == 1
+    assert "did you mean mine.toml?" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from inkloop.scenario.new import write_for_part
 from inkloop.scenario.part_file import PartFile
 from inkloop.scenario.part_grid import CLOSE, FittedPart, fit
 from support import meshes
+from support.three_mf import mesh_object, model_xml, package
 
 PITCH_UM = 100.0
 MM = PITCH_UM * 1e-3
@@ -60,6 +62,7 @@ def test_box_gets_the_number_of_cells_next_to_its_sides(
     turn = slice(None, None, -1 if turned else 1)
     sides = np.array([wide, deep][turn]) * pitch_um / PITCH_UM
     mask = cells(fitted(tmp_path, meshes.box((0, 0, 0), (*sides, 1)), pitch_um=pitch_um))
+    assert list(mask.shape) == [count + 4 for count in expected][turn], "the first of equal phases"
     assert (mask.any(axis=1).sum(), mask.any(axis=0).sum()) == expected[turn]
     assert mask.sum() == np.prod(expected)
 
@@ -103,6 +106,70 @@ def test_a_phase_without_walls_on_centres_comes_first(tmp_path: Path) -> None:
     exact = fitted(tmp_path, meshes.box((0, 0, 0), (9, 1, 1)), meshes.box((2.5, 1, 0), (6.5, 3, 1)))
     assert exact.solid.remarks == ()
     assert cells(exact).sum() == 17
+    even = fitted(tmp_path, meshes.box((0, 0, 0), (10, 1, 1)), meshes.box((2.5, 1, 0), (6.5, 3, 1)))
+    assert even.solid.remarks == ()
+    assert cells(even).sum() == 18
+
+
+def test_of_phases_within_a_thousandth_of_the_volume_the_middle_counts(tmp_path: Path) -> None:
+    """Of two walls that stand out by 1.5 cells the middle meets one cell each; a quarter of a cell away it is three."""
+    walls = [meshes.box((begin, 3, 0), (begin + 1.5, 4, 1)) for begin in (2.6, 10.9)]
+    part = fitted(tmp_path, meshes.box((0, 0, 0), (1000, 3, 1)), *walls)
+    assert cells(part).sum() == 3002
+    assert part.grid.nx == 1000 + 4
+    assert "center_x_um" not in part.table.model_fields_set
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("longer_mm", "pitch_um"), [(11.0, 263.256), (6.0, 127.0), (2.0, 42.333), (0.1, 21.167)])
+def test_pitch_is_that_of_the_longer_side(tmp_path: Path, longer_mm: float, pitch_um: float, turned: bool) -> None:
+    """Forty cells show it; the finest shows whatever is smaller."""
+    wide, deep = (0.5 * longer_mm, longer_mm) if turned else (longer_mm, 0.5 * longer_mm)
+    (tmp_path / "part.stl").write_bytes(meshes.binary_stl(meshes.box((0, 0, 0), (wide, deep, 0.1))))
+    assert fit(PartFile(tmp_path / "part.stl"), None).grid.pitch_um == pitch_um
+
+
+def test_text_of_a_part_offers_the_keys_that_it_leaves_out(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    path.write_bytes(meshes.binary_stl(WEDGE))
+    text = write_for_part(tmp_path / "mine", PartFile(path, unit="mm", rotate_deg=[0.0, 0.0, 90.0], scale=2.0))[0]
+    head = text.read_text().partition("[part]")[2].partition("[substrate]")[0]
+    assert re.findall(r"^# (\w+) =", head, re.MULTILINE) == ["place", "mirror", "open_columns", "margin_cells"]
+    assert "part.inks" not in head, "one body is of one ink"
+    (tmp_path / "jobs").mkdir()
+    assert 'file = "../part.stl"\n' in write_for_part(tmp_path / "jobs" / "mine", PartFile(path))[0].read_text()
+    assert "is assumed" not in head
+    assert (
+        "# the file does not state its unit, mm is assumed\n"
+        in write_for_part(tmp_path / "other", PartFile(path))[0].read_text()
+    )
+
+
+def test_text_of_a_3mf_names_the_ink_of_each_object_and_no_unit(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf", reason="3MF needs lib3mf: pip install 'inkloop[3mf]'")
+    boxes = [meshes.box((x, 0, 0), (x + 4, 4, 1)) for x in (0, 4, 8)]
+    objects = "".join(
+        mesh_object(2 + k, box, name, k % 2)
+        for k, (box, name) in enumerate(zip(boxes, ("lid", "", "lid"), strict=True))
+    )
+    items = "".join(f'<item objectid="{number}"/>' for number in (2, 3, 4))
+    (tmp_path / "part.3mf").write_bytes(package(model_xml(objects, items, materials="stiff soft")))
+    written, part = write_for_part(tmp_path / "mine", PartFile(tmp_path / "part.3mf"))
+    text = written.read_text()
+    assert part.names == ("lid", "soft")
+    assert re.findall(r'^# "(\w+)" = "A"$', text, re.MULTILINE) == ["lid", "soft"]
+    assert "is assumed" not in text
+    units = [PartFile(Path(name)).mesh_unit for name in ("part.3mf", "part.3MF", "part.STL", "map.npy")]
+    assert units == [None, None, "mm", None]
+    assert PartFile(tmp_path / "part.3mf", unit="in").mesh_unit == "in"
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("A.STL", "mesh"), ("a.3mf", "mesh"), ("a.Ply", "mesh"), ("M.JSON", "layers"), ("m.npy", "height-map")],
+)
+def test_suffix_in_either_case_says_what_a_file_holds(name: str, shape: str) -> None:
+    assert PartFile(Path(name)).shape == shape
 
 
 def height_map(folder: Path, heights: Any) -> PartFile:
@@ -125,6 +192,11 @@ def test_map_of_which_half_is_empty_prints_in_the_middle_of_its_grid(tmp_path: P
     assert part.solid.volume == pytest.approx(12 * 20e-6 * 1e-8, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize(("height_um", "layers"), [(22.8, 3), (22.800001, 3), (22.8001, 4), (0.1, 1)])
+def test_rounding_of_a_file_makes_no_further_layer(tmp_path: Path, height_um: float, layers: int) -> None:
+    assert fit(height_map(tmp_path, np.full((6, 4), height_um)), PITCH_UM).layers == layers
+
+
 def test_part_is_the_channel_that_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     np.savez("maps.npz", z_um=np.full((6, 4), 20.0), other_um=np.full((6, 4), 50.0), pixel_um=PITCH_UM)
@@ -145,6 +217,8 @@ def test_part_is_the_channel_that_is_named(tmp_path: Path, monkeypatch: pytest.M
         (["part.stl", "--rotate", "y=1", "--rotate", "y=1"], "--rotate y, y: a part is turned about x, then y"),
         (["part.stl", "--rotate", "x=nan"], "rotate_deg.[0] is nan; expected a finite number"),
         (["part.stl", "--scale", "-2"], "--scale is -2; expected a factor above 0"),
+        (["part.stl", "--height-um", "inf"], "--height-um is inf; expected a length above 0"),
+        (["part.stl", "--pitch-um", "nan"], "--pitch-um is nan; expected a length above 0"),
         (["part.stl", "--height-um", "0"], "--height-um is 0; expected a length above 0"),
         (["flat.stl", "--height-um", "9"], "is flat, and no scale gives it a height; turn it (--rotate)"),
     ],
@@ -197,6 +271,20 @@ def test_long_work_is_refused_or_announced_with_its_estimate(tmp_path: Path, mon
     assert len(said) == 1
 
 
+def test_of_a_large_grid_only_the_middle_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where another phase would be closer to the part."""
+    boxes = meshes.box((0, 0, 0), (4.5, 3, 1)), meshes.box((6, 0, 0), (9, 3, 1))
+    path = tmp_path / "part.stl"
+    path.write_bytes(meshes.binary_stl(np.concatenate(boxes) * [MM, MM, 1.0]))
+    assert fit(PartFile(path), PITCH_UM).solid.remarks == ()
+    monkeypatch.setattr(part_grid, "LARGE_CELLS", 10)
+    assert fit(PartFile(path), PITCH_UM).solid.remarks != ()
+    assert main(["new", str(tmp_path / "large"), "--part", str(path), "--pitch-um", "100"]) == 0
+    assert "cells of 100 µm takes about" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("turn", "highest", "size"),
     [
@@ -209,7 +297,7 @@ def test_long_work_is_refused_or_announced_with_its_estimate(tmp_path: Path, mon
         ([], "x first", (4.0, 2.0, 1.0)),
     ],
 )
-@pytest.mark.parametrize("option", [["--scale", "0.5"], ["--height-um", "600"]])
+@pytest.mark.parametrize("option", [["--scale", "0.5"], ["--height-um", "617.3"]])
 def test_mesh_is_turned_then_scaled(
     turn: list[str], highest: str | None, size: tuple[float, ...], option: list[str], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch, capsys: Any,
@@ -220,7 +308,7 @@ def test_mesh_is_turned_then_scaled(
     assert main(["new", "mine", "--part", "part.stl", *turns, *option]) == 0
     scenario = Scenario.load("mine.toml")
     box, part = scenario.solid.bounds, scenario.solid.shape
-    factor = 0.5e-3 if option[0] == "--scale" else 600e-6 / size[2]
+    factor = 0.5e-3 if option[0] == "--scale" else 617.3e-6 / size[2]
     found = box.x_max - box.x_min, box.y_max - box.y_min
     assert found == pytest.approx([side * factor for side in size[:2]], rel=1e-6, abs=0.0)
     assert part.height == pytest.approx(size[2] * factor, rel=0.03, abs=0.0)
@@ -249,5 +337,10 @@ def test_part_of_many_layers_comes_with_what_to_try(
     assert main(["new", "small", "--part", "cube.stl", "--height-um", "760"]) == 0
     assert "to try" not in capsys.readouterr().out
     assert "about 100 layers" in Path("small.toml").read_text()
+    assert main(["new", "most", "--part", "cube.stl", "--height-um", "3800"]) == 0
+    assert "to try" not in capsys.readouterr().out
+    assert "about 500 layers" in Path("most.toml").read_text()
+    layers = {name: Scenario.load(f"{name}.toml").tables.run.layers_max for name in ("small", "most", "mine")}
+    assert layers == {"small": 1000, "most": 1000, "mine": 2 * 2632}
     assert main(["validate", "mine.toml", "--set", "run.layers_max=20"]) == 0
     assert "about 20 layers" in capsys.readouterr().out

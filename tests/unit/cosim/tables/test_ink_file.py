@@ -88,6 +88,14 @@ def test_ink_file_that_is_not_there_and_other_errors_are_named_at_once(tmp_path:
     assert "grid.nx is 0" in str(caught.value)
 
 
+def test_second_ink_and_models_of_comparison_runs_come_from_the_file_too(tmp_path: Path) -> None:
+    compared = '[compare.other.components.printer]\nkind = "VolumeAreaDeposition"\nguard = false\n'
+    scenario = Scenario.load(write(tmp_path, INK + "[b]\nh1_um = 4.0\nh2_um = 0.4\nh3_um = 0.2\n", SCENARIO + compared))
+    assert [ink.h1 for ink in scenario.job().inks] == pytest.approx([5.0e-6, 4.0e-6], rel=1e-9, abs=0.0)
+    options = scenario.tables.compare["other"].components["printer"].options
+    assert options == {"height_scale_um": 7.5, "mv_plus_per_um": 0.005, "guard": False}
+
+
 @pytest.mark.parametrize("overrides", [{}, {"ink.file": "inks/mine.toml"}])
 def test_scenario_takes_the_ink_of_a_file_next_to_it_into_its_text(overrides: dict[str, str], tmp_path: Path) -> None:
     """So that a later change of the ink file changes no run."""

@@ -155,6 +155,20 @@ def test_key_that_is_left_out_has_its_default(
     assert {key: getattr(found, key) for key in expected} == expected
 
 
+@pytest.mark.parametrize(
+    ("interface", "channel", "found"),
+    [
+        ("inkloop_fmu", "bus.fmu", "jobs/bus.fmu"),
+        ("inkloop_fmu", "/fmus/bus.fmu", "/fmus/bus.fmu"),
+        ("inkloop_fmu", 0, 0),
+        ("socketcan", "can0", "can0"),
+    ],
+)
+def test_only_the_file_of_a_bus_lies_next_to_the_scenario(interface: str, channel: str | int, found: str | int) -> None:
+    table = schema.BenchTable(interface=interface, channel=channel)
+    assert table.found_from(Path("jobs")) == schema.BenchTable(interface=interface, channel=found)
+
+
 def test_lengths_of_tables_become_metres() -> None:
     assert schema.InkTable(h1_um=4.0, h2_um=0.5, h3_um=0.25).ink == Ink(4e-6, 0.5e-6, 0.25e-6)
 
@@ -166,6 +180,7 @@ def test_the_table_becomes_an_evaluation_in_si() -> None:
     treatment = Treatment("plane", 100.0 * M_PER_UM, 800.0 * M_PER_UM, 0)
     assert table.evaluation == Evaluation(("Sq", "Rz"), treatment, "y")
     assert MetrologyTable().evaluation == Evaluation(("Sa", "Sq", "Sz"))
+    assert MetrologyTable(every_layer=True).evaluation.every_layer
 
 
 @pytest.mark.parametrize(
@@ -176,6 +191,7 @@ def test_the_table_becomes_an_evaluation_in_si() -> None:
         ({"parameters": ["Pa"]}, 'Pa need profile = "x" or "y" as well'),
         ({"parameters": ["Ra", "Rz"], "profile": "x"}, "Ra, Rz needs l_filter_um, the section length"),
         ({"parameters": ["Pa"], "profile": "x", "l_filter_um": 9.0}, "Pa is of profiles without l_filter_um"),
+        ({"s_filter_um": 80.0, "l_filter_um": 80.0}, "expected s_filter_um below l_filter_um"),
         ({"s_filter_um": 90.0, "l_filter_um": 80.0}, "expected s_filter_um below l_filter_um"),
         ({"f_operation": "mean"}, "'none', 'plane', 'form' or 'target'"),
     ],

@@ -12,6 +12,7 @@ from inkloop.component import BoolMap
 from inkloop.errors import ScenarioError
 from inkloop.geometry import Cuboid, Cylinder, cell_centers
 from inkloop.scenario.file import Scenario
+from inkloop.tables.shapes import CylinderTable, Grid
 from support.parts import NX, NY, PITCH_UM, with_part
 
 PITCH = PITCH_UM * 1e-6
@@ -131,6 +132,19 @@ def test_three_parts_are_combined_in_their_order(op: str, inks: str | None, tmp_
         np.testing.assert_array_equal(scenario.solid.region.contains(x, y, z) & expected, in_a)
 
 
+@pytest.mark.parametrize(("op", "other"), [("difference", ROD), ("intersection", BOX)])
+def test_ink_of_a_part_within_a_part_ends_where_that_does(op: str, other: str, tmp_path: Path) -> None:
+    """What an inner part is cut off leaves room for ink B of the next one."""
+    _, box, rod = sampled()
+    first = f'{{ shape = "combine", op = "{op}", inks = ["A", "B"], {TABLES} }}'
+    second = f'{{ shape = "combine", op = "union", inks = ["B", "B"], parts = [{{ {other} }}, {{ {other} }}] }}'
+    solid = with_part(f'shape = "combine"\nop = "union"\nparts = [{first}, {second}]', tmp_path).solid
+    x, y = cell_centers(NX, NY, PITCH)
+    assert solid.region is not None
+    in_a = solid.region.contains(x, y, sampled()[0])
+    np.testing.assert_array_equal(in_a, box & ~rod if op == "difference" else box & rod)
+
+
 @pytest.mark.parametrize(
     ("op", "box_um"),
     [
@@ -144,6 +158,22 @@ def test_box_of_a_combination_is_that_of_what_can_be_left(
 ) -> None:
     found = combined(op, tmp_path).solid.bounds
     assert [value * 1e6 for value in found] == pytest.approx(box_um, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("center", "box"),
+    [
+        ({}, (150.0, 450.0, 50.0, 350.0)),
+        ({"center_x_um": 0.0}, (-150.0, 150.0, 50.0, 350.0)),
+        ({"center_y_um": 0.0}, (150.0, 450.0, -150.0, 150.0)),
+        ({"center_x_um": 500.0, "center_y_um": 100.0}, (350.0, 650.0, -50.0, 250.0)),
+    ],
+)
+def test_centre_is_that_of_the_grid_unless_it_is_given(center: dict[str, float], box: tuple[float, ...]) -> None:
+    """Of 7 x 5 cells, also where it is 0."""
+    table = CylinderTable(shape="cylinder", radius_um=150.0, height_um=9.0, **center)
+    found = table.solid(Grid(nx=7, ny=5, pitch_um=100.0), Path()).bounds
+    assert [value * 1e6 for value in found] == pytest.approx(box, rel=1e-9, abs=0.0)
 
 
 def test_remark_on_a_part_says_which_part_it_is(tmp_path: Path) -> None:

@@ -155,6 +155,11 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
     assert error.startswith("part.files is 's_{n:03d}.png': 1 of the slices 1 to 5 are missing: 3; add them")
 
 
+def test_slices_may_begin_with_any_number(tmp_path: Path) -> None:
+    write_stack(tmp_path, F, F, first=4)
+    np.testing.assert_allclose(with_part(BITS, tmp_path).job().target_height.max(), 16e-6, rtol=1e-12)
+
+
 def test_picture_that_says_it_is_larger_than_its_data_is_refused(tmp_path: Path) -> None:
     """Pillow takes memory for all of it, and leaves what no strip holds 0."""
     Image.fromarray(F).save(tmp_path / "s_001.tif")
@@ -177,7 +182,7 @@ def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: py
 HEIGHTS = 'shape = "height-map"\nfile = "map.npy"\nunit = "um"\n'
 
 
-@pytest.mark.parametrize(("pixel_um", "turn"), [(50.0, 0.0), (100.0, 90.0), (200.0, 0.0)])
+@pytest.mark.parametrize(("pixel_um", "turn"), [(50.0, 0.0), (100.0, 90.0), (150.0, 0.0), (200.0, 0.0)])
 def test_volume_under_a_height_map_is_kept(pixel_um: float, turn: float, tmp_path: Path) -> None:
     heights = np.random.default_rng(5).uniform(5.0, 60.0, (4, 4))
     np.save(tmp_path / "map.npy", heights)
@@ -197,8 +202,26 @@ def test_every_cell_below_an_oblong_pixel_has_its_height(cells: tuple[int, int],
     assert scenario.solid.volume == pytest.approx(heights.sum() * dx * dy, rel=1e-9, abs=0.0)
     target = scenario.job().target_height
     i, j = (slice(size // 2 - count, size // 2 + count) for size, count in zip((NX, NY), cells, strict=True))
+    box = [PITCH_UM * (end - 0.5) for each in (i, j) for end in (each.start, each.stop)]
+    assert [value / M_PER_UM for value in scenario.solid.bounds] == pytest.approx(box, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(target[i, j], heights.repeat(cells[0], axis=0).repeat(cells[1], axis=1), rtol=1e-9)
     assert np.count_nonzero(target) == 4 * 4
+
+
+@pytest.mark.parametrize(("least", "printed"), [(None, 2), (0.5, 2), (0.51, 1), (0.25, 3), (0.8, 0)])
+def test_cell_is_printed_where_enough_of_its_pixels_have_a_height(
+    least: float | None, printed: int, tmp_path: Path
+) -> None:
+    """Of four pixels each: one, two and three."""
+    heights = np.full((2, 6), 20.0)
+    heights[0, :4] = heights[1, 1] = heights[1, 5] = np.nan
+    np.save(tmp_path / "map.npy", heights.T)
+    key = "" if least is None else f"\nvalid_share_min = {least}"
+    part = f"{HEIGHTS}pixel_um = 50.0\ncenter_x_um = 600.0{key}"
+    if not printed:
+        assert "part covers no cell of the grid" in errors_of(part, tmp_path)[0]
+        return
+    assert with_part(part, tmp_path, nx=12, ny=11).job().mask.sum() == printed
 
 
 def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed(tmp_path: Path) -> None:

@@ -101,6 +101,29 @@ def test_bodies_that_touch_and_overlap_are_one_part(tmp_path: Path) -> None:
     assert scenario.solid.remarks == ()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_volume_that_two_boxes_share_counts_once(axis: int, tmp_path: Path) -> None:
+    """Two boxes of 6 x 6 x 0.03 of which the second stands two cells, or 0.01, further."""
+    box = parts.box((0.0, 0.6), (0.0, 0.6), 0.0, 0.03)
+    shift = np.eye(3)[axis] * [0.2, 0.2, 0.01]
+    write(tmp_path, box, box + shift)
+    expected = {0: 0.8 * 0.6 * 0.03, 1: 0.8 * 0.6 * 0.03, 2: 0.6 * 0.6 * 0.04}[axis]
+    assert with_part(MESH, tmp_path).solid.volume == pytest.approx(expected * 1e-9, rel=1e-5, abs=0.0)
+
+
+def test_remark_on_several_bodies_comes_once_and_of_paint_only_without_inks(tmp_path: Path) -> None:
+    bodies = [
+        Body(parts.box((x, x + 0.2), (0.0, 0.2), 0.0, 0.03) * 1e-3, name, "", paint, remarks=("two faces left out",))
+        for x, name, paint in ((0.05, "one", ("stiff", "soft")), (0.45, "other", ()))
+    ]
+    table, grid = MeshTable(shape="mesh", file="part.stl", center_x_um=530.0), Grid(nx=14, ny=12, pitch_um=100.0)
+    first, second = table.solid(grid, tmp_path, bodies).remarks
+    assert first == "two faces left out"
+    assert second.startswith("object 'one' has triangles of several materials ('stiff', 'soft')")
+    named = table.model_copy(update={"inks": {"one": "A", "other": "B"}})
+    assert named.solid(grid, tmp_path, bodies).remarks == ("two faces left out",)
+
+
 @pytest.mark.parametrize(
     ("part", "expected"),
     [

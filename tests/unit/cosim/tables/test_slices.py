@@ -36,7 +36,15 @@ def test_cell_beyond_the_first_or_the_last_pixel_is_empty(pixel: tuple[int, int]
 
 
 @pytest.mark.parametrize(
-    ("x_um", "y_um", "between"), [(490.0, 307.0, ""), (500.0, 307.0, "x"), (490.0, 300.0, "y"), (500.0, 300.0, "xy")]
+    ("x_um", "y_um", "between"),
+    [
+        (490.0, 307.0, ""),
+        (500.0, 307.0, "x"),
+        (490.0, 300.0, "y"),
+        (500.0, 300.0, "xy"),
+        (500.00005, 307.0, "x"),  # within a millionth of the pitch, and not
+        (500.0002, 307.0, ""),
+    ],
 )
 def test_centres_of_cells_between_two_pixels_are_remarked(x_um: float, y_um: float, between: str) -> None:
     """The slices begin at x - 200 and y - 100 um; centres of cells lie at multiples of 100 um."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
@@ -16,7 +17,7 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import _without_ends, inks_of
 from inkloop.tables.schema import Inks, InkTable
-from inkloop.tables.shapes import Bounds, PipeJunctionTable, Solid, SubstrateTable
+from inkloop.tables.shapes import Bounds, Grid, PipeJunctionTable, Solid, SubstrateTable
 from support.places import SCENARIOS
 
 PITCH = 100e-6
@@ -62,6 +63,12 @@ def ends() -> tuple[Any, Any]:
     return 30e-6 - half, 30e-6 + half
 
 
+def test_pipes_have_no_end_along_either_axis() -> None:
+    part = tomlkit.parse(TEXT)["part"].unwrap()
+    solid = PipeJunctionTable.model_validate(part).solid(Grid(nx=21, ny=21, pitch_um=100.0), Path())
+    assert solid.bounds == (-np.inf, np.inf, -np.inf, np.inf)
+
+
 def assert_is_the_pipes(job: Job) -> None:
     """The region of ink A is the part."""
     assert job.region is not None
@@ -85,7 +92,7 @@ def test_part_with_overhangs_is_refused_with_all_that_can_be_done(tmp_path: Path
     assert float(share) == pytest.approx(100 * hanging.sum() / np.isfinite(bottom).sum(), rel=1e-2, abs=0.0)
     assert int(rest) == (bottom <= 1e-9).sum()
     i, j = np.argwhere(hanging)[0]
-    assert f"first at ({i}, {j})" in error
+    assert f"first at ({i}, {j}) from 30 µm, up to 32 µm of air" in error  # the side of a pipe; a bore
     for kind in ("below-overhangs", "around", "none"):
         assert f'"{kind}"' in error
 
@@ -167,6 +174,7 @@ def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
             loaded(tmp_path, support)
     job = loaded(tmp_path, "below-overhangs").job()
     assert int(job.mask.sum()) == 81
+    assert (job.target_height[job.mask] == 60e-6).all()
 
 
 class Mushroom:
@@ -204,6 +212,7 @@ def test_tilt_step_and_wave_have_their_size_over_the_lowest_cell() -> None:
     np.testing.assert_allclose(np.diff(tilted, axis=0), 0.01 * 250e-6)
     np.testing.assert_allclose(np.diff(tilted, axis=1), -0.02 * 250e-6)
     np.testing.assert_allclose(height(6, 2, step_um=30.0)[:, 0], [0.0] * 3 + [30e-6] * 3, rtol=1e-12)
+    np.testing.assert_allclose(height(5, 2, step_um=30.0)[:, 0], [0.0] * 3 + [30e-6] * 2, rtol=1e-12)
     wave = height(9, 5, wave_um=5.0, wavelength_um=7.3 * 250e-6 * 1e6)
     along_x, along_y = (np.cos(2.0 * np.pi * np.arange(-cells, cells + 1) / 7.3) for cells in (4, 2))
     np.testing.assert_allclose(wave - wave[4, 2], 5e-6 * (np.outer(along_x, along_y) - 1.0), rtol=0.0, atol=1e-17)
@@ -214,6 +223,15 @@ def test_roughness_has_its_standard_deviation_and_follows_the_seed() -> None:
     assert first.std() == pytest.approx(2e-6, rel=0.05, abs=0.0)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_roughness_of_a_file_follows_its_seed() -> None:
+    rough = {"substrate.roughness_um": 2.0}
+    found = [
+        Scenario.load(SCENARIOS / "uneven-start.toml", rough | {"seed": seed}).job().height_start for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(found[0], found[1])
+    assert not np.array_equal(found[0], found[2])  # type: ignore[arg-type]
 
 
 def test_print_starts_from_the_substrate_of_the_file() -> None:

@@ -128,7 +128,10 @@ def test_drops_of_several_sizes_add_up(split: str | None, tmp_path: Path) -> Non
     names = {entry["file"] for entry, _ in planes(tmp_path / "out", "bmp")}
     manifest = manifest_of(tmp_path / "out")
     assert (manifest["drop_levels"], manifest["drop_split"]) == (jetted.max(), split or "planes")
-    assert ("L0001_P1_A_b0.bmp" if split == "bits" else "L0001_P1_A_d1.bmp") in names
+    most = int(jetted.max())
+    parts = [f"b{bit}" for bit in range(3)] if split == "bits" else [f"d{level}" for level in range(1, most + 1)]
+    assert 4 <= most <= 7, "three bits"
+    assert names == {f"L000{layer}_P1_A_{part}.bmp" for layer in (1, 2) for part in parts}
     if split != "bits":
         assert not np.logical_and.reduce([bits for entry, bits in planes(tmp_path / "out", "bmp")][:2]).any()
 
@@ -142,6 +145,7 @@ def test_manifest_describes_the_folder(run_folder: str, tmp_path: Path, capsys: 
     manifest = manifest_of(tmp_path / "out")
     assert (manifest["width_pixels"], manifest["height_pixels"]) == (12, 12)
     assert manifest["pitch_x_um"] == pytest.approx(result.dataset.attrs["pitch"] * 1e6, rel=1e-11, abs=0.0)
+    assert manifest["pitch_y_um"] == manifest["pitch_x_um"]
     assert manifest["pitch_of_resolution_um"] == pytest.approx(1e6 / 3799, rel=1e-11, abs=0.0)
     assert manifest["inks"]["A"]["drop_volume_pl"] == pytest.approx(263.256**2 * 7.6e-3, rel=1e-9, abs=0.0)
     assert manifest["inks"]["A"]["layer_height_um"] == pytest.approx(7.6, rel=1e-12, abs=0.0)
@@ -190,6 +194,13 @@ def test_droplet_of_a_run_without_a_size_is_one_drop() -> None:
     assert (of_run(Result(bare, result.run), "run").drop_level == 1).all()
 
 
+def test_run_in_two_inks_has_two_although_its_file_names_one() -> None:
+    result = printed("cuboid")
+    assert len(of_run(result, "run").inks) == 1
+    both = result.dataset.assign(ink=result.dataset.pattern)
+    assert of_run(Result(both, result.run), "run").inks == (Ink(), Ink())
+
+
 def test_layers_that_were_aborted_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = printed("cuboid")
     whole = result.dataset.assign(layer_unknown=("layer", np.array([False, False, True])))
@@ -210,6 +221,8 @@ def test_a_part_becomes_layers_without_a_scenario(tmp_path: Path) -> None:
     found = planes(out, "png")
     assert [(entry["layer"], entry["drops"]) for entry, _ in found] == [(1, 24), (2, 24), (3, 24)]
     assert manifest_of(out)["pitch_x_um"] == 100.0
+    assert main([*command[:-1], str(tmp_path / "less"), "--set", "run.layers_max=2"]) == 0
+    assert manifest_of(tmp_path / "less")["last_layer"] == 2
 
 
 @pytest.mark.parametrize(
@@ -230,6 +243,11 @@ def test_a_scenario_without_an_open_loop_gets_full_layers_to_its_height_else_its
     assert planned.pattern.shape == (3, 12, 12)
     assert np.array_equal(planned.pattern[0], planned.pattern[2])
     assert planned.pattern.sum() == 3 * 64
+    own = {"part.height_um": 25.0, "components.controller": {"kind": "OpenLoop", "layers": 2}}
+    text = text.replace("alpha = 0.8\n", "")
+    mine = of_open_loop(Scenario.of_text(text, str(SCENARIOS / "cuboid.toml"), own | {"label": "mine"}))
+    assert len(mine.pattern) == 2
+    assert mine.origin.endswith(", mine")
     changes = {"compare": {"open loop": {"components": {"controller": {"layers": 2}}}}}
     assert len(of_open_loop(Scenario.load(SCENARIOS / "cuboid.toml", changes)).pattern) == 2
 
@@ -274,6 +292,13 @@ def test_wrong_options_are_refused(
     assert main(["export", "layers", run_folder, *arguments, "--out", str(out)]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_part_without_a_droplet_has_no_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    low = ["--set", "part.height_um=3.0", "--out", str(tmp_path / "out")]
+    assert main(["export", "layers", str(SCENARIOS / "cuboid.toml"), *low]) == 1
+    assert "no layer of the part needs a droplet: its height is less than half of a layer" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

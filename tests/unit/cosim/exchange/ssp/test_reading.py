@@ -171,6 +171,7 @@ def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
     assert "name a scenario with --job FILE" in errors_of(path)
     scenario = scenario_of(path, {"seed": 9}, job)
     assert (scenario.tables.title, scenario.tables.seed) == ("another job (seed = 9)", 9)
+    assert scenario.source == str(job), "files that it names lie next to it"
     assert scenario.foreign_fmus == ["components.first", "components.second"]
     path = packed(tmp_path, job=JOB.replace("nx = 4", 'nx = "four"'))
     assert "grid.nx is 'four'; expected a whole number" in errors_of(path)

@@ -8,19 +8,22 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from inkloop.component import Port
+from inkloop.component import Job, Port
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import contents, ssd, wires
 from inkloop.exchange.ssp.folder import CONFIGURATION, MULTI_MODEL, _begun, maestro_tables, osp_structure
+from inkloop.exchange.ssp.reading import _grid_errors
 from inkloop.exchange.ssp.structure import Structure
-from inkloop.exchange.ssp.system import Part, System, Wire, _wires, _with_values
+from inkloop.exchange.ssp.system import Part, System, Wire, _stop_s, _wires, _with_values
 from inkloop.fmu import FmuDescription, Variable
 from inkloop.master.wiring import Connection, Transfer
+from inkloop.tables.schema import RunTable
 from inkloop.units import defined_unit
 from support.toys import FunctionComponent
 
@@ -518,6 +521,8 @@ def test_connectors_carry_units_of_lengths_only() -> None:
     units = {each.attrib["name"]: each[0].attrib for each in root.iterfind("{*}Units/{*}Unit")}
     assert units["mm"] == {"m": "1", "factor": "0.001"}
     assert units["m"] == {"m": "1", "factor": "1.0"}
+    (experiment,) = root.iterfind("{*}DefaultExperiment")
+    assert experiment.attrib == {"startTime": "0.0", "stopTime": "9.0"}
     (moved, plain) = root.iterfind(".//{*}Connection")
     assert [each.attrib for each in moved] == [{"factor": "1.0", "offset": "2.5"}]
     assert len(plain) == 0
@@ -558,6 +563,55 @@ def test_parameters_behind_connectors_are_named() -> None:
         "a.length in the parameter set",
         "a connection joins b.y and a.length; inkloop feeds inputs, give parameters a value in a parameter set",
     ]
+
+
+@pytest.mark.parametrize(
+    ("limits", "waits", "stop_s"),
+    [
+        ({}, {}, 0.5 * (3 * 20 + 1)),
+        ({}, {"layer_duration": 2.0, "scan_duration": 6.0}, 0.5 * (3 * 20 + 1) + 8.0 * 20),
+        ({"layers_max": 7}, {"scan_duration": 6.0}, 0.5 * (3 * 7 + 1) + 6.0 * 7),
+        ({"time_max_s": 50.0}, {"layer_duration": 2.0}, 50.0),
+    ],
+)
+def test_print_should_be_over_after_thrice_its_layers_and_five(
+    limits: dict[str, Any], waits: dict[str, float], stop_s: float
+) -> None:
+    """Of 40 um in full layers of 7.6 um, five; each in three steps and the waits of all parts."""
+    job = Job(2, 3, 1e-4, np.array([[0.0, 40e-6, 8e-6]] * 2), np.ones((2, 3), np.bool_))
+    tables = SimpleNamespace(run=RunTable(step_s=0.5, **limits))
+    scenario: Any = SimpleNamespace(tables=tables, job=lambda: job)
+    of = {name: np.asarray(value) for name, value in waits.items()}
+    parts = [
+        Part("a", Path("a.fmu"), OUT, dict(list(of.items())[:1])),
+        Part("b", Path("b.fmu"), OUT, dict(list(of.items())[1:])),
+    ]
+    assert _stop_s(scenario, {part.name: part for part in parts}) == pytest.approx(stop_s, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("grids", "wanted", "errors"),
+    [
+        ({"a": (4, 6)}, {"nx": 4, "ny": 6}, []),
+        ({"a": (4, 6), "b": None}, {"nx": 4, "ny": 5}, ["a: of a grid of 4 x 6 cells, the scenario in it of 4 x 5"]),
+        ({"a": (4, 6), "b": (6, 4), "c": (4, 6)}, {"nx": 4, "ny": 4},
+         ["a, c: of a grid of 4 x 6 cells, the scenario in it of 4 x 4",
+          "b: of a grid of 6 x 4 cells, the scenario in it of 4 x 4"]),
+        ({"a": (4, 6)}, {"nx": 0, "ny": 6}, []),
+    ],
+)  # fmt: skip
+def test_fmus_of_another_grid_than_the_print_are_named(
+    grids: dict[str, Any], wanted: dict[str, int], errors: list[str]
+) -> None:
+    known: Any = {name: SimpleNamespace(fixed_grid=grid) for name, grid in grids.items()}
+    text = "[grid]\nnx = {nx}\nny = {ny}\n"
+    for found in (
+        _grid_errors(known, text.format(**wanted), {}, None),
+        _grid_errors(known, text.format(nx=9, ny=9), {f"grid.{edge}": count for edge, count in wanted.items()}, None),
+    ):
+        assert [error.partition("; ")[0].removesuffix(" cells") for error in found] == [
+            error.removesuffix(" cells") for error in errors
+        ]
 
 
 def test_scalars_of_a_wire_to_the_outside_have_the_name_of_its_signal() -> None:
