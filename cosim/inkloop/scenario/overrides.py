@@ -60,6 +60,8 @@ def _apply(document: tomlkit.TOMLDocument, path: str, value: Any) -> str | None:
     if keys[0] == "components" and len(keys) > 2 and keys[1] not in components and keys[2:] != ["kind"]:
         known = [f"components.{name}" for name in components]
         return f"{path}: there is no components.{keys[1]}; {nearest(f'components.{keys[1]}', known)}"
+    if len(keys) > 1 and keys[0] in components and keys[0] not in document:
+        return f"{path}: there is no table {keys[0]}; did you mean components.{path}?"
     table: Any = document
     for key in keys[:-1]:
         if key not in table:

@@ -386,6 +386,10 @@ def test_override_may_add_a_component_by_its_kind(tmp_path: Path) -> None:
             {"components.controler.alpha": 1},
             "components.controler.alpha: there is no components.controler; did you mean",
         ),
+        (
+            {"printer.variation": 0.4},
+            "printer.variation: there is no table printer; did you mean components.printer.variation?",
+        ),
     ],
 )
 def test_override_that_cannot_be_set_is_named(tmp_path: Path, overrides: dict[str, Any], message: str) -> None:
