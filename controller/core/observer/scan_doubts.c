@@ -23,8 +23,8 @@ static const double LEAST_SHARE = 0.05; /* least share of the part with droplets
 static const double VOLUME_STD = 0.05;  /* standard deviation below which a share of the ink is known (assumed) */
 /* least variance about a datum in layers^2, so that the datum does not follow a part */
 static const double SMOOTH = 2e-4;
-static const double NOISY = 1e-16; /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
-enum { LEAST_CELLS = 40 };
+static const double NOISY = 1e-16;              /* variance above which readings never repeat bit by bit [m^2]: 10 nm */
+enum { LEAST_CELLS = 40, LEAST_DROPLETS = 20 }; /* readings; cells with a droplet: fewer may all be of dead nozzles */
 
 /* The cell of the scan that a transform maps to a cell of the printer. */
 static size_t transformed(size_t nx, size_t ny, size_t cell, int transform) {
@@ -103,10 +103,10 @@ static void add_growth(void *context, const RowRange *range) {
 }
 
 /* Mean square residual that droplets and sensor explain: the noise, and in the part the variance of droplets and of
- * their mean volume [m^2]. */
-static double native_square(const ScanEvidence *evidence) {
+ * their mean volume [m^2]; jetted: number of cells with a droplet. */
+static double native_square(const ScanEvidence *evidence, size_t *jetted) {
     const CellSums sums = over_rows(evidence, add_growth, evidence);
-    const double droplets = (double)sums.count[0];
+    const double droplets = (double)(*jetted = sums.count[0]);
     if (sums.count[0] == 0)
         return INFINITY;
     const double share = droplets / fmax((double)evidence->part, 1.0), of_own = sums.sum[0] / droplets;
@@ -114,8 +114,10 @@ static double native_square(const ScanEvidence *evidence) {
            variance_of_shares(&evidence->options->ink, evidence->known) * (sums.sum[1] / droplets) * share;
 }
 
-/* Costs of the other explanations; below 0 where one does not apply. expected: readings predicted. */
-static void take_costs(const ScanEvidence *evidence, const double *expected, double most, double cost[DOUBTS]) {
+/* Costs of the other explanations; below 0 or infinite where one does not apply. expected: readings predicted; jetted:
+ * number of cells with a droplet. */
+static void take_costs(const ScanEvidence *evidence, const double *expected, double most, size_t jetted,
+                       double cost[DOUBTS]) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = evidence->cells;
     double *other = evidence->lists[0];
     uint8_t *marks = evidence->marks;
@@ -128,6 +130,8 @@ static void take_costs(const ScanEvidence *evidence, const double *expected, dou
         other[cell] = evidence->before->last[cell] + expected[cell] - past[cell];
     if (cost[DOUBT_SAME_SCAN] >= FAR_BETTER * cost_of(evidence, evidence->measured, marks, other, most))
         cost[DOUBT_SAME_SCAN] = INFINITY; /* it grew as predicted: what is left was left in the last scan, too */
+    if (jetted < LEAST_DROPLETS)
+        cost[DOUBT_NO_GROWTH] = cost[DOUBT_SAME_SCAN] = INFINITY;
     for (int transform = DOUBT_MIRRORED_X; transform < DOUBTS; transform++) {
         cost[transform] = -1.0;
         if (transform >= DOUBT_TRANSPOSED && nx != ny)
@@ -174,7 +178,8 @@ static void conclude(const ScanEvidence *evidence, const double cost[DOUBTS], do
 bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
     const EstimatorOptions *options = evidence->options;
     const Registration *registration = &evidence->known->registration;
-    const double layer = layer_of(options), native = native_square(evidence), most = OUTLIER * native;
+    size_t jetted;
+    const double layer = layer_of(options), native = native_square(evidence, &jetted), most = OUTLIER * native;
     const double steep =
         fmin(STEEP * STEEP * layer * layer, native / fmax(registration->steps[0], registration->steps[1]));
     double cost[DOUBTS];
@@ -187,7 +192,7 @@ bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust) {
     const double read = cost_of(evidence, evidence->measured, evidence->valid, expected, most);
     if (read <= SUSPICIOUS * native)
         return false;
-    take_costs(evidence, expected, most, cost);
+    take_costs(evidence, expected, most, jetted, cost);
     int best = DOUBT_NO_GROWTH; /* which applies wherever the scan as read does */
     for (int k = best + 1; k < DOUBTS; k++)
         if (cost[k] >= 0.0 && cost[k] < cost[best])

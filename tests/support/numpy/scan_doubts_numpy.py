@@ -55,6 +55,8 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: 
     costs = [cost(scan, valid, past), cost(scan, both, before.last)]
     if costs[1] >= c.FAR_BETTER * cost(scan, both, before.last + expected - past):
         costs[1] = np.inf
+    if jetted.sum() < c.LEAST_DROPLETS:
+        costs = [np.inf, np.inf]
     costs += [cost(turn(scan), turn(valid), expected) for turn in turns]
     best = int(np.argmin(costs))
     is_stuck = best < 2

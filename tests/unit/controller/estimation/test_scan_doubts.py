@@ -155,6 +155,22 @@ def test_last_droplets_are_no_repeated_scan_where_the_map_cannot_hold_what_is_re
         assert not estimate.figures.stop
 
 
+@pytest.mark.parametrize(("droplets", "stops"), [(1, False), (4, False), (19, False), (20, True)])
+def test_few_droplets_that_fail_are_no_dry_head(droplets: int, stops: bool) -> None:
+    """Dead nozzles may be asked alone in the last layers, again and again."""
+    job, rng = JOB, np.random.default_rng(4)
+    estimator, plant, height = HeightEstimator(job, sensor_noise_std=0.3e-6), LayerModel.of(job), np.zeros(SHAPE)
+    estimate = estimator.first(height + rng.normal(0.0, 0.3e-6, SHAPE), SEEN)
+    few = np.zeros(SHAPE, np.int32)
+    few[tuple(np.argwhere(job.mask)[3 : 3 + droplets].T)] = 1
+    for layer in range(1, 10):
+        pattern = few if layer > 5 else job.mask.astype(np.int32)
+        volume = 1e-9 if layer > 5 else 1.0 - 0.2 * rng.random(SHAPE)
+        height = plant.layer(height, pattern, layer, np.broadcast_to(volume, SHAPE))
+        estimate = estimator.next(estimate, pattern, layer, height + rng.normal(0.0, 0.3e-6, SHAPE), SEEN)
+    assert bool(estimate.figures.stop) == stops
+
+
 def test_head_that_runs_dry_shows_no_growth() -> None:
     job, rng = JOB, np.random.default_rng(3)
     estimator, plant, height = HeightEstimator(job), LayerModel.of(job), np.zeros(SHAPE)
