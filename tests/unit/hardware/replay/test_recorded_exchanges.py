@@ -293,6 +293,8 @@ def test_first_cell_that_differs_is_found(cell: tuple[int, int], materials: int)
     after = PatternBytes.of(pattern, passes=1, materials=materials).plain
     assert first_difference(before, after) == cell
     assert first_difference(after, after) is None
+    other = PatternBytes.of(pattern, passes=2, materials=materials).plain
+    assert first_difference(before, other) is None  # of patterns with other heads no cell is the same
 
 
 def recorded() -> RecordedNodes:
