@@ -255,5 +255,7 @@ def test_prints_without_errors_are_trusted(seed: int) -> None:
     assert prints(seed, (0.2, 0.4)[seed % 2], (0.0, 1e-6)[seed // 2 % 2]) == {NONE}
 
 
-def test_printer_that_no_droplet_model_explains_is_not_trusted() -> None:
-    assert any(reason & UntrustedReason.RESIDUALS for reason in prints(1, 0.2, 0.0, surprise=2.5e-6))
+@pytest.mark.parametrize(("surprise", "is_told"), [(1.0e-6, False), (1.5e-6, False), (2.0e-6, True), (2.5e-6, True)])
+def test_printer_that_no_droplet_model_explains_is_not_trusted(surprise: float, is_told: bool) -> None:
+    """From three standard deviations on: the surprises here end at 2.0, 2.7, 3.6 and 4.2 of them."""
+    assert any(reason & UntrustedReason.RESIDUALS for reason in prints(1, 0.2, 0.0, surprise)) == is_told

@@ -261,6 +261,7 @@ def test_original_error_is_shown_with_its_calls(capsys: pytest.CaptureFixture[st
             ["export", "LayerDeposition"],
             "there is no command 'LayerDeposition'; `inkloop export` is now `inkloop export fmu`",
         ),
+        (["report", "r", "--html", "--pdf"], "argument --pdf: not allowed with argument --html"),
         (["--verison"], "inkloop: error: the following arguments are required: COMMAND"),
         (["export", "layer"], "there is no command 'layer'; did you mean layers?"),
     ],

@@ -219,6 +219,12 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "no faces": ("a.ply", meshes.ply(WEDGE[:0]), {}, "holds no triangles"),
     "empty": ("a.stl", b"", {}, "is empty; expected 'solid'"),
     "no mesh": ("a.stl", b"hello", {}, "has 5 bytes; expected 'solid'.*or binary STL of 84 bytes at least"),
+    "vertex beyond, after a polygon": (
+        "a.obj",
+        OBJ.replace(b"f 1 2 3", b"f 1 2 4 3\nf 1 2 99", 1),
+        {},
+        "line 26: .* vertex 99, expected 1 to 24",
+    ),
     "vertex beyond": ("a.obj", OBJ.replace(b"f 1 2 3", b"f 1 2 99"), {}, "line 25: .* vertex 99, expected 1 to 24"),
     "face beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 99"), {}, "number 1: found 0, 1, 99; expected 0 to 23"),
     "face one beyond": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 24"), {}, "number 1: found 0, 1, 24; expected 0 to"),
