@@ -380,6 +380,17 @@ def test_annealing_takes_each_change_by_the_rule_of_metropolis(sweeps: int, laye
     assert found.objective.value == pytest.approx(min([*expected, value(wanted, start)]), rel=1e-9, abs=0.0)
 
 
+@pytest.mark.parametrize("below", [0.0, 50e-6, -50e-6])
+def test_surface_of_several_layers_is_that_of_the_layer_map_wherever_heights_begin(below: float) -> None:
+    """Droplets spill over the edges of the grid, also of surfaces below 0."""
+    height, target = (each - below for each in rough(3, 5, 7))
+    plan = np.random.default_rng(3).integers(0, 2, (3, 5, 7), np.int32)
+    left = printed(height, plan)
+    wanted = problem(height, left, layers=3, overshoot=1.0)
+    assert value(wanted, plan) == pytest.approx(0.0, abs=1e-15)
+    assert value(replace(wanted, target=target), plan) == pytest.approx(np.abs(left - target).mean(), rel=1e-9, abs=0.0)
+
+
 def test_two_layers_that_made_a_surface_are_recovered() -> None:
     """Droplets that fell in the wrong layer together are what descent alone leaves: annealing shifts them."""
     for seed in range(10):

@@ -67,6 +67,15 @@ def test_whole_droplets_cost_what_their_plan_costs(layers: int, passes: int) -> 
         assert value == pytest.approx(bindings.objective(problem, plan).value, abs=1e-15)
 
 
+@pytest.mark.parametrize("shape", [(3, 129), (129, 3), (4, 300)])
+def test_relaxed_cost_of_whole_droplets_is_that_of_their_plan_on_wide_grids(shape: tuple[int, int]) -> None:
+    """Rows are taken in bands of 128 columns."""
+    problem = rough(shape, 2)
+    plan = np.random.default_rng(1).integers(0, 2, problem.choices.shape, np.int32)
+    found = relax(problem, plan.astype(np.float64), iterations_max=0)
+    assert found.value == pytest.approx(bindings.objective(problem, plan).value, rel=1e-2, abs=0.0)
+
+
 @pytest.mark.parametrize("passes", [1, 4])
 @pytest.mark.parametrize("layers", [1, 2, 3])
 def test_value_and_first_step_are_those_of_the_statement(layers: int, passes: int) -> None:

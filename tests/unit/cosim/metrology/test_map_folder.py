@@ -126,6 +126,14 @@ def test_channel_names_one_of_several_maps(tmp_path: Path) -> None:
     np.testing.assert_allclose(scan(part, 0)["measured_height"] * 1e6, surface(7), atol=1e-9)
 
 
+@pytest.mark.parametrize(("unit", "um"), [("nm", 1e-3), ("um", 1.0), ("mm", 1e3), ("m", 1e6)])
+def test_heights_are_in_the_unit_given(tmp_path: Path, unit: str, um: float) -> None:
+    np.save(tmp_path / "0.npy", surface(0) / um)
+    pixel = {"pixel_um": JOB.pitch * 1e6, "offset_x_um": 0.0, "offset_y_um": 0.0}
+    part = profiler(tmp_path, file_name="{layer}.npy", unit=unit, **pixel)
+    np.testing.assert_allclose(scan(part, 0)["measured_height"] * 1e6, surface(0), atol=1e-9)
+
+
 def half(layer: int) -> Any:
     """A surface of which nothing along the first half of x was measured."""
     heights = surface(layer)

@@ -240,6 +240,12 @@ def test_volume_of_a_mesh_with_a_hole_is_unknown(tmp_path: Path) -> None:
         assert (part.solid.volume is not None) == is_known
 
 
+def test_part_that_hangs_in_the_air_has_that_error_alone(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_bytes(parts.stl(parts.box((0.0, 0.6), (0.0, 0.4), 0.01, 0.04)))
+    (error,) = errors_of(MESH + 'place = "as-is"\n', tmp_path)
+    assert "have nothing below them" in error
+
+
 @pytest.mark.parametrize("missing", ["none", "one triangle", "two that face each other"])
 def test_mesh_whose_walls_have_holes_has_no_volume_and_is_warned_of(tmp_path: Path, missing: str) -> None:
     """No column of cells meets such a hole."""
