@@ -173,6 +173,10 @@ def test_ink_lies_on_the_substrate_that_is_given() -> None:
             r"pattern is -1 in cell \(0, 0\); needs 0, 1 or 2",
         ),
         (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3))), "pattern is float64; needs whole numbers"),
+        (
+            lambda: LayerDeposition().layer(LayerDeposition().start(np.zeros((3, 4))), np.ones((4, 3), np.int32)),
+            r"pattern has shape \(4, 3\); needs \(3, 4\)",
+        ),
         (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3), int), 1, np.full((3, 3), -0.1)), "at least 0"),
         (lambda: LayerDeposition().layer(FLAT, np.ones((3, 3), int), 1, np.ones((3, 2))), r"shape \(3, 2\)"),
         (lambda: LayerDeposition().start(np.zeros(3)), r"height has shape \(3,\)"),
