@@ -240,6 +240,13 @@ def test_curves_by_layer_are_distance_unevenness_and_droplets_under_their_headin
     assert (len(bare.data), bare.layout.yaxis2.type) == (2, None)
 
 
+def test_run_keeps_its_colour_where_another_one_is_left_out_of_the_distribution() -> None:
+    near, far = np.linspace(-1.0, 1.0, 9), np.linspace(900.0, 1000.0, 9)
+    of_all = {trace.name: trace.line.color for trace in distribution({"a": near, "b": near, "c": near}).data}
+    found = {trace.name: trace.line.color for trace in distribution({"a": near, "b": far, "c": near}).data}
+    assert found == {name: of_all[name] for name in ("a", "c")}
+
+
 def test_distribution_counts_the_cells_of_the_part_and_names_a_run_that_is_far_off() -> None:
     errors = [-1.0] * 3 + [0.5] * 5 + [2.0] * 2
     figure = distribution({"a": final_error(printed(*errors)), "b": final_error(printed(*[1.0] * 9))})
