@@ -106,6 +106,7 @@ def test_figures_of_a_file_agree_with_the_part(
     assert found["layers"] == int(np.ceil(228 / (0.9 * 6.6))) + 5
     assert found["droplets"]["A"] == pytest.approx(found["volume_mm3"] * 1e9 / (100.0**2 * 7.6), abs=1.0)
     assert found["narrow"] == {}
+    assert (found["memory_bytes"], found["disk_bytes"] > 5e6) == (44 * 34 * 457, True)
     with Image.open(tmp_path / "bracket-geometry.png") as picture:
         assert picture.width > 1000
 
