@@ -180,14 +180,6 @@ static void misfit_rows(void *context, const RowRange *range) {
     }
 }
 
-/* Scatter of cells with a droplet whose median square is `misfit`. */
-static double scatter_of(const ValueLists *lists, double misfit) {
-    SquareSums sums = {0.0, 0.0};
-    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
-        add_squares_within(lists->map + chunk_row(lists->nx, chunk) * lists->ny, lists->lengths[chunk], misfit, &sums);
-    return mean_square(&sums);
-}
-
 /* Medians of the squared residuals of a fit, and its means over droplets. */
 static void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
     MisfitWork work = {.evidence = evidence, .fit = fit};
@@ -202,7 +194,8 @@ static void take_misfits(const ScanEvidence *evidence, InkFit *fit) {
         fit->misfit[class] = sums.count[class] < LEAST_READINGS
                                  ? 1.0
                                  : median_of_lists(&work.lists[class], evidence->spread_slope) / MEDIAN_SQUARE;
-    fit->scatter = sums.count[OWN] < LEAST_READINGS ? 1.0 : scatter_of(&work.lists[OWN], fit->misfit[OWN]);
+    fit->scatter =
+        sums.count[OWN] < LEAST_READINGS ? 1.0 : variance_of_lists_within(&work.lists[OWN], fit->misfit[OWN]);
 }
 
 bool fit_in_register(const ScanEvidence *evidence, InkFit *fit) {

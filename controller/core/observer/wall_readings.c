@@ -113,9 +113,7 @@ double misfit_of(WallFit *fit, InkFit *displaced) {
             displaced->misfit[group] = found;
         if (group != OWN || !is_many)
             continue;
-        SquareSums sums = {0.0, 0.0};
-        add_squares_within(fit->values, count, found, &sums);
-        displaced->scatter = mean_square(&sums);
+        displaced->scatter = variance_within(fit->values, count, found);
         displaced->droplets = count;
         displaced->mean_droplets = squares / (double)count;
         displaced->mean_base = variance / (double)count - fit->evidence->droplet_variance * displaced->mean_droplets;

@@ -123,8 +123,13 @@ double median_of_lists(const ValueLists *lists, double *room) {
 
 static const double WITHIN = 9.0, MEAN_WITHIN = 0.97334; /* mean square of a normal variable of variance 1 up to 9 */
 
+/* Sum and number of squares. */
+typedef struct {
+    double sum, count;
+} SquareSums;
+
 /* No branch depends on a value, as above. */
-void add_squares_within(const double *squares, size_t count, double variance, SquareSums *sums) {
+static void add_within(const double *squares, size_t count, double variance, SquareSums *sums) {
     for (size_t k = 0; k < count; k++) {
         const double is_within = squares[k] <= WITHIN * variance;
         sums->sum += is_within * squares[k];
@@ -132,6 +137,15 @@ void add_squares_within(const double *squares, size_t count, double variance, Sq
     }
 }
 
-double mean_square(const SquareSums *sums) {
-    return sums->sum / sums->count / MEAN_WITHIN;
+double variance_within(const double *squares, size_t count, double variance) {
+    SquareSums sums = {0.0, 0.0};
+    add_within(squares, count, variance, &sums);
+    return sums.sum / sums.count / MEAN_WITHIN;
+}
+
+double variance_of_lists_within(const ValueLists *lists, double variance) {
+    SquareSums sums = {0.0, 0.0};
+    for (size_t chunk = 0; chunk < CHUNKS; chunk++)
+        add_within(list_of(lists, chunk), lists->lengths[chunk], variance, &sums);
+    return sums.sum / sums.count / MEAN_WITHIN;
 }

@@ -23,16 +23,11 @@ typedef struct {
 /* Median of all lists together; `room` holds a map. */
 double median_of_lists(const ValueLists *lists, double *room);
 
-/* Sum and number of squares. */
-typedef struct {
-    double sum, count;
-} SquareSums;
+/* Variance of a normal variable by those of its squares that lie within three standard deviations; variance: a rough
+ * one, which sets these. Uniform variables have all squares within: theirs is 3 % larger. */
+double variance_within(const double *squares, size_t count, double variance);
 
-/* Adds the squares within three standard deviations; variance: the square of one. */
-void add_squares_within(const double *squares, size_t count, double variance, SquareSums *sums);
-
-/* Variance of a normal variable of which `sums` holds the squares within three standard deviations. Variables without
- * tails, as uniform ones, have all theirs within: it is 3 % larger. */
-double mean_square(const SquareSums *sums);
+/* The same of all lists together. */
+double variance_of_lists_within(const ValueLists *lists, double variance);
 
 #endif

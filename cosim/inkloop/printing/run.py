@@ -51,8 +51,8 @@ def run(
     pictures: their formats, none without pictures.
     """
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
-    words = [f"{folder}: {scenario.footprint}", *(f"warning: {warning}" for warning in scenario.warnings)]
-    return _print_all(scenario, folder, console, compare, pictures, words)
+    notices = [f"{folder}: {scenario.footprint}", *(f"warning: {warning}" for warning in scenario.warnings)]
+    return _print_all(scenario, folder, console, compare, pictures, notices)
 
 
 def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
@@ -147,9 +147,12 @@ def _print_all(
     console: Terminal,
     compare: bool,
     pictures: Sequence[str],
-    words: Sequence[str] = (),
+    notices: Sequence[str] = (),
 ) -> int:
-    """Print the unfinished runs of a scenario in `folder`, and show all of them; words: shown once the first begins."""
+    """Print the unfinished runs of a scenario in `folder`, and show all of them.
+
+    notices: sentences to show before the first one.
+    """
     from inkloop.report import run_report
     from inkloop.report.remarks import STOP_TITLE, ending, remarks
 
@@ -161,8 +164,8 @@ def _print_all(
             if _is_finished(place):
                 continue
             with _alone(place, folder), log_devices(variant, console, place):
-                for word in words if place == folder else ():
-                    console.sentence(word)
+                for notice in notices if place == folder else ():
+                    console.sentence(notice)
                 Result.begin(place, variant.text, notes)
                 result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:

@@ -217,8 +217,8 @@ def _nothing_printed(result: Result) -> list[str]:
     if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
         return []
     return [
-        "nothing was printed: no layer would improve what the first scan shows. Look whether the part is less than a "
-        "layer high, or whether an earlier part lies there"
+        "nothing was printed: no layer would improve what the first scan shows. The part may be less than a layer "
+        "high; or an earlier one lies there: clear the machine, or restart `inkloop bench emulate`"
     ]
 
 

@@ -8,8 +8,8 @@ layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios
 
 The layers of a closed loop are those that raise the edge of the part, whose cells lack neighbours on one side, by
 droplets of the mean volume; then its top is made flat, in about as many layers as are planned ahead. Of the shipped
-scenarios this is within a quarter of what is printed, but for VolumeAreaDeposition (12 told, 17 printed) and
-two-materials, a small part of two inks (32 told, 63 printed).
+scenarios this is within a quarter of what is printed, but for VolumeAreaDeposition (12 expected, 17 printed) and
+two-materials, a small part of two inks (32 expected, 63 printed).
 """
 
 from __future__ import annotations

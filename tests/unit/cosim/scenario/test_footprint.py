@@ -181,8 +181,8 @@ def test_disk_is_what_a_print_takes_when_most_is_there(tmp_path: Path, monkeypat
     alone = Footprint.of(loaded.tables.model_copy(update={"compare": {}}), loaded.solid.shape.height)
     assert of_a_cell == pytest.approx(alone.disk_of_a_cell, rel=0.25, abs=0.0)
     of_files = peaks[20] - of_a_cell * 20**2
-    told = footprint.BYTES_OF_A_LAYER_FILE * (3 + 1) + 2 * footprint.BYTES_OF_A_STATE_FILE
-    assert of_files < told < 1.5 * of_files
+    expected = footprint.BYTES_OF_A_LAYER_FILE * (3 + 1) + 2 * footprint.BYTES_OF_A_STATE_FILE
+    assert of_files < expected < 1.5 * of_files
 
 
 PRINTED = json.loads((ROOT / "docs" / "gallery" / "runs.json").read_text(encoding="utf-8"))
@@ -190,7 +190,7 @@ WORSE = {"wu-chiu-plant": 1.5, "two-materials": 2.0}
 
 
 @pytest.mark.parametrize("name", [name for name in PRINTED if (ROOT / "scenarios" / f"{name}.toml").is_file()])
-def test_layers_told_are_those_printed(name: str) -> None:
+def test_layers_expected_are_those_printed(name: str) -> None:
     """The layers of the gallery, of closed loops too: within a quarter, but for a few named ones."""
     if name.endswith("3mf"):
         pytest.importorskip("lib3mf")

@@ -134,7 +134,7 @@ def test_three_parts_are_combined_in_their_order(op: str, inks: str | None, tmp_
 
 @pytest.mark.parametrize(("op", "other"), [("difference", ROD), ("intersection", BOX)])
 def test_ink_of_a_part_within_a_part_ends_where_that_does(op: str, other: str, tmp_path: Path) -> None:
-    """What an inner part is cut off leaves room for ink B of the next one."""
+    """Ink B of the second part fills what the first one lacks."""
     _, box, rod = sampled()
     first = f'{{ shape = "combine", op = "{op}", inks = ["A", "B"], {TABLES} }}'
     second = f'{{ shape = "combine", op = "union", inks = ["B", "B"], parts = [{{ {other} }}, {{ {other} }}] }}'
