@@ -8,7 +8,7 @@ import gc
 import os
 import re
 import sys
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NoReturn
@@ -93,9 +93,14 @@ def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]
 def _suggestion(unknown: Sequence[str], shown: str) -> str:
     """The options of a help text that are nearest to unknown ones; "" if none is alike."""
     options = set(re.findall(r"--[a-z][a-z-]*", shown))
-    words = (word.partition("=")[0] for word in unknown if word.startswith("-"))
-    close = sorted({option for word in words for option in near(word, options)})
+    words = [word.partition("=")[0] for word in unknown if word.startswith("-")]
+    close = sorted({option for word in words for option in _begun(word, options) or near(word, options)})
     return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def _begun(word: str, options: Iterable[str]) -> list[str]:
+    """The options that a word begins; none for dashes alone."""
+    return [option for option in options if word.strip("-") and option.startswith(word)]
 
 
 def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:
@@ -141,7 +146,13 @@ def _add(commands: Any, module: Any) -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors show control characters in file names as escapes."""
+    """A parser that takes options in full only, and whose errors show control characters in file names as escapes.
+
+    So are those of the commands below it.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options, allow_abbrev=False)
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         super().exit(status, message and shown(message))

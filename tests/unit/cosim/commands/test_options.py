@@ -257,6 +257,8 @@ def test_original_error_is_shown_with_its_calls(capsys: pytest.CaptureFixture[st
         (["run", "s.toml", "--ouut=a/long/path"], "unknown arguments: --ouut=a/long/path; did you mean --out?"),
         (["run", "s.toml", "--ouut", "x", "--sett"], "did you mean --out or --set?"),
         (["run", "s.toml", "--zzz"], "unknown arguments: --zzz\n"),
+        (["geometry", "a.stl", "--height", "9"], "unknown arguments: --height 9; did you mean --height-um?"),
+        (["metrology", "r", "--s-f=9"], "unknown arguments: --s-f=9; did you mean --s-filter-um?"),
         (
             ["export", "LayerDeposition"],
             "there is no command 'LayerDeposition'; `inkloop export` is now `inkloop export fmu`",
