@@ -6,15 +6,15 @@ import argparse
 import atexit
 import gc
 import os
-import re
 import sys
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NoReturn
 
 from inkloop.commands import bench, export, parts, prints, runs
 from inkloop.commands.options import add_output, number, show_error, whole_number
+from inkloop.commands.suggestions import suggestion
 from inkloop.errors import InkloopError, message_of, near, nearest
 from inkloop.files import reason_of
 from inkloop.report import shown
@@ -72,7 +72,7 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     options, unknown = whole.parse_known_args(words, argparse.Namespace(words=words))
     if unknown:
         command = options.parser
-        command.error(f"unknown arguments: {' '.join(unknown)}{_suggestion(unknown, command.format_help())}")
+        command.error(f"unknown arguments: {' '.join(unknown)}{suggestion(unknown, options)}")
     return options
 
 
@@ -88,19 +88,6 @@ def _check_names(whole: argparse.ArgumentParser, commands: Any, words: list[str]
             above.error(f"there is no command {word!r}; {nearest(word, below.choices)}")
         above = below.choices[word]
         below = above.get_default("parts")
-
-
-def _suggestion(unknown: Sequence[str], shown: str) -> str:
-    """The options of a help text that are nearest to unknown ones; "" if none is alike."""
-    options = set(re.findall(r"--[a-z][a-z-]*", shown))
-    words = [word.partition("=")[0] for word in unknown if word.startswith("-")]
-    close = sorted({option for word in words for option in _begun(word, options) or near(word, options)})
-    return f"; did you mean {' or '.join(close)}?" if close else ""
-
-
-def _begun(word: str, options: Iterable[str]) -> list[str]:
-    """The options that a word begins; none for dashes alone."""
-    return [option for option in options if word.strip("-") and option.startswith(word)]
 
 
 def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, Any]:

@@ -6,6 +6,7 @@ Errors that only a whole file can show (a part beyond its grid, a missing port) 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,35 @@ def scenario_schema() -> Schema:
         options[kind] = table
     definitions["ComponentTable"] = _by_kind(definitions["ComponentTable"], options)
     return {"$schema": "http://json-schema.org/draft-07/schema#", **schema, "title": "inkloop scenario"}
+
+
+def keys_of(raw: Mapping[str, Any]) -> list[str]:
+    """The keys that `--set` may give to a scenario, dotted: those of all tables, and of its own components.
+
+    raw: the file as read, whose errors do not matter. Raises FmuError where one of our FMUs is missing.
+    """
+    schema = scenario_schema()
+    definitions = schema["$defs"]
+    rules = definitions["ComponentTable"]["allOf"]
+    options = {rule["if"]["properties"]["kind"]["const"]: rule["then"]["properties"] for rule in rules}
+    found = list(_keys(schema, definitions))
+    components = raw.get("components")
+    for name, table in components.items() if isinstance(components, Mapping) else ():
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        own = {**options.get(kind, {}), "kind": {}}
+        found += _keys({"properties": own}, definitions, f"components.{name}.")
+    return list(dict.fromkeys(found))
+
+
+def _keys(table: Schema, definitions: Mapping[str, Schema], above: str = "") -> Iterator[str]:
+    """Dotted keys of a table and of those in it; of one that has a choice of tables, those of all."""
+    for each in (table, *table.get("anyOf", ()), *table.get("oneOf", ())):
+        if "$ref" in each:
+            yield from _keys(definitions[each["$ref"].rpartition("/")[2]], definitions, above)
+        for name, value in each.get("properties", {}).items():
+            if value.get("type") == "object":  # of tables by their names
+                continue
+            yield from list(_keys(value, definitions, f"{above}{name}.")) or [f"{above}{name}"]
 
 
 def _by_kind(table: Schema, options: dict[str, Schema]) -> Schema:

@@ -21,7 +21,9 @@ from inkloop import cli
 from inkloop.cli import main, parser
 from inkloop.commands import options
 from inkloop.errors import InkloopError, ScenarioError
+from inkloop.files import toml_tables
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.json_schema import keys_of
 
 BLOCK = """
 title = "a small block"
@@ -274,6 +276,38 @@ def test_wrong_words_are_answered_with_the_nearest(
     with pytest.raises(SystemExit):
         main(words)
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["--seed", "3"], "--set seed=3"),
+        (["--layers=3"], "--set run.layers_max=3"),
+        (["--title", "a b"], "--set 'title=a b'"),
+        (["--noise-std", "1", "--h1"], "--set components.profiler.noise_std_um=1 or --set ink.a.h1_um=VALUE or"),
+        (["--radios-um", "9"], "--set part.radius_um=9"),
+        (["--ouut", "x", "--seed"], "--out or --set seed=VALUE"),
+    ],
+)
+def test_option_that_is_a_key_of_the_scenario_is_answered_with_its_override(
+    words: list[str], meant: str, block: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["run", str(block), *words])
+    assert f"; did you mean {meant}" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["resume", str(block), *words])  # which takes no keys
+    assert "--set" not in capsys.readouterr().err
+
+
+def test_every_key_of_a_component_can_be_overridden(block: Path) -> None:
+    raw = toml_tables(BLOCK)
+    keys = keys_of(raw)
+    assert len(keys) == len(set(keys))
+    assert {"seed", "run.layers_max", "part.radius_um", "components.printer.variation"} <= set(keys)
+    assert {"components", "compare", "part"}.isdisjoint(keys)
+    assert "components.controller.kind" in keys
+    assert not [key for key in keys_of({"components": 3}) if key.startswith("components.")]
 
 
 def test_paths_are_completed_to_files_or_folders() -> None:
