@@ -14,6 +14,7 @@ InkloopError
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -132,6 +133,14 @@ def own_line(error: Exception) -> str:
         if not file.startswith((*libraries, "<")) and module.partition(".")[0] not in _PACKAGES:
             place = f" ({Path(file).name}, line {line})"
     return place
+
+
+_WITH_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+def decimal_comma(text: str) -> str:
+    """Advice on a text that is a number with a decimal comma; "" on any other text."""
+    return f"a number has a point, no comma: {text.replace(',', '.')}" if _WITH_COMMA.fullmatch(text) else ""
 
 
 OFFERED_MAX = 3  # more words than this are alike by chance

@@ -21,7 +21,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from inkloop.errors import InkloopError
+from inkloop.errors import InkloopError, decimal_comma
 
 if sys.platform == "win32":
     import msvcrt
@@ -42,6 +42,8 @@ _FULL = {
 }
 
 
+_VALUE = re.compile(r"=\s*([^\s=#}\]]+?)\s*(?:$|[#}]|(?=,\s*\w+\s*=))")
+"""A value in a line of TOML, up to the end of the line, of its table, or to the next key."""
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -140,6 +142,8 @@ def toml_tables(text: str) -> dict[str, Any]:
             reason = f"a key without quotes has no {odd!r}; {advice}"
         elif reason.startswith("Cannot"):  # declare twice, overwrite a value, mutate
             reason = "this key or table is there already; keep one of them"
+        elif advice := next(filter(None, map(decimal_comma, _VALUE.findall(line))), ""):
+            reason = advice
         elif reason == "Invalid value":
             reason = f'a value is a number, true, false, [...] or a text in quotes: {key} = "..."'
         raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inkloop.errors import InkloopError, ScenarioError, missing
+from inkloop.errors import InkloopError, ScenarioError, decimal_comma, missing
 from inkloop.report import FORMATS, PNG, picture_formats, shown, wrapped
 
 if TYPE_CHECKING:
@@ -145,6 +145,8 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
             overrides[key] = tomlkit.value(text)
         except TOMLKitError:
             overrides[key] = text
+            if advice := decimal_comma(text):
+                errors.append(f"--set {pair}: {advice}; a list has brackets, a text quotes")
     if errors:
         raise ScenarioError(source, errors)
     return overrides
@@ -157,7 +159,8 @@ def _reader(kind: Callable[[str], float], expected: str) -> Callable[[str], floa
         try:
             return kind(text)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(f"is {text!r}; expected {expected}") from error
+            advice = (kind is float and decimal_comma(text)) or f"expected {expected}"
+            raise argparse.ArgumentTypeError(f"is {text!r}; {advice}") from error
 
     return read
 

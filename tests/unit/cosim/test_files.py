@@ -163,6 +163,10 @@ def test_checkpoints_of_devices_outlive_a_power_failure(devices: bool, tmp_path:
         (b'title = "a"\ntitle = "b"\n', 'line 2, `title = "b"`: this key or table is there already'),
         (b"[grid]\nnx = \n", "line 2, `nx =`: "),
         (b'title = "a\n', 'line 1, `title = "a`: '),
+        (b"seed = -0,5  # one\n", "line 1, `seed = -0,5  # one`: a number has a point, no comma: -0.5"),
+        (b"a = { b = 0,5, c = 1 }\n", "line 1, `a = { b = 0,5, c = 1 }`: a number has a point, no comma: 0.5"),
+        (b"a = { b = 1, c = 0,5 }\n", "line 1, `a = { b = 1, c = 0,5 }`: a number has a point, no comma: 0.5"),
+        (b"a = 1,2,3\n", "line 1, `a = 1,2,3`: Expected newline"),
     ],
 )
 def test_invalid_toml_is_explained_with_its_line(content: bytes, message: str, tmp_path: Path) -> None:

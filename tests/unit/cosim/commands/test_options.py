@@ -51,6 +51,7 @@ def block(tmp_path: Path) -> Path:
         (["seed=5", " seed = 6 "], {"seed": 6}),
         (["title=a=b"], {"title": "a=b"}),
         (["title=two words", "run.step_s=0.5"], {"title": "two words", "run.step_s": 0.5}),
+        (["title=0,5 mm", "label='0,5'"], {"title": "0,5 mm", "label": "0,5"}),
         (["a.b=[1, 2]"], {"a.b": [1, 2]}),
     ],
 )
@@ -88,6 +89,13 @@ def test_every_override_that_is_none_is_named() -> None:
     assert [error.partition(": ")[0] for error in raised.value.errors] == [
         f"--set {pair}" for pair in ("seed", "a..b=1", "=1", ".a=1")
     ]
+
+
+def test_override_with_a_decimal_comma_is_refused() -> None:
+    with pytest.raises(ScenarioError) as raised:
+        options.overrides_of(["a.b=0,5"], "it")
+    advice = "a number has a point, no comma: 0.5; a list has brackets, a text quotes"
+    assert raised.value.errors == (f"--set a.b=0,5: {advice}",)
 
 
 @pytest.mark.parametrize(
@@ -267,6 +275,8 @@ def test_original_error_is_shown_with_its_calls(capsys: pytest.CaptureFixture[st
         ),
         (["report", "r", "--html", "--pdf"], "argument --pdf: not allowed with argument --html"),
         (["--verison"], "inkloop: error: the following arguments are required: COMMAND"),
+        (["geometry", "a.stl", "--scale", "0,5"], "is '0,5'; a number has a point, no comma: 0.5"),
+        (["export", "fmu", "M", "--nx", "1,000"], "is '1,000'; expected a whole number"),
         (["export", "layer"], "there is no command 'layer'; did you mean layers?"),
     ],
 )
