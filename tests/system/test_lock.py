@@ -101,7 +101,7 @@ def test_resume_of_an_active_run_is_refused_and_changes_nothing(
         assert main(["resume", str(folder)]) == 1
         assert f"another run writes here, process {process.pid} since" in capsys.readouterr().err
         assert main(["run", str(CUBOID), "--out", str(folder)]) == 1
-        assert "is there already and not empty" in capsys.readouterr().err
+        assert f"`inkloop resume {folder}` continues it; name another --out" in capsys.readouterr().err
         assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
         process.communicate("")
         assert process.returncode == 0

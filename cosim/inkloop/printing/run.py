@@ -22,6 +22,7 @@ from inkloop.report import PNG
 from inkloop.report.terminal import Terminal, decimals
 from inkloop.results.checkpoint import remove_layers
 from inkloop.results.lock import LOCK_FILE, sole_writer
+from inkloop.results.made_folder import made_folder
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import (
     COMPARE_FOLDER,
@@ -211,7 +212,8 @@ def new_run_folder(out: Path | None, name: str) -> Path:
     """The folder to write to: `out`, which must be new or empty, or the first free of runs/NAME, runs/NAME-2, ..."""
     if out is not None:
         if out.exists() and (not out.is_dir() or any(path.name != LOCK_FILE for path in out.iterdir())):
-            raise ResultError(f"{out}: is there already and not empty; name another --out, nothing is overwritten")
+            found = made_folder(out) or "is there already and not empty"
+            raise ResultError(f"{out}: {found}; name another --out, nothing is overwritten")
         return out
     base = RUNS / name
     candidates = (base if n == 1 else base.with_name(f"{name}-{n}") for n in range(1, 1_000_000))

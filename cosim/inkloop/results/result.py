@@ -33,10 +33,12 @@ from inkloop.units import UM_PER_M
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["RESULT_FILE", "RUN_FILE", "STOPPED", "UNFINISHED", "Result", "read_record"]
+__all__ = ["RESULT_FILE", "RUN_FILE", "STOPPED", "STUDY_STATE_FILE", "UNFINISHED", "Result", "read_record"]
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
+STUDY_STATE_FILE = "study.json"
+"""File of the folder of a study, which `inkloop sweep` makes."""
 READ_AT_ONCE = 1 << 26
 """Bytes of the arrays of a result up to which all of them are read into memory."""
 COMPARE_FOLDER = "compare"
@@ -210,13 +212,20 @@ def read_record(folder: Path) -> dict[str, Any]:
     try:
         record = json.loads(regular(folder / RUN_FILE).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
+        found = study_in(folder) or f"holds no {RUN_FILE}; name a folder that `inkloop run` has made"
+        raise ResultError(f"{folder}: {found}") from error
     except (OSError, ValueError, RecursionError) as error:
         raise ResultError(f"{folder}: cannot be read: {error}") from error
     if not isinstance(record, dict):
         raise ResultError(f"{folder / RUN_FILE}: is no record of a run; name a folder that `inkloop run` has made")
     _check_schema(folder, record.get("schema_version"))
     return record
+
+
+def study_in(folder: Path) -> str:
+    """That a folder is that of a study, and the command that reads it; "" if it is not."""
+    again = f"`inkloop sweep STUDY --out {folder} --resume` continues it, or shows what it found"
+    return f"is the folder of a study; {again}" if (folder / STUDY_STATE_FILE).is_file() else ""
 
 
 def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:

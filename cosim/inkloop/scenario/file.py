@@ -68,9 +68,11 @@ class Scenario:
             known = nearest(str(path), there) if there else "no scenario is in that folder"
             raise ScenarioError(source, [f"cannot be read: {error.strerror}; {known}"]) from error
         except IsADirectoryError as error:
+            from inkloop.results.made_folder import made_folder
+
             there = [other.name for other in sorted(path.glob("*.toml"))]
             known = f"a scenario in it: {', '.join(there[:OFFERED_MAX])}" if there else "a scenario file (.toml)"
-            raise ScenarioError(source, [f"is a folder; name {known}"]) from error
+            raise ScenarioError(source, [made_folder(path) or f"is a folder; name {known}"]) from error
         except OSError as error:
             raise ScenarioError(source, [f"cannot be read: {error.strerror}"]) from error
         except TomlError as error:
@@ -82,6 +84,8 @@ class Scenario:
         """The scenario of a text; files that it names are relative to `source`. Raises ScenarioError."""
         try:
             raw = toml_tables(text)
+            if "scenario" in raw and "components" not in raw:
+                raise ScenarioError(source, [f"is a study; `inkloop sweep {source}` prints it"])
             if not overrides and not names_ink_file(raw):
                 return cls._from_tables(source, text, raw, [])
             document = tomlkit.parse(text)

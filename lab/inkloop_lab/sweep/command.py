@@ -14,9 +14,10 @@ from inkloop.master.interrupt import deferred
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
+from inkloop.results.result import STUDY_STATE_FILE
 from inkloop_lab.sweep import dataset, report, summary
 from inkloop_lab.sweep.engine import Site, carry_out
-from inkloop_lab.sweep.folder import PRINTS_FOLDER, STATE_FILE, StudyFolder
+from inkloop_lab.sweep.folder import PRINTS_FOLDER, StudyFolder
 from inkloop_lab.sweep.plan import OptimisePlan, Plan, PointsPlan
 from inkloop_lab.sweep.sites import fitting, on_cluster, on_processes
 from inkloop_lab.sweep.study import Study
@@ -91,11 +92,11 @@ def _folder(options: argparse.Namespace) -> Path:
     out: Path | None = options.out
     name = options.study.stem
     if not options.resume:
-        if out is not None and (out / STATE_FILE).is_file():
+        if out is not None and (out / STUDY_STATE_FILE).is_file():
             raise ResultError(f"{out}: holds a study; add --resume to continue it, or name another --out")
         return new_run_folder(out, name)
     if out is None:
-        begun = [path.parent for path in RUNS.glob(f"{name}*/{STATE_FILE}")]
+        begun = [path.parent for path in RUNS.glob(f"{name}*/{STUDY_STATE_FILE}")]
         own = [
             path for path in begun if path.name.removeprefix(name).removeprefix("-").isdecimal() or path.name == name
         ]
@@ -104,7 +105,7 @@ def _folder(options: argparse.Namespace) -> Path:
                 f"{RUNS / name}: no study was begun there; leave out --resume, or name its folder by --out"
             )
         return max(own, key=lambda path: (len(path.name), path.name))
-    if not (out / STATE_FILE).is_file():
+    if not (out / STUDY_STATE_FILE).is_file():
         raise ResultError(f"{out}: holds no study; leave out --resume, or name the folder of a study")
     return out
 

@@ -19,10 +19,11 @@ import numpy as np
 from inkloop import __version__
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, regular, replaced, write_text
+from inkloop.results.result import STUDY_STATE_FILE
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Bundle, Record, name_of
 
-STUDY_FILE, STATE_FILE = "study.toml", "study.json"
+STUDY_FILE = "study.toml"
 PRINTS_FOLDER, MAPS_FOLDER = "prints", "maps"
 SCHEMA_VERSION = 2
 
@@ -33,10 +34,10 @@ class StudyFolder:
     def __init__(self, folder: Path, study: Study, bundle: Bundle) -> None:
         self._folder, self._keeps_runs = folder, study.tables.keep.maps == "all"
         try:
-            if (folder / STATE_FILE).is_file():
+            if (folder / STUDY_STATE_FILE).is_file():
                 _check_same(folder, study, bundle)
             write_text(folder / STUDY_FILE, study.text)
-            write_text(folder / STATE_FILE, json.dumps(_identity(study, bundle), indent=2) + "\n")
+            write_text(folder / STUDY_STATE_FILE, json.dumps(_identity(study, bundle), indent=2) + "\n")
             found = [_read(path) for path in sorted((folder / PRINTS_FOLDER).glob("*.json"))]
         except OSError as error:
             raise ResultError(f"{folder}: the study cannot be written there: {reason_of(error)}") from error
@@ -106,7 +107,7 @@ def _identity(study: Study, bundle: Bundle) -> dict[str, Any]:
 def _check_same(folder: Path, study: Study, bundle: Bundle) -> None:
     """Raises ResultError where a folder holds another study than this one."""
     try:
-        found = json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))
+        found = json.loads((folder / STUDY_STATE_FILE).read_text(encoding="utf-8"))
         if found["schema_version"] != SCHEMA_VERSION:
             raise ResultError(
                 f"{folder}: schema version is {found['schema_version']}; this inkloop reads {SCHEMA_VERSION}; begin "
@@ -114,7 +115,9 @@ def _check_same(folder: Path, study: Study, bundle: Bundle) -> None:
             )
         known, own = found["sha256"], _identity(study, bundle)["sha256"]
     except (ValueError, KeyError, TypeError) as error:
-        raise ResultError(f"{folder / STATE_FILE}: is no record of a study; begin the study in a new folder") from error
+        raise ResultError(
+            f"{folder / STUDY_STATE_FILE}: is no record of a study; begin the study in a new folder"
+        ) from error
     if changed := [what for what in own if known.get(what) != own[what]]:
         raise ResultError(
             f"{folder}: was begun with another study: changed since then: {'; '.join(changed)}. Take the change back "

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from inkloop.components import devices
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
+from inkloop.results.made_folder import made_folder
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.packaged import classes_from
 from inkloop.tables.messages import sentence
@@ -55,7 +56,8 @@ class Study:
             text = read_toml_text(path)
             raw = toml_tables(text)
         except OSError as error:
-            raise ScenarioError(str(path), [f"cannot be read: {error.strerror}; expected a study file"]) from error
+            reason = made_folder(path) or f"cannot be read: {error.strerror}; expected a study file"
+            raise ScenarioError(str(path), [reason]) from error
         except TomlError as error:
             raise ScenarioError(str(path), [str(error)]) from error
         if "components" in raw:

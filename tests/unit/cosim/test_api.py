@@ -77,7 +77,7 @@ def test_run_folder_of_the_api_serves_the_commands(tmp_path: Path, capsys: pytes
     assert main(["report", str(tmp_path / "run"), "--no-pictures"]) == 0
     assert main(["resume", str(tmp_path / "run"), "--no-pictures"]) == 0
     assert "the run is finished (layers_max)" in " ".join(capsys.readouterr().out.split())
-    with pytest.raises(inkloop.ResultError, match="is there already and not empty"):
+    with pytest.raises(inkloop.ResultError, match=r"that has ended .*; name another --out"):
         inkloop.run(CUBOID, SHORT, out=tmp_path / "run")
 
 

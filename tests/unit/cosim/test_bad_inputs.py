@@ -118,6 +118,18 @@ COMMANDS = {
     "new cube": "cube.toml: |is there already and is not overwritten; choose another name",
     "new p --shape ball": "2 argument --shape: invalid choice: 'ball' (choose from 'combine', 'cuboid'",
     "export schema --out full/notes.txt/x.json": "x.json: its folder cannot be made: a file is in the way; name",
+    "validate ended": "ended: |is the folder of a run of /a/cube.toml that has ended (done); `inkloop report ended` sh",
+    "validate begun": "begun: |is the folder of a run of /a/cube.toml; `inkloop resume begun` continues it",
+    "validate torn": "torn: |is the folder of a run that cannot be read; `inkloop info torn` says why",
+    "run cube.toml --out ended": "that has ended (done); `inkloop report ended` shows it; name another --out, nothing",
+    "run cube.toml --out begun": "`inkloop resume begun` continues it; name another --out, nothing is overwritten",
+    "run cube.toml --out swept": "swept: is the folder of a study; `inkloop sweep STUDY --out swept --resume` con",
+    **dict.fromkeys(
+        ("info swept", "report swept", "resume swept", "validate swept", "sweep swept"),
+        "is the folder of a study; `inkloop sweep STUDY --out swept --resume` continues it, or shows what it found",
+    ),
+    "validate swept/study.toml": "swept/study.toml: |is a study; `inkloop sweep swept/study.toml` prints it",
+    "sweep begun": "begun: |is the folder of a run of /a/cube.toml; `inkloop resume begun` continues it",
     "reproduce lou": "2 argument PAPER: invalid choice: 'lou' (choose from 'lu'",
 }
 """Command line -> pieces of the message, joined by |; an exit code other than 1 in front."""
@@ -160,6 +172,13 @@ def test_input_is_answered_with_place_finding_and_remedy(
     (tmp_path / "full").mkdir()
     for name, content in (("notes.txt", "hello"), ("map.csv", "1 2\n3 4\n"), ("part.stl", "solid x\nendsolid x\n")):
         (tmp_path / "full" / name).write_text(content)
+    record = {"schema_version": result.SCHEMA_VERSION, "scenario_file": "/a/cube.toml"}
+    for name, run in (("ended", {**record, "stop_reason": "done"}), ("begun", {**record, "stop_reason": "running"})):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text(json.dumps(run))
+    for name, content in (("torn/run.json", "{"), ("swept/study.json", "{}"), ("swept/study.toml", 'scenario = "x"')):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
     before = sorted(tmp_path.rglob("*"))
     code, pieces = (int(message[0]), message[2:]) if message[:1].isdigit() and message[1:2] == " " else (1, message)
     try:
