@@ -53,8 +53,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = getattr(error, "filename", None) or ("inkloop" if isinstance(error, MemoryError) else "a file")
         show_error(InkloopError(f"{place}: {reason_of(error)}"), options, error)
         return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        notes = getattr(interrupt, "__notes__", [])
+        print(shown(": ".join(["interrupted", *notes])), file=sys.stderr)
         return 130
 
 

@@ -220,6 +220,33 @@ def test_ctrl_c_keeps_the_layers_that_are_printed(
 
 
 @pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("place", ["print", "report"])
+def test_second_ctrl_c_says_how_to_continue(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """While the step of the first one ends, or while tables are written after it."""
+
+    def press(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    def press_at_layer(bar: object, row: LayerRow) -> None:
+        for _ in range(row.layer // 2 if place == "report" else row.layer):
+            press()
+
+    monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", press_at_layer)
+    monkeypatch.setattr("inkloop.report.run_report.write", press)
+    folder = tmp_path / "run"
+    words = ["run", CUBOID, "--out", str(folder), "--set", "run.layers_max=3"]
+    assert main(words) == 130
+    layers = 1 if place == "print" else 2
+    assert f"interrupted: layers 0 to {layers} are in {folder}; continue with `inkloop resume {folder}`" in (
+        capsys.readouterr().err
+    )
+    monkeypatch.undo()
+    assert main(["resume", str(folder), "--no-pictures"]) == 0
+
+
+@pytest.mark.usefixtures("without_pictures")
 def test_run_in_real_time_records_its_deadlines_and_overrides(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for the end of a communication step, so that nothing recorded is half written."""
+"""Ctrl-C that waits for the end of a communication step, so that nothing recorded is half written; and advice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["deferred"]
+__all__ = ["advised", "deferred"]
 
 
 class _Ask:
@@ -43,3 +43,13 @@ def deferred() -> Iterator[Callable[[], bool]]:
     finally:
         if not ask.asked.is_set():
             signal.signal(signal.SIGINT, ask.before)
+
+
+@contextmanager
+def advised(advice: Callable[[], str]) -> Iterator[None]:
+    """A block that Ctrl-C ends at once with advice, which the command shows."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note(advice())
+        raise

@@ -6,6 +6,7 @@ import gc
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from rich.progress import Progress, TaskID
 from inkloop.components import devices
 from inkloop.errors import ResultError
 from inkloop.files import RUNS, reason_of
-from inkloop.master.interrupt import deferred
+from inkloop.master.interrupt import advised, deferred
 from inkloop.master.pacing import sentence
+from inkloop.printing.advice import advice_on
 from inkloop.printing.on_devices import log_devices
 from inkloop.printing.print import Print, check_first_layer
 from inkloop.report import PNG
@@ -53,7 +55,8 @@ def run(
     """
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
     notices = [f"{folder}: {scenario.footprint}", *(f"warning: {warning}" for warning in scenario.warnings)]
-    return _print_all(scenario, folder, console, compare, pictures, notices)
+    with advised(partial(advice_on, folder)):
+        return _print_all(scenario, folder, console, compare, pictures, notices)
 
 
 def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
@@ -99,7 +102,8 @@ def resume(
     if layer_is is not None:
         with sole_writer(folder):
             devices.settle_layer(next(place for place in places if place not in finished), layer_is)
-    return _print_all(scenario, folder, console, record["compare"], pictures)
+    with advised(partial(advice_on, folder)):
+        return _print_all(scenario, folder, console, record["compare"], pictures)
 
 
 def origin_of(scenario: Scenario, *, compare: bool) -> dict[str, Any]:

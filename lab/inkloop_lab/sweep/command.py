@@ -10,7 +10,7 @@ from typing import Any
 
 from inkloop.errors import InkloopError, ResultError
 from inkloop.files import RUNS
-from inkloop.master.interrupt import deferred
+from inkloop.master.interrupt import advised, deferred
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
@@ -40,7 +40,7 @@ def sweep(options: argparse.Namespace, console: Terminal) -> int:
         console.result(points=study.count, prints=plan.total, keys=summary.keys_of(study))
         return 0
     folder = _folder(options)
-    with sole_writer(folder), deferred() as interrupted:
+    with sole_writer(folder), deferred() as interrupted, advised(lambda: _kept(folder, options)):
         own = StudyFolder(folder, study, bundle)
         if own.records:
             console.sentence(f"{folder}: {len(own.records)} prints are recorded already")
@@ -122,9 +122,11 @@ def _resumable(folder: Path, options: argparse.Namespace) -> Iterator[None]:
     try:
         yield
     except InkloopError as error:
-        raise ResultError(
-            f"{error}\nprints that have ended are kept; continue with `{_again(folder, options)}`"
-        ) from error
+        raise ResultError(f"{error}\n{_kept(folder, options)}") from error
+
+
+def _kept(folder: Path, options: argparse.Namespace) -> str:
+    return f"prints that have ended are kept; continue with `{_again(folder, options)}`"
 
 
 def _site(

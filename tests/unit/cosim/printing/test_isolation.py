@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from inkloop.errors import ComponentError
+from inkloop.printing import advice as advice_module
 from inkloop.printing import isolation
 from inkloop.printing.isolation import run_isolated
 from inkloop.results.result import Result
@@ -70,8 +71,19 @@ def test_layers_that_a_crash_left_are_counted_from_the_start_surface(
 ) -> None:
     Result.begin(tmp_path, "", {})
     kept = SimpleNamespace(last=lambda place: SimpleNamespace(layer=7, refusal=refusal))
-    monkeypatch.setattr(isolation, "checkpoint", kept)
+    monkeypatch.setattr(advice_module, "checkpoint", kept)
     with pytest.raises(ComponentError) as raised:
         ended(-11, tmp_path, monkeypatch)
     told = str(raised.value).splitlines()[0]
     assert told.endswith(f"; layers 0 to 7 are in {tmp_path}; {advice.format(tmp_path)}")
+
+
+def test_second_ctrl_c_takes_the_advice_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pressed(*_: object, **__: object) -> int:
+        raise KeyboardInterrupt
+
+    Result.begin(tmp_path, "", {})
+    monkeypatch.setattr(isolation, "subprocess", SimpleNamespace(call=pressed))
+    with pytest.raises(KeyboardInterrupt) as raised:
+        run_isolated(["run", "it.toml"], tmp_path)
+    assert raised.value.__notes__ == [f"no layer was finished; continue with `inkloop resume {tmp_path}`"]

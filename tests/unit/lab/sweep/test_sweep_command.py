@@ -153,6 +153,28 @@ def test_interrupted_study_says_how_to_continue(
     assert main([*words, "--no-pictures"]) == 0
 
 
+@pytest.mark.parametrize("again", [1, 2])
+def test_second_ctrl_c_says_how_to_continue(
+    again: int, engines: Engines, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a print ends, or while tables are written."""
+    study(tmp_path, ALPHA)
+
+    def press(times: int) -> None:
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+
+    def interrupting(task: Task) -> Record:
+        press(again)
+        return alpha_of(task)
+
+    monkeypatch.setattr(command, "on_processes", lambda *_: nullcontext(Shuffled(interrupting, slots=1).site))
+    monkeypatch.setattr("inkloop_lab.sweep.dataset.write", lambda *_: press(1))
+    assert begun("--out", "out") == 130
+    again_by = "`inkloop sweep study.toml --out out --resume`"
+    assert f"interrupted: prints that have ended are kept; continue with {again_by}" in capsys.readouterr().err
+
+
 def test_error_that_ends_a_study_says_how_to_continue(
     engines: Engines, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
