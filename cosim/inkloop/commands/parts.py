@@ -68,6 +68,10 @@ def _new(options: argparse.Namespace) -> int:
         size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
         terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
+        if part.hangs:
+            effect = "adds ink B below" if part.solid.region is None else "leaves out what hangs"
+            how_much = f"`inkloop geometry {shlex.quote(str(path))}` says how much"
+            terminal.sentence(f"it overhangs: [support] in {path} {effect}; {how_much}")
         if part.to_try:
             terminal.sentence(part.to_try)
     terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")

@@ -96,17 +96,19 @@ def _add_validate(commands: Any) -> argparse.ArgumentParser:
 
 def _validate(options: argparse.Namespace) -> int:
     """Print warnings and a summary of a valid scenario; returns the exit code."""
+    from inkloop.scenario.support import Supported
+
     with scenario_of(options) as scenario:
         scenario.footprint.check_disk(RUNS)
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         components = list(scenario.tables.components)
-        terminal, warnings = screen(options), list(scenario.warnings)
+        terminal, warnings, support = screen(options), list(scenario.warnings), Supported.of(scenario)
         for warning in warnings:
             terminal.sentence(f"{options.scenario}: warning: {warning}")
         terminal.sentence(
             f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
-            f"components {', '.join(components)}; {scenario.footprint}"
+            f"components {', '.join(components)}; {f'support: {support}; ' if support else ''}{scenario.footprint}"
         )
         footprint = scenario.footprint
         terminal.result(
@@ -115,6 +117,7 @@ def _validate(options: argparse.Namespace) -> int:
             warnings=warnings,
             cells=[grid.nx, grid.ny],
             printed_cells=printed,
+            support=support.data() if support else None,
             components=components,
             layers=footprint.layers,
             memory_bytes=footprint.memory,

@@ -17,6 +17,8 @@ from inkloop.limits import duration_text, plain_text, size_text
 from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright, solids
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.part_grid import MANY_LAYERS
+from inkloop.scenario.support import Supported
+from inkloop.tables.job import ink_heights
 from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
 
 HOLES_SHOWN = 10
@@ -146,17 +148,9 @@ class PartReport:
     def volumes(self) -> dict[str, float]:
         """Volume of each ink in the target [m3]."""
         job = self.scenario.job()
-        area = job.pitch**2
-        whole = float(job.target_height[job.mask].sum()) * area
-        if job.region is None:
-            return {"A": whole}
-        x, y = np.meshgrid(np.arange(job.nx) * job.pitch, np.arange(job.ny) * job.pitch, indexing="ij")
-        top = job.target_height
-        of_a = sum(
-            float(np.maximum(np.minimum(high, top) - np.maximum(low, 0.0), 0.0)[job.mask].sum())
-            for low, high in job.region.intervals(x, y)
-        )
-        return {"A": of_a * area, "B": whole - of_a * area}
+        return {
+            name: float(heights.sum()) * job.pitch**2 for name, heights in zip("AB", ink_heights(job), strict=False)
+        }
 
     @property
     def droplets(self) -> dict[str, int]:
@@ -202,6 +196,8 @@ class PartReport:
             volume_nl = plain_text(volumes[name] * NL_PER_M3, 5)
             yield f"ink {name}          {volume_nl} nl, about {droplets[name]:,} droplets"
         to_try = "; to try it: a smaller scale, or run.layers_max = 20"
+        if support := Supported.of(self.scenario):
+            yield f"support        {support}"
         yield f"layers         about {footprint.layers}" + (to_try if footprint.layers > MANY_LAYERS else "")
         if self.scan_time:
             yield f"time           about {duration_text(self.scan_time)} of layers and scans"
@@ -226,6 +222,7 @@ class PartReport:
             "warnings": list(self.scenario.solid.remarks),
             "ink_nl": {name: volume * NL_PER_M3 for name, volume in self.volumes.items()},
             "droplets": self.droplets,
+            "support": support.data() if (support := Supported.of(self.scenario)) else None,
             "layers": footprint.layers,
             "layers_and_scans_s": self.scan_time,
             "processor_s": footprint.seconds,

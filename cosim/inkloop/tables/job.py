@@ -62,6 +62,17 @@ def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
     )
 
 
+def ink_heights(job: Job) -> list[FloatMap]:
+    """Height of each ink of the target on every cell, (nx, ny) [m]."""
+    whole = np.where(job.mask, job.target_height, 0.0)
+    if job.region is None:
+        return [whole]
+    of_a = np.zeros_like(whole)
+    for low, high in job.region.intervals(*cell_centers(job.nx, job.ny, job.pitch)):
+        of_a += np.maximum(np.minimum(high, whole) - np.maximum(low, 0.0), 0.0)
+    return [of_a, whole - of_a]
+
+
 def is_supported(tables: ScenarioFile) -> bool:
     """Whether ink B is printed to hold the part."""
     return tables.support is not None and tables.support.kind != "none"

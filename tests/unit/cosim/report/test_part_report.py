@@ -192,13 +192,59 @@ def test_new_scenario_for_a_file_is_valid_and_holds_the_part(
     assert main(["new", "mine", "--part", "absent.stl"]) == 1
 
 
+BRIDGE = """shape = "combine"
+op = "difference"
+parts = [
+    { shape = "cuboid", size_x_um = 600.0, size_y_um = 400.0, height_um = 38.0 },
+    { shape = "cuboid", size_x_um = 200.0, size_y_um = 400.0, height_um = 19.0 },
+]
+[support]
+kind = "%s"
+margin_cells = 1"""
+"""6 x 4 cells, 38 µm high, with a way of 2 x 4 cells and 19 µm below."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "cells", "um"),
+    [
+        ("below-overhangs", "1.52 nl of ink B below overhangs, on 8 cells", 8, 8 * 19),
+        ("around", "38 nl of ink B around the part, on 104 cells", 12 * 10 - 6 * 4 + 8, 96 * 38 + 8 * 19),
+        ("none", "none, 1.52 nl that hang on 8 cells are not printed", 8, 8 * 19),
+    ],
+)
+def test_support_is_told_with_its_cells_and_its_volume(
+    kind: str, words: str, cells: int, um: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = with_part(BRIDGE % kind, tmp_path)
+    report = PartReport.of(scenario, None)
+    assert f"support        {words}" in report.lines()
+    volume_nl = pytest.approx(um * 100**2 * 1e-6, rel=1e-6, abs=0.0)
+    assert report.data()["support"] == {"kind": kind, "cells": cells, "nl": volume_nl}
+    (tmp_path / "bridge.toml").write_text(scenario.text)
+    assert main(["validate", str(tmp_path / "bridge.toml")]) == 0
+    assert f"; support: {words}; " in capsys.readouterr().out
+
+
+def test_part_that_needs_no_support_has_no_line_of_one(tmp_path: Path) -> None:
+    block = 'shape = "cuboid"\nsize_x_um = 300.0\nsize_y_um = 300.0\nheight_um = 38.0\n[support]\nkind = "{}"'
+    for kind in ("below-overhangs", "none"):
+        report = PartReport.of(with_part(block.format(kind), tmp_path), None)
+        assert report.data()["support"] is None
+        assert not [line for line in report.lines() if line.startswith("support")]
+
+
 @pytest.mark.parametrize("height", [4.0, 8.0])
-def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(height: float, tmp_path: Path) -> None:
+def test_new_scenario_for_a_tall_part_with_an_overhang_has_room_and_support(
+    height: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     leg = parts.box((0.0, 1.0), (0.0, 1.0), 0.0, height - 1.0)
     table = np.concatenate([leg, parts.box((-1.0, 2.0), (-1.0, 2.0), height - 1.0, height)])
     (tmp_path / "table.stl").write_bytes(parts.stl(table))
     assert main(["new", str(tmp_path / "mine"), "--part", str(tmp_path / "table.stl"), "--pitch-um", "250"]) == 0
-    tables = Scenario.load(tmp_path / "mine.toml").tables
+    mine = tmp_path / "mine.toml"
+    said = f"it overhangs: [support] in {mine} adds ink B below; `inkloop geometry {mine}` says how much"
+    assert said in capsys.readouterr().out
+    tables = Scenario.load(mine).tables
     assert tables.support is not None
     assert tables.support.kind == "below-overhangs"
     assert tables.run.layers_max == 2 * int(np.ceil(1000 * height / 7.6))
