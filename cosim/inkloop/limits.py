@@ -76,6 +76,11 @@ def plain_text(number: float, digits: int = 3) -> str:
     return f"{number:.{digits}g}" if number < 10.0 ** (digits - 1) else f"{number:,.0f}"
 
 
+def rounded_text(number: float, digits: int) -> str:
+    """So many digits, and no exponent of ten for a large number."""
+    return plain_text(float(f"{number:.{digits}g}"), digits)
+
+
 def memory_error(needed: float) -> str | None:
     """The reason why `needed` more bytes cannot be allocated: "needs ... of memory, ... are available"."""
     available = available_memory()

@@ -65,9 +65,8 @@ def _new(options: argparse.Namespace) -> int:
     else:
         file = part_file_of(options, options.part)
         path, part = templates.write_for_part(options.name, file, options.pitch_um, terminal.sentence)
-        size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
-        terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
+        terminal.sentence(f"{options.part}: {part.size} on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
         if part.hangs:
             effect = "adds ink B below" if part.solid.region is None else "leaves out what hangs"
             how_much = f"`inkloop geometry {shlex.quote(str(path))}` says how much"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from inkloop.geometry.library import MeshReportStruct, intervals_by
 
 FINE = 512
 """Columns along the longer side of bodies that overlap or are cut, where their box and their volume are asked for."""
+SAMPLED_DIGITS = 3
+"""Digits of a length and a volume that these columns tell: single ones are 0.2 % off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +107,28 @@ class Fine:
         return self.low + np.multiply(low, scale), self.low + np.multiply(np.add(high, [1, 1, 0]), scale)
 
 
-def measured(bodies: Sequence[Body], shared: bool = False) -> tuple[FloatMap, FloatMap, float]:
-    """Lowest and highest x, y, z [m] and volume [m3] of what cuts leave of closed bodies; shared: whether they overlap.
+class Measured(NamedTuple):
+    """Box and volume of bodies: lowest and highest x, y, z [m], volume [m3].
+
+    box_is_sampled, volume_is_sampled: whether they come from FINE columns, which tell SAMPLED_DIGITS of them.
+    """
+
+    low: FloatMap
+    high: FloatMap
+    volume: float
+    box_is_sampled: bool = False
+    volume_is_sampled: bool = False
+
+
+def measured(bodies: Sequence[Body], shared: bool = False) -> Measured:
+    """Box and volume of what cuts leave of closed bodies; shared: whether they overlap.
 
     The share of all volume that is neither cut away nor counted twice is that of FINE columns.
     """
     whole = sum(body.volume for body in bodies)
     if not shared and not any(len(body.cut) for body in bodies):
-        return *bounds(bodies), whole
+        return Measured(*bounds(bodies), whole)
     fine = Fine.of(bodies)
     counted = fine.whole.columns.volume + fine.whole.overlap
-    return *fine.box, whole * fine.left.volume / counted if counted else 0.0
+    volume, box = whole * fine.left.volume / counted if counted else 0.0, fine.box
+    return Measured(*box, volume, not np.array_equal(box, (fine.low, fine.high)), True)

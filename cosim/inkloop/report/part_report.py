@@ -12,8 +12,8 @@ import numpy as np
 
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body
-from inkloop.geometry.mesh_columns import measured
-from inkloop.limits import duration_text, plain_text, size_text
+from inkloop.geometry.mesh_columns import SAMPLED_DIGITS, measured
+from inkloop.limits import duration_text, plain_text, rounded_text, size_text
 from inkloop.report.part_flaws import Hole, Narrow, holes, narrow_across, narrow_upright, solids
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.part_grid import MANY_LAYERS
@@ -28,6 +28,8 @@ CELLS_MIN = 2
 """Cells of the narrowest wall or gap that is printed as such: one alone is a row of droplets."""
 WIDTH = 80
 """Characters of a line."""
+DIGITS = 5
+"""Digits of sizes and volumes."""
 SCAN_S = 6.0
 """`scan_duration` of the sensor where the scenario gives none."""
 
@@ -36,7 +38,7 @@ SCAN_S = 6.0
 class MeshReport:
     """A mesh in its file: separate solids, triangles, size [m], holes, names of objects or materials.
 
-    assumed_unit: of the coordinates, where nothing states it.
+    assumed_unit: of the coordinates, where nothing states it; digits: those of the size that are known.
     """
 
     bodies: int
@@ -45,21 +47,23 @@ class MeshReport:
     holes: list[Hole]
     names: tuple[str, ...]
     assumed_unit: str = ""
+    digits: int = DIGITS
 
     @classmethod
     def of(cls, bodies: Sequence[Body], assumed_unit: str = "") -> MeshReport:
         """The report of placed bodies."""
-        low, high, _ = measured(bodies)
-        x, y, z = (float(side) for side in high - low)
+        found = measured(bodies)
+        x, y, z = (float(side) for side in found.high - found.low)
+        digits = SAMPLED_DIGITS if found.box_is_sampled else DIGITS
         names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
         count = sum(len(body.triangles) for body in bodies)
-        return cls(sum(map(solids, bodies)), count, (x, y, z), holes(bodies), names, assumed_unit)
+        return cls(sum(map(solids, bodies)), count, (x, y, z), holes(bodies), names, assumed_unit, digits)
 
     def lines(self) -> Iterator[str]:
         """For a person."""
         yield f"mesh           {_counted(self.bodies, 'body', 'bodies')}, {self.triangles:,} triangles"
         assumed = f", if the unit of the file is {self.assumed_unit}: --unit" if self.assumed_unit else ""
-        yield f"size           {_lengths(self.size)} mm{assumed}"
+        yield f"size           {_lengths(self.size, digits=self.digits)} mm{assumed}"
         if len(self.names) > 1:
             yield from wrap(", ".join(self.names), WIDTH, initial_indent="objects        ", subsequent_indent=" " * 15)
         if not self.holes:
@@ -173,11 +177,16 @@ class PartReport:
         job = self.scenario.job()
         width, height = self.cells_min * grid.pitch_um, self.scenario.tables.ink.a.ink.layer_height * UM_PER_M
         yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm, {int(job.mask.sum()):,} printed"
-        yield f"volume         {plain_text(self.part.volume * MM3_PER_M3, 5)} mm3 on these cells"
-        if volume := self.scenario.solid.volume:
-            share = self.part.volume / volume - 1.0
-            more = f"{abs(share):.1%} {'more' if share > 0.0 else 'less'}" if abs(share) >= 5e-4 else "the same"
-            yield f"               {plain_text(volume * MM3_PER_M3, 5)} mm3 in the file, the cells hold {more}"
+        yield f"volume         {plain_text(self.part.volume * MM3_PER_M3, DIGITS)} mm3 on these cells"
+        volume, is_sampled = self.scenario.solid.volume, self.scenario.solid.volume_is_sampled
+        if volume:
+            share, volume_mm3 = self.part.volume / volume - 1.0, volume * MM3_PER_M3
+            known, about, places = plain_text(volume_mm3, DIGITS), "", 1
+            if is_sampled:
+                known, about, places = rounded_text(volume_mm3, SAMPLED_DIGITS), "about ", 0
+            found = f"{abs(share):.{places}%} {'more' if share > 0.0 else 'less'}"
+            more = found if abs(share) >= 0.5 * 0.1 ** (places + 2) else "the same"
+            yield f"               {about}{known} mm3 in the file, the cells hold {about}{more}"
         texts = {
             "walls": f"walls below {width:g} µm ({self.cells_min} cells)",
             "gaps": f"gaps below {width:g} µm ({self.cells_min} cells)",
@@ -193,7 +202,7 @@ class PartReport:
             yield from wrap(remark, WIDTH, initial_indent="warning        ", subsequent_indent=" " * 15)
         droplets, volumes = self.droplets, self.volumes
         for name in volumes:
-            volume_nl = plain_text(volumes[name] * NL_PER_M3, 5)
+            volume_nl = plain_text(volumes[name] * NL_PER_M3, DIGITS)
             yield f"ink {name}          {volume_nl} nl, about {droplets[name]:,} droplets"
         to_try = "; to try it: a smaller scale, or run.layers_max = 20"
         if support := Supported.of(self.scenario):
@@ -231,8 +240,8 @@ class PartReport:
         }
 
 
-def _lengths(values: Sequence[float], between: str = " x ") -> str:
-    return between.join(f"{value * MM_PER_M:.5g}" for value in values)
+def _lengths(values: Sequence[float], between: str = " x ", digits: int = DIGITS) -> str:
+    return between.join(f"{value * MM_PER_M:.{digits}g}" for value in values)
 
 
 def _counted(count: int, one: str, more: str) -> str:

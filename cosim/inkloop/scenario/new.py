@@ -62,12 +62,11 @@ def write_for_plant(name: Path, fmu: Path) -> tuple[Path, Plant]:
 def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     """The scenario at `path` for a part on its grid."""
     grid, layers = part.grid, part.layers
-    size = " x ".join(f"{side:.6g}" for side in part.size_um)
     named = Path(os.path.relpath(file.path.absolute(), path.absolute().parent)).as_posix()
     table = tomlkit.document()
     keys = {"shape": file.shape, "file": named} | part.table.model_dump(exclude={"file"}, exclude_unset=True)
     table["part"] = keys
-    lines = [tomlkit.dumps(table).rstrip(), f"# {size} µm, about {layers} layers of the default ink"]
+    lines = [tomlkit.dumps(table).rstrip(), f"# {part.size}, about {layers} layers of the default ink"]
     if file.assumes_unit:
         lines.append(f"# the file does not state its unit, {ASSUMED_UNIT} is assumed")
     unset = _template(f"file/{file.shape}.toml").splitlines()

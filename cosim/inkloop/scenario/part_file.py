@@ -126,7 +126,7 @@ def scaled(table: MeshTable, bodies: Sequence[Body], height_um: float | None) ->
     """The table with the scale that gives the turned bodies a height, if one is asked for. Raises PartError."""
     if height_um is None:
         return table
-    low, high, _ = measured(table.placed(bodies, NOWHERE))
+    low, high, *_ = measured(table.placed(bodies, NOWHERE))
     if not high[2] > low[2]:
         raise PartError(["file: is flat, and no scale gives it a height; turn it (--rotate)"])
     return table.model_copy(update={"scale": float(f"{height_um * M_PER_UM / (high[2] - low[2]):.9g}")})

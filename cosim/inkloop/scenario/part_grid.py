@@ -12,8 +12,8 @@ from typing import Any
 from inkloop.component import Ink
 from inkloop.errors import ScenarioError
 from inkloop.geometry import overhangs
-from inkloop.geometry.mesh_columns import measured
-from inkloop.limits import duration_text, memory_error, size_text
+from inkloop.geometry.mesh_columns import SAMPLED_DIGITS, measured
+from inkloop.limits import duration_text, memory_error, rounded_text, size_text
 from inkloop.scenario.footprint import BYTES_OF_A_CELL, ROUNDING
 from inkloop.scenario.part_file import ASSUMED_UNIT, NOWHERE, FileTable, PartFile, scaled, valid
 from inkloop.scenario.validation import EMPTY_CELLS
@@ -39,7 +39,10 @@ SECONDS_OF_A_CELL = 1e-6
 
 @dataclass(frozen=True)
 class FittedPart:
-    """A part on a grid that was made for it. names: of objects and materials; hangs: whether it has overhangs."""
+    """A part on a grid that was made for it. names: of objects and materials; hangs: whether it has overhangs.
+
+    size_is_sampled: whether only SAMPLED_DIGITS of its width and depth are known.
+    """
 
     table: FileTable
     grid: Grid
@@ -47,6 +50,13 @@ class FittedPart:
     size_um: tuple[float, float, float]
     names: tuple[str, ...]
     hangs: bool
+    size_is_sampled: bool = False
+
+    @property
+    def size(self) -> str:
+        """Its sides for a person."""
+        sides = (rounded_text(side, SAMPLED_DIGITS) if self.size_is_sampled else f"{side:.6g}" for side in self.size_um)
+        return f"{' x '.join(sides)} µm"
 
     @property
     def layers(self) -> int:
@@ -79,7 +89,7 @@ def fit(file: PartFile, pitch_um: float | None, say: Callable[[str], None] = lam
         contents: Any = table.read(Path())
         if isinstance(table, MeshTable):
             table = scaled(table, contents, file.height_um)
-        box, names = _extent(table, contents)
+        box, names, is_sampled = _extent(table, contents)
         width, depth = (box.x_max - box.x_min) * UM_PER_M, (box.y_max - box.y_min) * UM_PER_M
         is_chosen = pitch_um is not None or isinstance(contents, Manifest)
         pitch_um = pitch_um or _pitch_um(contents, max(width, depth))
@@ -95,7 +105,7 @@ def fit(file: PartFile, pitch_um: float | None, say: Callable[[str], None] = lam
     except PartError as error:
         raise ScenarioError(str(file.path), error.errors) from error
     hangs = overhangs(solid.columns(grid.nx, grid.ny, grid.pitch)) is not None
-    return FittedPart(table, grid, solid, (width, depth, solid.shape.height * UM_PER_M), names, hangs)
+    return FittedPart(table, grid, solid, (width, depth, solid.shape.height * UM_PER_M), names, hangs, is_sampled)
 
 
 def _phases(width: float) -> list[tuple[int, float]]:
@@ -175,13 +185,16 @@ def _pitch_um(contents: Any, side: float) -> float:
     return next((pitch for pitch in PITCHES_UM if side >= CELLS_MIN * pitch), PITCHES_UM[-1])
 
 
-def _extent(table: FileTable, contents: Any) -> tuple[Bounds, tuple[str, ...]]:
-    """The box of a part as the table puts it around (0, 0), and the names in its file. Raises PartError."""
+def _extent(table: FileTable, contents: Any) -> tuple[Bounds, tuple[str, ...], bool]:
+    """The box of a part as the table puts it around (0, 0), and the names in its file. Raises PartError.
+
+    The last value: whether the box is sampled.
+    """
     if isinstance(table, MeshTable):
-        (x_min, y_min, _), (x_max, y_max, _), _ = measured(table.placed(contents, NOWHERE))
+        (x_min, y_min, _), (x_max, y_max, _), _, is_sampled, _ = measured(table.placed(contents, NOWHERE))
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
-        return box, tuple(dict.fromkeys(body.name or body.material for body in contents))
+        return box, tuple(dict.fromkeys(body.name or body.material for body in contents)), is_sampled
     box = table.solid(NOWHERE, Path(), contents).bounds
     if box.x_min == box.x_max:
         raise PartError(["file: has nothing above 0, and so nothing to print; check the file"])
-    return box, ()
+    return box, (), False

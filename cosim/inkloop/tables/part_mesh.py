@@ -73,14 +73,15 @@ class MeshTable(PlacedTable):
             raise PartError([f"file: {error}"]) from error
         whole, region = _joined({ink: each.columns for ink, each in found.items()})
         shared = sum(each.overlap + each.columns.volume for each in found.values()) - whole.volume
-        (x_min, y_min, _), (x_max, y_max, _), volume = measured(bodies, abs(shared) > ROUNDED * whole.volume)
-        box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
+        own = measured(bodies, abs(shared) > ROUNDED * whole.volume)
+        box = Bounds(*(float(end[axis]) for axis in (0, 1) for end in (own.low, own.high)))
         is_whole = is_closed(np.concatenate([body.triangles for body in bodies]))
         has_volume = is_whole and not any(each.open_cells.size for each in found.values())
         remarks = list(dict.fromkeys(remark for body in bodies for remark in body.remarks))
         remarks += [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
         remarks += [] if is_whole else [_OPEN]
-        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), volume if has_volume else None)
+        volume = own.volume if has_volume else None
+        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)), volume, own.volume_is_sampled)
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
         """Bodies of the file where the table puts them. Raises PartError."""

@@ -37,7 +37,7 @@ class Solid:
     """A part on the grid of a scenario.
 
     region: region of ink A, None: everywhere; remarks: notes for the user, one sentence each; volume: of the part in
-    its file, not of its cells [m3], None: unknown.
+    its file, not of its cells [m3], None: unknown; volume_is_sampled: whether only SAMPLED_DIGITS of it are known.
     """
 
     shape: Shape
@@ -45,6 +45,7 @@ class Solid:
     region: Columns | None = None
     remarks: tuple[str, ...] = ()
     volume: float | None = None
+    volume_is_sampled: bool = False
 
     def columns(self, nx: int, ny: int, pitch: float) -> Columns:
         """The shape over the cells of the grid; columns are taken as they are."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from inkloop.report.part_flaws import Hole, Narrow, _pieces, holes, narrow_acros
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.report.solid_picture import SOLID_UPRIGHT, view
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.part_file import PartFile
+from inkloop.scenario.part_grid import fit
 from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
@@ -85,9 +88,27 @@ def test_separate_solids_and_the_volume_that_they_fill_are_those_of_the_file(
     share = found["volume_mm3"] / found["file_volume_mm3"] - 1.0
     assert main(arguments[:-1]) == 0
     words = f"{abs(share):.1%} {'more' if share > 0 else 'less'}" if abs(share) > 5e-4 else "the same"
-    text = capsys.readouterr().out
-    assert f"mm3 in the file, the cells hold {words}\n" in text
+    text, in_file = capsys.readouterr().out, f"{volume:g} mm3 in the file, the cells hold {words}\n"
+    if volume == 78.0:  # of columns
+        in_file = f"about {found['file_volume_mm3']:.3g} mm3 in the file, the cells hold about {abs(share):.0%} less\n"
+        assert share < -5e-3
+    assert f"               {in_file}" in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def test_size_that_a_cut_changes_has_the_digits_of_columns(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    cut = parts.box((3.0, 9.0), (-1.0, 9.0), -1.0, 9.0)
+    low_cut = parts.box((1.0, 2.0), (1.0, 2.0), -1.0, 2.0)
+    sizes = {"": "4.0001 x 4 x 4", "low": "4.0001 x 4 x 4", "side": "3 x 4 x 4"}
+    block = parts.box((0.0, 4.0001), (0.0, 4.0), 0.0, 4.0)
+    for body, (name, size) in zip(
+        (Body(block), Body(block, cut=low_cut), Body(block, cut=cut)), sizes.items(), strict=True
+    ):
+        body = replace(body, triangles=body.triangles * 1e-3, cut=body.cut * 1e-3)
+        assert f"size           {size} mm" in MeshReport.of([body]).lines(), name
+    monkeypatch.setattr("inkloop.tables.part_mesh.read_bodies", lambda *_: (body,))
+    fitted = fit(PartFile(tmp_path / "part.stl"), 100.0)
+    assert fitted.size == "3,000 x 4,000 x 4,000 µm"
 
 
 @pytest.mark.system
