@@ -1,4 +1,4 @@
-"""Run every scenario, draw one picture of each, keep the figures of its runs, and write docs/gallery."""
+"""Run every scenario, draw one picture of each, keep the figures of its runs, and write them into pages."""
 
 from __future__ import annotations
 
@@ -104,19 +104,26 @@ def figures(run: Result) -> dict[str, float]:
 
 
 def texts() -> Texts:
-    """The entries of the page, from the scenarios and the record."""
+    """The entries of the page, from the scenarios and the record, and the errors of the part of the tutorial."""
     record = read_json(RECORD)
     entries = (entry(path, record[path.stem]) for path in sorted(SCENARIOS.glob("*.toml")))
-    return {HERE / "README.md": {"scenarios": block(["", *entries])}}
+    return {
+        HERE / "README.md": {"scenarios": block(["", *entries])},
+        DOCS / "tutorial/print-your-own-part.md": {"bracket": errors(record["bracket"])},
+    }
 
 
 def entry(path: Path, record: Mapping[str, Any]) -> str:
     """Title, the comment on top of the file as text, figures that its picture does not show, and the picture."""
-    runs = [f"{label} {shown(each)}" for label, each in record["runs"].items()]
-    figures = "" if PICTURES.get(path.stem, COMPARISON) == COMPARISON else f"Error: {'; '.join(runs)}.\n\n"
+    figures = "" if PICTURES.get(path.stem, COMPARISON) == COMPARISON else f"Error: {errors(record)}.\n\n"
     link = f"[{path.name}](../../scenarios/{path.name})"
     title = Scenario.load(path).tables.title
     return f"## {title}\n\n{link}: {comment(path)}\n\n{figures}![{path.stem}]({path.stem}.png)\n"
+
+
+def errors(record: Mapping[str, Any]) -> str:
+    """The errors of each run of a scenario, as a list within a sentence."""
+    return "; ".join(f"{label} {shown(each)}" for label, each in record["runs"].items())
 
 
 def shown(run: Mapping[str, float]) -> str:
