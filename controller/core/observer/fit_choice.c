@@ -61,7 +61,7 @@ static void learn_droplets(const InkFit *fit, Knowledge *known) {
 }
 
 static void learn_datum(const ScanDatum *datum, const InkFit *fit, Knowledge *known) {
-    if (datum->noise_variance < 0.0)
+    if (datum->noise.variance < 0.0)
         return;
     memcpy(known->datum, datum->term, sizeof known->datum);
     for (size_t k = 0; k < DATUM_TERMS; k++) {

@@ -44,17 +44,40 @@ static void keep_scan(ScanEvidence *evidence) {
     evidence->valid = evidence->after->last_valid;
 }
 
+/* Updates a variance by the one that a scan shows, each by its degrees of freedom. */
+static double learnt(double before, double freedom, double shown, const ReadingNoise *of) {
+    return (freedom * before + of->freedom * shown) / (freedom + of->freedom);
+}
+
+/* Learns the noise of a reading from ground. */
+static ReadingNoise learnt_noise(const ScanEvidence *evidence, const ReadingNoise *shown) {
+    const EstimatorOptions *options = evidence->options;
+    const Knowledge *known = evidence->known;
+    /* ground that is not flat: the second scan is compared with the first, each has half of the variance */
+    const double share = known->scans > 1 || options->flat_ground ? 1.0 : 0.5, kept = NOISE_KEPT * known->noise.freedom;
+    ReadingNoise noise = known->noise;
+    if (shown->variance >= 0.0) {
+        for (size_t axis = 0; axis < 2; axis++)
+            noise.neighbours[axis] = learnt(noise.neighbours[axis], kept, share * shown->neighbours[axis], shown);
+        if (options->noise_variance < 0.0)
+            noise.variance = learnt(noise.variance, kept, share * shown->variance, shown);
+        noise.freedom = kept + shown->freedom;
+    }
+    noise.variance = fmax(noise.variance, fmax(options->steps_variance, NOISELESS));
+    noise.variance = fmax(noise.variance, rounding_variance(evidence->nx, evidence->ny, evidence->measured,
+                                                            evidence->valid, layer_of(options)));
+    return noise;
+}
+
 /* The datum and the noise of the sensor from the first scan on ground that is flat. */
 static void take_flat_ground(const ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
     SurfaceEstimate *estimate = evidence->after;
     Knowledge *known = estimate->known;
     const ScanDatum datum =
-        scan_datum(evidence, evidence->measured, evidence->valid, NULL, NULL, known->noise_variance);
+        scan_datum(evidence, evidence->measured, evidence->valid, NULL, NULL, known->noise.variance);
     const double corner = fabs(datum.term[0]) + fabs(datum.term[1]) + fabs(datum.term[2]);
-    if (options->noise_variance < 0.0)
-        known->noise_variance = fmax(fmax(datum.noise_variance, options->steps_variance), NOISELESS);
-    memcpy(known->neighbours, datum.neighbours, sizeof known->neighbours);
+    known->noise = learnt_noise(evidence, &datum.noise);
     memcpy(known->datum, datum.term, sizeof known->datum);
     known->trust.ground[0] = datum.term[0];
     known->trust.ground[1] = 2.0 * datum.term[1];
@@ -88,7 +111,7 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
     if (!is_scan(&evidence))
         return false;
     *estimate->known = first_knowledge(options);
-    const double noise = estimate->known->noise_variance;
+    const double noise = estimate->known->noise.variance;
     for (size_t cell = 0; cell < cells; cell++) {
         estimate->height[cell] = valid[cell] ? measured[cell] : 0.0;
         estimate->variance[cell] = valid[cell] ? noise : options->first_variance;
@@ -101,22 +124,6 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
     memcpy(estimate->ledger, estimate->height, cells * sizeof(double));
     look_at_part(&evidence);
     return true;
-}
-
-/* Updates a variance of readings by the one that a scan of ground shows. Ground that is not flat: the second scan is
- * compared with the first, so each has half of the variance. */
-static double learnt(const EstimatorOptions *options, const Knowledge *known, double before, double shown) {
-    if (known->scans > 1)
-        return NOISE_KEPT * before + (1.0 - NOISE_KEPT) * shown;
-    return options->flat_ground ? shown : 0.5 * shown;
-}
-
-/* Learns the noise of a reading from ground. */
-static double reading_noise(const EstimatorOptions *options, const Knowledge *known, const ScanDatum *datum) {
-    const double least = fmax(options->steps_variance, NOISELESS);
-    if (options->noise_variance >= 0.0 || datum->noise_variance < 0.0)
-        return fmax(known->noise_variance, least);
-    return fmax(learnt(options, known, known->noise_variance, datum->noise_variance), least);
 }
 
 /* Adds to the ledger all droplets of nominal volume but those of dead nozzles; half of an unknown layer. */
@@ -144,41 +151,37 @@ static void take_as_read(const ScanEvidence *evidence) {
 }
 
 /* Datum and noise of a scan, and the scan without its datum. */
-static void take_ground(ScanEvidence *evidence, Knowledge *known) {
-    const EstimatorOptions *options = evidence->options;
+static ReadingNoise take_ground(ScanEvidence *evidence) {
     const SurfaceEstimate *before = evidence->before;
-    const size_t nx = evidence->nx, ny = evidence->ny;
+    const Knowledge *known = evidence->known;
     mark_ground(evidence);
-    const ScanDatum datum = scan_datum(evidence, evidence->measured, evidence->valid, before->height, evidence->ground,
-                                       known->noise_variance);
-    evidence->datum = datum;
-    if (datum.noise_variance < 0.0) /* no ground: the datum stays that of the last scan */
+    evidence->datum = scan_datum(evidence, evidence->measured, evidence->valid, before->height, evidence->ground,
+                                 known->noise.variance);
+    if (evidence->datum.noise.variance < 0.0) /* no ground: the datum stays that of the last scan */
         memcpy(evidence->datum.term, known->datum, sizeof known->datum);
     over_rows(evidence, take_datum_off, evidence);
-    const double noise = fmax(reading_noise(options, known, &datum),
-                              rounding_variance(nx, ny, evidence->measured, evidence->valid, layer_of(options)));
-    for (size_t cell = 0; known->scans == 1 && options->noise_variance < 0.0 && cell < nx * ny; cell++)
-        if (before->unseen[cell] == 0 && !(evidence->variance[cell] > noise) && before->variance[cell] != KNOWN_GROUND)
-            evidence->variance[cell] += noise; /* variance of the first scan */
-    for (size_t axis = 0; axis < 2 && datum.noise_variance >= 0.0; axis++)
-        known->neighbours[axis] = learnt(options, known, known->neighbours[axis], datum.neighbours[axis]);
-    evidence->noise_variance = noise;
+    const ReadingNoise noise = learnt_noise(evidence, &evidence->datum.noise);
+    for (size_t cell = 0; known->scans == 1 && evidence->options->noise_variance < 0.0 && cell < evidence->cells; cell++)
+        if (before->unseen[cell] == 0 && !(evidence->variance[cell] > noise.variance) &&
+            before->variance[cell] != KNOWN_GROUND)
+            evidence->variance[cell] += noise.variance; /* variance of the first scan */
+    return noise;
 }
 
 static bool look_at_scan(ScanEvidence *evidence) {
     const EstimatorOptions *options = evidence->options;
     Knowledge *known = evidence->after->known;
     LoopTrust *trust = &known->trust;
-    take_ground(evidence, known);
-    const double noise = evidence->noise_variance;
-    evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise : known->noise_variance;
-    evidence->noise_variance = take_lines_off(evidence, known->neighbours);
+    const ReadingNoise noise = take_ground(evidence);
+    evidence->usual_noise = known->scans == 1 && !options->flat_ground ? noise.variance : known->noise.variance;
+    evidence->noise_variance = take_lines_off(evidence, &noise);
     if (!is_scan(evidence) || (!evidence->is_unknown && !trust->is_looked_at && doubt_scan(evidence, trust))) {
         live_on_prediction(evidence);
         return true;
     }
     trust->is_looked_at = 0;
-    known->noise_variance = evidence->is_unknown ? known->noise_variance : noise;
+    if (!evidence->is_unknown)
+        known->noise = noise;
     return take_scan(evidence);
 }
 

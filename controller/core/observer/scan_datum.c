@@ -12,7 +12,6 @@
 #include "median.h"
 #include "small_algebra.h"
 
-static const double MAD = 1.4826;   /* standard deviation / median absolute value of a normal variable */
 static const double SURELY = 1e-30; /* variance of absent terms [m^2] */
 /* least step of quantised readings in layers; tolerance as a share of a step (assumed) */
 static const double LEAST_STEP = 0.02, SAME_STEP = 0.01;
@@ -94,6 +93,20 @@ static void normal_equations(const Ground *cells, double scale, bool is_first, d
         matrix[i * DATUM_TERMS + i] += 1.0 / spread[i];
 }
 
+/* Variance of a normal variable by its squares, a few larger ones left out; reorders them. */
+static double variance_of(double *squares, size_t count) {
+    return variance_within(squares, count, fmax(median(squares, count) / MEDIAN_SQUARE, NOISELESS));
+}
+
+/* Degrees of freedom that the datum leaves to the readings, by the part of each term that its prior does not give. */
+static double freedom_left(size_t count, const double *precision, const double spread[DATUM_TERMS]) {
+    double covariance[DATUM_TERMS * DATUM_TERMS], left = (double)count - DATUM_TERMS;
+    if (invert_definite(DATUM_TERMS, precision, covariance))
+        for (size_t i = 0; i < DATUM_TERMS; i++)
+            left += covariance[i * DATUM_TERMS + i] / spread[i];
+    return left;
+}
+
 /* Variance of a reading by the differences of neighbours along an axis [m^2]; with too few pairs that of all
  * readings. */
 static double neighbours_variance(const GroundScan *of, size_t axis, const double term[DATUM_TERMS], double all,
@@ -107,12 +120,12 @@ static double neighbours_variance(const GroundScan *of, size_t axis, const doubl
         const double rest = rest_of(of, term, other) - cells->rest[k];
         cells->sorted[count++] = 0.5 * rest * rest;
     }
-    return count < LEAST_CELLS ? all : median(cells->sorted, count) / MEDIAN_SQUARE;
+    return count < LEAST_CELLS ? all : variance_of(cells->sorted, count);
 }
 
 ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uint8_t *valid, const double *height,
                      const uint8_t *ground, double noise) {
-    ScanDatum datum = {.noise_variance = -1.0};
+    ScanDatum datum = {.noise.variance = -1.0};
     for (size_t i = 0; i < DATUM_TERMS; i++)
         datum.precision[i * DATUM_TERMS + i] = 1.0 / SURELY;
     Ground cells;
@@ -127,16 +140,17 @@ ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uin
         memcpy(datum.term, term, sizeof term);
         for (size_t cell = 0; cell < cells.count; cell++) {
             cells.rest[cell] = rest_of(&of, term, cells.cell[cell]);
-            cells.sorted[cell] = fabs(cells.rest[cell]);
+            cells.sorted[cell] = cells.rest[cell] * cells.rest[cell];
         }
-        const double deviation = MAD * median(cells.sorted, cells.count);
-        scale = datum.noise_variance = fmax(deviation * deviation, NOISELESS);
+        scale = fmax(variance_of(cells.sorted, cells.count), NOISELESS);
         variance = fmax(0.5 * (variance + scale), NOISELESS);
     }
     if (cells.count < LEAST_CELLS)
         return datum;
+    datum.noise.freedom = freedom_left(cells.count, matrix, evidence->known->datum_spread);
+    datum.noise.variance = fmax(scale * (double)cells.count / datum.noise.freedom, NOISELESS);
     for (size_t axis = 0; axis < 2; axis++)
-        datum.neighbours[axis] = neighbours_variance(&of, axis, datum.term, datum.noise_variance, &cells);
+        datum.noise.neighbours[axis] = neighbours_variance(&of, axis, datum.term, datum.noise.variance, &cells);
     memcpy(datum.precision, matrix, sizeof matrix);
     return datum;
 }
@@ -175,13 +189,13 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
  *
  * Along x or along y neighbours on bare ground then differ more than along the other axis (neighbours_variance). The
  * offset of each line is found from its cells that no droplet reaches, as a random effect, and taken off the scan. */
-double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]) {
+double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *of) {
     const EstimatorOptions *options = evidence->options;
     const size_t nx = options->nx, ny = options->ny;
-    const double excess = neighbours[0] - neighbours[1], spread = fabs(excess);
-    const double noise = fmax(fmin(neighbours[0], neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    const double excess = of->neighbours[0] - of->neighbours[1], spread = fabs(excess);
+    const double noise = fmax(fmin(of->neighbours[0], of->neighbours[1]), fmax(options->steps_variance, NOISELESS));
     if (!(spread > LINES_TELL * noise))
-        return evidence->noise_variance;
+        return of->variance;
     const bool is_along_y = excess > 0.0; /* lines have the same i */
     const size_t lines = is_along_y ? nx : ny;
     const Registration *registration = &evidence->known->registration;

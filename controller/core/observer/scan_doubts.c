@@ -70,7 +70,7 @@ static double cost_of(const ScanEvidence *evidence, const double *scan, const ui
     const double layer = layer_of(evidence->options), noise = fmax(evidence->usual_noise, SMOOTH * layer * layer);
     Explanation of = {evidence, scan, expected,
                       valid,    most, scan_datum(evidence, scan, valid, expected, evidence->ground, noise)};
-    if (of.datum.noise_variance < 0.0) /* hardly any ground: cells without steep slopes */
+    if (of.datum.noise.variance < 0.0) /* hardly any ground: cells without steep slopes */
         of.datum = scan_datum(evidence, scan, valid, expected, evidence->walls, noise);
     const CellSums sums = over_rows(evidence, add_residuals, &of);
     return sums.count[0] < LEAST_CELLS ? -1.0 : sums.sum[0] / (double)sums.count[0];

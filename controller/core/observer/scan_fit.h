@@ -127,8 +127,8 @@ ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uin
 void mark_ground(const ScanEvidence *evidence);
 
 /* Subtracts the offsets of lines from the scan if neighbours differ more along one axis; returns the remaining variance
- * of a reading [m^2]. neighbours: variances of a reading by those along x and along y [m^2]. */
-double take_lines_off(const ScanEvidence *evidence, const double neighbours[2]);
+ * of a reading [m^2]. */
+double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *noise);
 
 /* Whether another explanation fits the scan far better; adds the evidence to `trust`. */
 bool doubt_scan(const ScanEvidence *evidence, LoopTrust *trust);

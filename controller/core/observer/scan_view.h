@@ -15,10 +15,7 @@ static const double NOISELESS = 1e-20; /* [m^2], the least variance of a reading
 typedef struct {
     double term[DATUM_TERMS];                    /* coefficients of 1, u, w, u^2, u w, w^2 [m] */
     double precision[DATUM_TERMS * DATUM_TERMS]; /* inverse of their covariance */
-    /* robust variance of the readings about it [m^2]; below 0: too few cells */
-    double noise_variance;
-    /* robust variance of a reading, by the differences of neighbours along x and along y [m^2] */
-    double neighbours[2];
+    ReadingNoise noise;
 } ScanDatum;
 
 /* Variance of the rounding of readings that are all multiples of one step [m^2]; 0: there is no such step. layer:

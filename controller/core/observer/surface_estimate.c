@@ -124,7 +124,7 @@ Knowledge first_knowledge(const EstimatorOptions *options) {
     const double deviation = options->ink.model == INK_FULL ? FULL_STD : SHARE_STD, layer = layer_of(options);
     Knowledge known = {.registration = no_registration(options->nx, options->ny),
                        .trust = {.early = 1.0, .surprise = 1.0, .spill = 1.0},
-                       .noise_variance = fmax(options->noise_variance, options->steps_variance),
+                       .noise.variance = fmax(options->noise_variance, options->steps_variance),
                        .droplet_variance = 1.0,
                        .droplet_evidence = FIRST_EVIDENCE,
                        .scans = 1};
@@ -179,7 +179,7 @@ EstimateFigures estimate_figures(const EstimatorOptions *options, const SurfaceE
     const LoopTrust *trust = &known->trust;
     EstimateFigures figures = {.volume = learnt_volume(options, known),
                                .droplet_std = droplet_deviation(known),
-                               .noise_std = sqrt(known->noise_variance),
+                               .noise_std = sqrt(known->noise.variance),
                                .ground = {trust->ground[0], trust->ground[1], trust->ground[2]},
                                .surprise = sqrt(trust->surprise),
                                .blind_share = trust->blind_share,

@@ -127,6 +127,13 @@ typedef struct {
     double stop_figure;         /* ratio by which the scan fits better than as read; or a volume [1] */
 } LoopTrust;
 
+/* Variances of a reading on ground, outliers left out [m^2]. */
+typedef struct {
+    double variance;      /* about the datum; below 0: too few cells */
+    double neighbours[2]; /* by the differences of neighbours along x and along y */
+    double freedom;       /* degrees of freedom */
+} ReadingNoise;
+
 /* All knowledge besides the maps; numbers without padding. */
 typedef struct {
     Registration registration;
@@ -135,8 +142,7 @@ typedef struct {
     double share_covariance[SHARES_MAX * SHARES_MAX];
     double datum[DATUM_TERMS];        /* datum of the last scan [m] */
     double datum_spread[DATUM_TERMS]; /* variance of each term over the scans, learnt [m^2] */
-    double noise_variance;            /* variance of a reading [m^2] */
-    double neighbours[2];             /* variance by neighbours along x and along y alone (scan_datum.c) [m^2] */
+    ReadingNoise noise;
     double droplet_variance;          /* variance of a droplet's volume in DROPLET_STD^2, learnt */
     double droplet_evidence;          /* degrees of freedom of that variance */
     double vanishing, lasting;        /* shares of readings with a surprise that vanished, and that lasted */
