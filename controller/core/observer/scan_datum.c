@@ -129,7 +129,7 @@ ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uin
     for (size_t i = 0; i < DATUM_TERMS; i++)
         datum.precision[i * DATUM_TERMS + i] = 1.0 / SURELY;
     Ground cells;
-    double matrix[DATUM_TERMS * DATUM_TERMS], scale = 0.0, variance = fmax(noise, NOISELESS);
+    double matrix[DATUM_TERMS * DATUM_TERMS], found = 0.0, scale = 0.0, variance = fmax(noise, NOISELESS);
     const GroundScan of = {evidence->nx, evidence->ny, scan, height, valid, ground};
     collect(evidence, &of, &cells);
     for (int round = 0; cells.count >= LEAST_CELLS && round < ROUNDS; round++) {
@@ -142,13 +142,14 @@ ScanDatum scan_datum(const ScanEvidence *evidence, const double *scan, const uin
             cells.rest[cell] = rest_of(&of, term, cells.cell[cell]);
             cells.sorted[cell] = cells.rest[cell] * cells.rest[cell];
         }
-        scale = fmax(variance_of(cells.sorted, cells.count), NOISELESS);
+        found = variance_of(cells.sorted, cells.count);
+        scale = fmax(found, NOISELESS);
         variance = fmax(0.5 * (variance + scale), NOISELESS);
     }
     if (cells.count < LEAST_CELLS)
         return datum;
     datum.noise.freedom = freedom_left(cells.count, matrix, evidence->known->datum_spread);
-    datum.noise.variance = fmax(scale * (double)cells.count / datum.noise.freedom, NOISELESS);
+    datum.noise.variance = fmax(found * (double)cells.count / datum.noise.freedom, NOISELESS);
     for (size_t axis = 0; axis < 2; axis++)
         datum.noise.neighbours[axis] = neighbours_variance(&of, axis, datum.term, datum.noise.variance, &cells);
     memcpy(datum.precision, matrix, sizeof matrix);

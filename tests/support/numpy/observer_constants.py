@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 DROPLET_STD, DEAD, NOISELESS = 0.1, 15.0, 1e-20  # of a volume [1]; evidence; variance [m^2]
-NU, MEDIAN_SQUARE, QUARTILE_SQUARE, MAD = 4.0, 0.4549, 1.3233, 1.4826  # t distribution; of normal variables
+NU, MEDIAN_SQUARE, QUARTILE_SQUARE = 4.0, 0.4549, 1.3233  # t distribution; of normal variables
 SHARE_STD, SHARE_STEP, SHARE_RANGE = {"scale": 0.15, "full": 0.3}, {"scale": 0.004, "full": 0.014}, (0.3, 2.0)
 DATUM_STD, DATUM_KEPT, LEAST_SPREAD, SURELY = np.array([1.3, 0.8, 0.8, 0.4, 0.4, 0.4]), 0.8, 1e-17, 1e-30
 NOISE_KEPT, KNOWN_GROUND, GROUND_TOLERANCE, LEAST_SEEN, LINES_TELL = 0.7, 1e-18, 3.0, 0.02, 0.5

@@ -43,19 +43,15 @@ class Observer:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
 
-    def learnt(self, s: State, known: Any, shown: Any) -> Any:
-        """A variance of readings with what a scan shows; half of the second is the first one's, on ground not flat."""
-        if s.scans > 1:
-            return c.NOISE_KEPT * known + (1.0 - c.NOISE_KEPT) * shown
-        return shown if self.setup.flat else shown / 2.0
-
-    def reading_noise(self, s: State, shown: float | None) -> float:
-        """Step 2: variance of a reading."""
-        o = self.setup
-        least = max(o.steps, c.NOISELESS)
-        if o.noise is not None or shown is None:
-            return max(s.noise, least)
-        return max(self.learnt(s, s.noise, shown), least)
+    def reading_noise(self, s: State, shown: Any, freedom: float, readings: Any) -> tuple[Any, float]:
+        """Step 2: (variances of a reading, their degrees of freedom), learnt from those that a scan shows."""
+        o, noise, all_freedom = self.setup, s.noise, s.freedom
+        if shown is not None:
+            kept, share = c.NOISE_KEPT * s.freedom, 1.0 if s.scans > 1 or o.flat else 0.5
+            all_freedom = kept + freedom
+            noise = (kept * s.noise + freedom * share * shown) / all_freedom
+        about = s.noise[0] if o.noise is not None else noise[0]
+        return np.append(max(about, o.steps, c.NOISELESS, rounding_variance(readings, o.layer)), noise[1:]), all_freedom
 
     def take_scan(self, s: State, before: State, look: Look, layer: int) -> None:
         """Steps 4 and 5: the fits, which one is believed, and the maps."""
@@ -211,12 +207,12 @@ class Observer:
         zero, spread = np.zeros(o.shape), (c.DATUM_STD * o.layer) ** 2
         s = State(
             scan, np.where(valid, noise, first_variance), zero, scan, valid, np.where(valid, 0, 1), np.ones(shares),
-            variance, spread, noise, np.zeros(2), *o.no_geometry(), surprise=zero,
+            variance, spread, np.array([noise, 0.0, 0.0]), 0.0, *o.no_geometry(), surprise=zero,
             surprised=zero.astype(int), dead=zero,
         )  # fmt: skip
         if o.flat:
-            term, _, _, shown, s.neighbours = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
-            s.noise = max(shown or 0.0, o.steps, c.NOISELESS) if o.noise is None else noise
+            term, _, _, shown, freedom = fit_datum(o, scan, 0.0 * scan, valid, spread, max(noise, c.NOISELESS))
+            s.noise, s.freedom = self.reading_noise(s, shown, freedom, scan[valid])
             s.datum, s.ground = term, term[:3] * [1.0, 2.0, 2.0]
             s.ground_wrong = np.abs(term[:3]).sum() > c.GROUND_TOLERANCE * o.layer
             s.height, s.variance = zero, np.full(o.shape, c.KNOWN_GROUND)
@@ -242,27 +238,26 @@ class Observer:
             variance += (predicted - before.height) ** 2 / 12.0
             predicted, ledger = (before.height + predicted) / 2.0, (before.ledger + ledger) / 2.0
             adds, squares, own = 0.0 * adds, 0.0 * squares, 0.0 * own
-        datum = fit_datum(o, scan, before.height, o.free & valid, s.datum_spread, max(s.noise, c.NOISELESS))
-        noise = max(self.reading_noise(s, datum[3]), rounding_variance(scan[valid], o.layer))
+        datum = fit_datum(o, scan, before.height, o.free & valid, s.datum_spread, max(s.noise[0], c.NOISELESS))
+        noise, freedom = self.reading_noise(s, datum[3], datum[4], scan[valid])
         if s.scans == 1 and o.noise is None:  # what the first scan was worth
-            variance += noise * ((before.unseen == 0) & (variance <= noise) & (before.variance != c.KNOWN_GROUND))
+            variance += noise[0] * ((before.unseen == 0) & (variance <= noise[0]) & (before.variance != c.KNOWN_GROUND))
         taken_off = s.datum if datum[3] is None else datum[0]
         flat = np.where(valid, scan - np.tensordot(taken_off, o.terms, 1), 0.0)
-        if datum[3] is not None:
-            s.neighbours = self.learnt(s, s.neighbours, datum[4])
         flat, within = levelled(o, s, flat, valid, predicted, variance, noise)
         look = Look(
             before, pattern, flat, valid, predicted, variance, adds, squares, own, full_own, within, datum, is_unknown
         )
         is_scan = valid.sum() >= max(c.LEAST_SEEN * valid.size, 1)
         if not is_scan or (
-            not is_unknown and not s.is_looked_at and is_doubted(o, s, before, look, scan, noise, layer)
+            not is_unknown and not s.is_looked_at and is_doubted(o, s, before, look, scan, noise[0], layer)
         ):
             s.height, s.unseen = predicted, before.unseen + 1
             s.variance = np.maximum(variance + look.of_droplet * squares, c.LEAST_VARIANCE)
             s.surprise, s.surprised = np.zeros(o.shape), np.zeros(o.shape, int)
         else:
-            s.is_looked_at, s.noise = False, s.noise if is_unknown else noise
+            s.is_looked_at = False
+            s.noise, s.freedom = (s.noise, s.freedom) if is_unknown else (noise, freedom)
             self.take_scan(s, before, look, layer)
         s.scans, s.ledger = before.scans + 1, ledger
         self.look_at_part(s)
@@ -291,7 +286,7 @@ class Observer:
         lack, rise = droplets - s.height, s.height - np.maximum(o.job.target_height, droplets)
         lack, rise = (np.where(o.part, np.maximum(each, 0.0), 0.0) for each in (lack, rise))
         shown = {
-            "volume": o.volume(s.share), "droplet_std": std, "noise_std": np.sqrt(s.noise), "ground": s.ground,
+            "volume": o.volume(s.share), "droplet_std": std, "noise_std": np.sqrt(s.noise[0]), "ground": s.ground,
             "surprise": np.sqrt(s.mean_misfit[0]), "stop": reason, "stop_layer": layer, "stop_figure": figure,
             "transform": transform, "dead_cells": np.sum(s.dead >= c.DEAD), "capped_cells": np.sum(s.full),
             "unseen_cells": unseen, "scans": s.scans, "reasons": reason + np.sum(marks * 2 ** np.arange(6)),

@@ -25,8 +25,8 @@ class State:
     share: Any
     share_covariance: Any
     datum_spread: Any
-    noise: float
-    neighbours: Any  # of a reading, by neighbours along x and along y [m^2]
+    noise: Any  # variances of a reading, about the datum, and by neighbours along x and along y [m^2]
+    freedom: float  # of these
     g: Any
     covariance: Any
     surprise: Any = 0.0
@@ -128,8 +128,13 @@ def misfit(squares: Any) -> float:
 
 def scatter(squares: Any) -> float:
     """Mean of the squares within three standard deviations by their median, likewise."""
-    few = len(squares) < c.LEAST_CELLS
-    return 1.0 if few else float(np.mean(squares[squares <= 9.0 * misfit(squares)])) / c.MEAN_WITHIN
+    return variance_within(squares) if len(squares) >= c.LEAST_CELLS else 1.0
+
+
+def variance_within(squares: Any) -> float:
+    """Variance of a normal variable by its squares within three standard deviations by their median."""
+    rough = max(float(np.median(squares)) / c.MEDIAN_SQUARE, c.NOISELESS)
+    return float(np.mean(squares[squares <= 9.0 * rough])) / c.MEAN_WITHIN
 
 
 def upper_misfit(squares: Any) -> float:

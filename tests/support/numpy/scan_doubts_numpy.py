@@ -36,7 +36,7 @@ def is_doubted(o: Setup, s: State, before: State, look: Look, scan: Any, first: 
     jetted, valid = look.pattern > 0, look.valid
     if not jetted.any():
         return False
-    noise = first if s.scans == 1 and not o.flat else s.noise
+    noise = first if s.scans == 1 and not o.flat else s.noise[0]
     share = jetted.sum() / max(o.part.sum(), 1)
     growth = np.mean((look.predicted - before.height)[jetted] ** 2)
     native = noise + look.of_droplet * np.mean(look.own[jetted] ** 2) * max(share, c.LEAST_SHARE)

@@ -22,6 +22,7 @@ from support.numpy.observer_setup import (
     scatter,
     solved,
     upper_misfit,
+    variance_within,
 )
 
 
@@ -140,40 +141,43 @@ def border_variance(o: Setup, height: Any, reading: Any, at: Any, spread: float)
 
 def fit_datum(
     o: Setup, scan: Any, known: Any, cells: Any, spread: Any, noise: float
-) -> tuple[Any, Any, Any, float | None, Any]:
-    """(terms, covariance, precision, variance of readings about it, the same by neighbours along x and along y).
+) -> tuple[Any, Any, Any, Any, float]:
+    """(terms, covariance, precision, variances of readings, degrees of freedom): a robust fit on cells that show it.
 
-    A robust fit on cells that show it.
+    Variances: about the datum, and by neighbours along x and along y; None where too few cells show it.
     """
     A, rise, variance = o.terms[:, cells].T, (scan - known)[cells], max(noise, c.NOISELESS)
     if len(A) < c.LEAST_GROUND:
-        return np.zeros(6), np.zeros((6, 6)), np.eye(6) / c.SURELY, None, np.zeros(2)
+        return np.zeros(6), np.zeros((6, 6)), np.eye(6) / c.SURELY, None, 0.0
     weight = np.ones(len(A))
     for _ in range(6):
         N = (A.T * weight / variance) @ A + np.diag(1.0 / spread)
         term = solved(N, A.T @ (weight * rise) / variance)
         rest = rise - A @ term
-        scale = max((c.MAD * float(np.median(np.abs(rest)))) ** 2, c.NOISELESS)
+        found = variance_within(rest**2)
+        scale = max(found, c.NOISELESS)
         variance = max((variance + scale) / 2.0, c.NOISELESS)
         weight = (c.NU + 1.0) / (c.NU + rest**2 / scale)
-    left, neighbours = scan - known - np.tensordot(term, o.terms, 1), np.full(2, scale)
+    freedom = float(len(A) - np.sum(1.0 - np.diag(inverse(N)) / spread))
+    noise = np.full(3, max(found * len(A) / freedom, c.NOISELESS))
+    left = scan - known - np.tensordot(term, o.terms, 1)
     for axis in (0, 1):
         step = np.diff(left, axis=axis)[
             np.moveaxis(np.moveaxis(cells, axis, 0)[1:] & np.moveaxis(cells, axis, 0)[:-1], 0, axis)
         ]
         if len(step) >= c.LEAST_GROUND:
-            neighbours[axis] = np.median(step**2 / 2.0) / c.MEDIAN_SQUARE
-    return term, inverse(N), N, scale, neighbours
+            noise[1 + axis] = variance_within(step**2 / 2.0)
+    return term, inverse(N), N, noise, freedom
 
 
 def levelled(
-    o: Setup, s: State, scan: Any, valid: Any, predicted: Any, variance: Any, noise: float
+    o: Setup, s: State, scan: Any, valid: Any, predicted: Any, variance: Any, noise: Any
 ) -> tuple[Any, float]:
     """(scan without the offsets of its lines, noise left to a reading), by the cells that no droplet reaches."""
-    within, excess = max(s.neighbours.min(), o.steps, c.NOISELESS), s.neighbours[0] - s.neighbours[1]
+    within, excess = max(noise[1:].min(), o.steps, c.NOISELESS), noise[1] - noise[2]
     spread, lines = abs(excess), 1 if excess > 0.0 else 0
     if spread <= c.LINES_TELL * within:
-        return scan, noise
+        return scan, noise[0]
     g, shift = s.g, np.diag(s.covariance)[:2].max()
     expected = predicted
     if s.is_displaced:
