@@ -4,8 +4,9 @@ drop sizes of the head, dead nozzles), and the decision problems of the layers t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -114,8 +115,13 @@ class DropletChoices:
         dead_nozzles: Annotated[Sequence[int], declared("dead_nozzles")] = (),
         nozzle_pitch: Annotated[int, declared("nozzle_pitch")] = default("nozzle_pitch"),
     ) -> None:
-        nozzles = nozzle_pitch or job.ny
         errors = errors_of(region_test=region_test, nozzle_pitch=nozzle_pitch)
+        if not isinstance(drop_levels, Integral):
+            errors += errors_of(drop_levels=drop_levels)
+        if not isinstance(dead_nozzles, Iterable) or not all(isinstance(each, Integral) for each in dead_nozzles):
+            errors.append(f"dead_nozzles is {dead_nozzles!r}; needs numbers of nozzles")
+        refuse(errors)
+        nozzles = nozzle_pitch or job.ny
         if job.mask.shape != (job.nx, job.ny):
             errors.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
         if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:

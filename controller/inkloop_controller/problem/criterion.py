@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
+from numbers import Real
 from time import perf_counter
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from inkloop.limits import usable_cores
 from inkloop_controller.problem.options import declared, default, errors_of, options, refuse
@@ -44,7 +45,7 @@ class Criterion:
     layer_worth: Annotated[float | None, declared("layer_worth")] = default("layer_worth")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.alpha, int | float):
+        if not isinstance(self.alpha, Real):
             object.__setattr__(self, "alpha", _sorted(self.alpha))
         errors = [error for _, weight in self._schedule() for error in errors_of(alpha=weight)]
         refuse(errors + errors_of(**{name: value for name, value in vars(self).items() if name != "alpha"}))
@@ -55,15 +56,23 @@ class Criterion:
         return next((weight for start, weight in reversed(schedule) if start <= layer), schedule[0][1])
 
     def _schedule(self) -> Sequence[tuple[int, float]]:
-        return [(1, float(self.alpha))] if isinstance(self.alpha, int | float) else self.alpha
+        return self.alpha if isinstance(self.alpha, Sequence) else [(1, float(self.alpha))]
 
 
-def _sorted(alpha: Sequence[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
-    pairs = tuple((int(layer), float(weight)) for layer, weight in alpha)
+def _sorted(alpha: Any) -> tuple[tuple[int, float], ...]:
+    pairs = _pairs(alpha)
     starts = [layer for layer, _ in pairs]
     if not pairs or min(starts) < 1 or starts != sorted(set(starts)):
         raise ValueError(f"alpha is {alpha!r}; needs a number, or (layer, weight) pairs with rising layers from 1 on")
     return pairs
+
+
+def _pairs(alpha: Any) -> tuple[tuple[int, float], ...]:
+    """No pairs if they are no numbers."""
+    try:
+        return tuple((int(layer), float(weight)) for layer, weight in alpha)
+    except (TypeError, ValueError):
+        return ()
 
 
 PLAIN = Criterion()
@@ -88,7 +97,8 @@ class Work:
     time_limit: Annotated[float, declared("time_limit")] = default("time_limit")
 
     def __post_init__(self) -> None:
-        given = {name: value for name, value in vars(self).items() if name != "sweeps"} | {"threads": self.cores}
+        given = {name: value for name, value in vars(self).items() if name != "sweeps"}
+        given["threads"] = self.cores if self.threads == "auto" else self.threads
         refuse(options()["sweeps_max"].errors(self.sweeps, "sweeps") + errors_of(**given))
 
     @property

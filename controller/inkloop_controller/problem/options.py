@@ -14,8 +14,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from math import inf, isinf
+from numbers import Integral, Real
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 from pydantic import Field
 
 from inkloop.component import Job, Port
@@ -24,7 +26,8 @@ from inkloop.files import installed_file
 from inkloop.units import UNITS
 
 _DTYPES = {"real": "float64", "integer": "int32", "boolean": "bool", "enumeration": "int64", "count": "uint64"}
-
+_KINDS: Mapping[str, Any] = {"real": Real, "integer": Integral, "count": Integral, "boolean": bool | np.bool_}
+"""Types of a value in Python."""
 
 T = TypeVar("T")
 _WRITTEN = {"m": "um", "s": "s", "1": ""}
@@ -90,10 +93,12 @@ class Variable:
 
     def errors(self, value: Any, name: str = "") -> list[str]:
         """The error of a value of Python in SI, which may be called by another name."""
-        if value is None or (self.unlimited and value == inf):
+        if (value is None and self.absent) or (self.unlimited and value == inf):
             return []
         if self.items:
-            is_allowed, shown = value in self.items, repr(value)
+            is_allowed, shown = isinstance(value, str) and value in self.items, repr(value)
+        elif not isinstance(value, _KINDS[self.type]):
+            is_allowed, shown = False, repr(value)
         else:
             is_allowed, shown = (self.least <= value <= self.max) and value != inf, f"{value}"
             is_allowed = is_allowed and not (self.is_above_least and value == self.least)
@@ -110,9 +115,12 @@ class Variable:
         if self.items:
             *words, last = (f'"{word}"' for word in self.items)
             return f"{', '.join(words)} or {last}"
+        if self.type == "boolean":
+            return "True or False"
         if self.max == inf:
-            return f"at least {self.least:g}"
-        return f"a value of {self.least:g} to {self.max:g}"
+            return f"{'' if self.type == 'real' else 'a whole number of '}at least {self.least:g}"
+        whole = "value" if self.type == "real" else "whole number"
+        return f"a {whole} of {self.least:g} to {self.max:g}"
 
 
 @cache

@@ -159,20 +159,18 @@ def fit_datum(
         variance = max((variance + scale) / 2.0, c.NOISELESS)
         weight = (c.NU + 1.0) / (c.NU + rest**2 / scale)
     freedom = float(len(A) - np.sum(1.0 - np.diag(inverse(N)) / spread))
-    noise = np.full(3, max(found * len(A) / freedom, c.NOISELESS))
+    noises = np.full(3, max(found * len(A) / freedom, c.NOISELESS))
     left = scan - known - np.tensordot(term, o.terms, 1)
     for axis in (0, 1):
         step = np.diff(left, axis=axis)[
             np.moveaxis(np.moveaxis(cells, axis, 0)[1:] & np.moveaxis(cells, axis, 0)[:-1], 0, axis)
         ]
         if len(step) >= c.LEAST_GROUND:
-            noise[1 + axis] = variance_within(step**2 / 2.0)
-    return term, inverse(N), N, noise, freedom
+            noises[1 + axis] = variance_within(step**2 / 2.0)
+    return term, inverse(N), N, noises, freedom
 
 
-def levelled(
-    o: Setup, s: State, scan: Any, valid: Any, predicted: Any, variance: Any, noise: Any
-) -> tuple[Any, float]:
+def levelled(o: Setup, s: State, scan: Any, valid: Any, predicted: Any, variance: Any, noise: Any) -> tuple[Any, float]:
     """(scan without the offsets of its lines, noise left to a reading), by the cells that no droplet reaches."""
     within, excess = max(noise[1:].min(), o.steps, c.NOISELESS), noise[1] - noise[2]
     spread, lines = abs(excess), 1 if excess > 0.0 else 0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import inf, nan
 from typing import Annotated, Any
@@ -91,6 +92,9 @@ def test_value_outside_the_limits_is_refused_by_the_key_and_no_other_one(keyword
     assert keyword.argument in errors[0]
 
 
+ONE_TO_FIVE = "a whole number of 1 to 5"
+
+
 @pytest.mark.parametrize(
     ("variable", "value", "error"),
     [
@@ -101,7 +105,16 @@ def test_value_outside_the_limits_is_refused_by_the_key_and_no_other_one(keyword
         (Variable("x", "", start=0.0, min=0.0, max=9.0, absent="none"), None, ""),
         (Variable("x", "", start=-1.0, min=-1.0, max=9.0, absent="none"), 0.0, ""),
         (Variable("x", "", start=-1.0, min=-1.0, max=9.0, absent="none"), -0.5, "x is -0.5; needs a value of 0 to 9"),
-        (Variable("x", "", type="integer", start=0, min=0, max=5, absent="none"), 0, "x is 0; needs a value of 1 to 5"),
+        (Variable("x", "", type="integer", start=0, min=0, max=5, absent="none"), 0, f"x is 0; needs {ONE_TO_FIVE}"),
+        (Variable("x", "", type="integer", start=1, min=1, max=5), 2.5, f"x is 2.5; needs {ONE_TO_FIVE}"),
+        (Variable("x", "", type="count", start=1, min=1, max=5), np.int64(5), ""),
+        (Variable("x", "", type="integer", start=1, min=1), "3", "x is '3'; needs a whole number of at least 1"),
+        (Variable("x", "", start=1, min=0, max=9), "3", "x is '3'; needs a value of 0 to 9"),
+        (Variable("x", "", start=1, min=0, max=9), np.float32(3.0), ""),
+        (Variable("x", "", start=1, min=0, max=9), [3.0], "x is [3.0]; needs a value of 0 to 9"),
+        (Variable("x", "", type="boolean"), "fixed", "x is 'fixed'; needs True or False"),
+        (Variable("x", "", type="boolean"), np.True_, ""),
+        (Variable("x", "", items={"a": 1, "b": 2}), ["a"], 'x is [\'a\']; needs "a" or "b"'),
         (Variable("x", "", start=1.0, min=0.0, max=1.0, absent="none", unlimited=True), inf, ""),
         (Variable("x", "", needs="a few", start=1, min=1), 0, "x is 0; needs a few"),
         (Variable("x", "", items={"a": 1, "b": 2, "c": 3}), "d", 'x is \'d\'; needs "a", "b" or "c"'),
@@ -111,12 +124,44 @@ def test_error_says_what_was_found_and_what_is_needed(variable: Variable, value:
     assert variable.errors(value) == ([error] if error else [])
 
 
+@pytest.mark.parametrize(
+    ("make", "given", "error"),
+    [
+        (Criterion, {"alpha": "x"}, "alpha is 'x'; needs a number, or (layer, weight) pairs"),
+        (Criterion, {"alpha": [1, 2]}, "alpha is [1, 2]; needs a number, or (layer, weight) pairs"),
+        (Criterion, {"alpha": None}, "alpha is None; needs a number, or (layer, weight) pairs"),
+        (Work, {"threads": "many"}, "threads is 'many'; needs a number of at least 1, or \"auto\""),
+        (Work, {"sweeps": "3"}, "sweeps is '3'; needs a whole number of at least 1"),
+        (HeightEstimator, {"drop_levels": "2"}, "drop_levels is '2'; needs a whole number of 1 to 16"),
+        (HeightEstimator, {"register_scans": "fixed"}, "register_scans is 'fixed'; needs True or False"),
+        (DropletChoices, {"drop_levels": 1.5}, "drop_levels is 1.5; needs a whole number of 1 to 16"),
+        (DropletChoices, {"dead_nozzles": 5}, "dead_nozzles is 5; needs numbers of nozzles"),
+        (DropletChoices, {"dead_nozzles": ["a"]}, "dead_nozzles is ['a']; needs numbers of nozzles"),
+        (DropletChoices, {"nozzle_pitch": "x"}, "nozzle_pitch is 'x'; needs a number of nozzles"),
+        (LayerMpc, {"finish": None}, "finish is None; needs one of even, fast"),
+        (LayerMpc, {"horizon": [3]}, "horizon is [3]; needs 1 to 5 layers ahead"),
+    ],
+)
+def test_argument_of_a_wrong_type_is_refused_by_its_name(
+    make: Callable[..., object], given: dict[str, Any], error: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(error)}"):
+        make(*[] if make in (Criterion, Work) else [block()], **given)
+
+
+def test_weight_and_sizes_may_be_numbers_of_numpy() -> None:
+    half: Any = np.float32(0.5)
+    given: dict[str, Any] = {"dead_nozzles": np.array([1]), "drop_levels": np.int64(2)}
+    assert Criterion(alpha=half).alpha_of(1) == 0.5
+    assert DropletChoices(block(), **given).drop_levels == 2
+
+
 def test_all_errors_are_named_at_once_by_the_argument() -> None:
     assert errors_of(alpha=2.0, threads=0) == [
         "alpha is 2.0; needs a weight between 0 (evenness only) and 1 (height only)",
         'threads is 0; needs a number of at least 1, or "auto"',
     ]
-    assert variables()["sweeps_max"].errors(0, "sweeps") == ["sweeps is 0; needs at least 1"]
+    assert variables()["sweeps_max"].errors(0, "sweeps") == ["sweeps is 0; needs a whole number of at least 1"]
 
 
 @pytest.mark.parametrize(("limit", "cores"), [("0", 1), ("3", 3), ("1000", 6), ("abc", 6), ("", 6)])

@@ -111,6 +111,30 @@ def test_drift_of_offset_tilt_and_bow_over_a_print_leaves_surface_and_ink_as_the
     assert not estimate.figures.reasons
 
 
+@pytest.mark.parametrize("shape", [(15, 13), (13, 9), (9, 13)])
+def test_noise_is_learnt_right_on_little_ground(shape: tuple[int, int]) -> None:
+    """The datum takes six degrees of freedom from some forty cells."""
+    job, seen, nothing = block(*shape), np.ones(shape, np.bool_), np.zeros(shape, np.int32)
+    estimator, found = HeightEstimator(job, register_scans=False), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        estimate = estimator.first(rng.normal(0.0, 1e-6, shape), seen)
+        for layer in range(1, 9):
+            estimate = estimator.next(estimate, nothing, layer, rng.normal(0.0, 1e-6, shape), seen)
+            found.append(estimate.figures.noise_std**2)
+    assert np.sqrt(np.mean(found)) == pytest.approx(1e-6, rel=0.05, abs=0.0)
+
+
+def test_much_ground_of_the_first_scan_outweighs_little_of_later_ones() -> None:
+    job, seen = block(17, 15), np.ones((17, 15), np.bool_)
+    estimator, rng = HeightEstimator(job, register_scans=False), np.random.default_rng(0)
+    estimate = estimator.first(rng.normal(0.0, 1e-6, seen.shape), seen)
+    first_noise = estimate.figures.noise_std
+    estimate = estimator.next(estimate, np.zeros(seen.shape, np.int32), 1, rng.normal(0.0, 3e-6, seen.shape), seen)
+    weight = (estimate.figures.noise_std**2 - first_noise**2) / (9e-12 - first_noise**2)
+    assert 0.15 < weight < 0.45  # about 60 of 60 + 0.7 * 255 degrees of freedom
+
+
 def test_noise_of_a_reading_is_what_is_left_about_the_datum_though_the_first_scan_has_it_too() -> None:
     rng, found = np.random.default_rng(1), []
     for _ in range(10):
