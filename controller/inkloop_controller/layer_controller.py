@@ -10,14 +10,13 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from inkloop.component import BoolMap, FloatMap, Job, Port, Values
+from inkloop.component import Job, Port, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, VALID
 from inkloop.errors import ComponentError
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import PlanFiguresStruct
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.planning.layer_plan import LayerPlan, Planner, PlanStatus, gap_of
-from inkloop_controller.problem.arrays import is_finite
 from inkloop_controller.problem.options import errors_of, refuse, variables
 
 OnDoubt: TypeAlias = Literal["stop", "continue"]
@@ -96,9 +95,8 @@ class LayerController:
 
     def _answer(self, inputs: Mapping[str, Any]) -> None:
         scanned, scan = perf_counter(), int(inputs[LAYERS_SCANNED])
-        _check_scan(scan, inputs[MEASURED_HEIGHT], inputs[VALID], self._step.shape)
-        measured, valid = self._estimator.scan(inputs[MEASURED_HEIGHT], inputs[VALID])
         try:
+            measured, valid = self._estimator.scan(inputs[MEASURED_HEIGHT], inputs[VALID])
             state, lacks_plan = self._step.begin(measured, valid, self._state)
         except ValueError as error:
             raise ComponentError(f"layer controller: scan {scan}: {error}") from None
@@ -143,19 +141,3 @@ def _figures_of(plan: LayerPlan, seconds: float) -> Any:
         bound_confidence=plan.bound_confidence,
         seconds=seconds,
     )
-
-
-def _check_scan(scan: int, measured: FloatMap, valid: BoolMap, shape: tuple[int, ...]) -> None:
-    for name, map_ in ((MEASURED_HEIGHT, measured), (VALID, valid)):
-        if map_.shape != shape:
-            raise ComponentError(f"layer controller: {name} of scan {scan} has shape {map_.shape}; needs {shape}")
-    highest = variables()[MEASURED_HEIGHT].max
-    if is_finite(measured) and measured.min() >= -highest and measured.max() <= highest:
-        return
-    wrong = valid & ~(np.abs(measured) <= highest)
-    if wrong.any():
-        i, j = (int(index) for index in np.argwhere(wrong)[0])
-        raise ComponentError(
-            f"layer controller: measured_height is {measured[i, j]:g} at cell ({i}, {j}) of scan {scan}, which is "
-            f"marked valid; needs a height in metres, within {highest:g} m, or valid = false"
-        )

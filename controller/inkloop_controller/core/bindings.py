@@ -22,7 +22,7 @@ from inkloop_controller.core.library import (
     library,
     problem_struct,
 )
-from inkloop_controller.problem.arrays import checked, first_cell, pointer
+from inkloop_controller.problem.arrays import checked, checked_droplets, first_cell, pointer
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, Objective, SearchProgress
 
 
@@ -69,13 +69,11 @@ def layer(
     """
     shape = np.shape(height)
     before = checked("height", height, "f8", shape)
-    droplets = checked("pattern", pattern, "i4", shape)
-    if droplets.size and (droplets.min() < 0 or droplets.max() > len(inks)):
-        raise ValueError(f"pattern holds {droplets.min()} to {droplets.max()}; needs 0 to {len(inks)}, the inks given")
+    droplets, volumes = checked_droplets(pattern, factor, shape, len(inks))
     if len(order) and sorted(order) != [0, 1, 2, 3]:
         raise ValueError(f"order is {list(order)}; needs each of the colours 0 to 3 once")
     colours = np.array(order if len(order) else range(4), np.int32)
-    factors = None if factor is None else pointer(checked("factor", factor, "f8", shape))
+    factors = None if volumes is None else pointer(volumes)
     passes = 4 if len(order) else 1
     scratch, after = np.empty(shape), np.empty(shape)
     maps = (pointer(before), pointer(droplets), ink_pair(inks), factors, passes, pointer(colours))

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop.contract import MEASURED_HEIGHT
 from inkloop_controller.core.bindings import answered
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import library
 from inkloop_controller.estimation.estimate_figures import EstimateFigures, FiguresStruct
-from inkloop_controller.problem.arrays import checked, pointer
+from inkloop_controller.problem.arrays import checked, checked_droplets, error_of_form, first_cell, pointer
 from inkloop_controller.problem.horizon_problem import IntMap
-from inkloop_controller.problem.options import declared, default, errors_of, refuse
+from inkloop_controller.problem.options import declared, default, errors_of, refuse, variables
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """Learnt properties of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
@@ -144,10 +145,10 @@ class HeightEstimator:
         counts, nothing is learnt. If memory runs out, the estimate before stays as it was.
         """
         scan, seen = self.scan(measured, valid)
-        jetted = pointer(checked("pattern", pattern, "i4", self._shape))
-        volumes = None if factor is None else pointer(checked("factor", factor, "f8", self._shape))
+        jetted, volumes = checked_droplets(pattern, factor, self._shape, self._inks)
+        of_droplets = pointer(jetted), None if volumes is None else pointer(volumes)
         known, after = pointer(self._known(before)), self._step.new_estimate()
-        given = (self._step.struct, known, jetted, volumes, layer, is_unknown, pointer(scan), pointer(seen))
+        given = (self._step.struct, known, *of_droplets, layer, is_unknown, pointer(scan), pointer(seen))
         answered(library().inkloop_estimate_next(*given, pointer(after)))
         return self.estimate(after)
 
@@ -177,11 +178,19 @@ class HeightEstimator:
     def scan(self, measured: FloatMap, valid: BoolMap) -> tuple[FloatMap, BoolMap]:
         """A scan for C; what was not seen is never looked at, and may be no number.
 
-        Raises ValueError for maps of another shape or type, and for a reading that is seen and not finite.
+        Raises ValueError for maps of another shape or type, and for a reading that is seen and no height in metres.
         """
         seen = checked("valid", valid, "?", self._shape)
-        heights = measured if seen.all() else np.where(seen, measured, 0.0)
-        return checked("measured", heights, "f8", self._shape), seen
+        if error := error_of_form(MEASURED_HEIGHT, measured, "f8", self._shape):
+            raise ValueError(error)
+        heights, most = measured if seen.all() else np.where(seen, measured, 0.0), variables()[MEASURED_HEIGHT].max
+        if not (heights.min() >= -most and heights.max() <= most):
+            i, j = first_cell(~(np.abs(heights) <= most))
+            raise ValueError(
+                f"{MEASURED_HEIGHT} is {heights[i, j]:g} at cell ({i}, {j}), which is marked valid; needs a height in "
+                f"metres, within {most:g} m, or valid = false"
+            )
+        return np.ascontiguousarray(heights), seen
 
     def _known(self, estimate: Estimate) -> Block:
         if estimate.height.shape != self._shape:

@@ -12,19 +12,25 @@ from numpy.typing import NDArray
 from inkloop.component import FloatMap
 
 
-def error_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
+def error_of_form(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str | None:
+    """The error of an array that must have this shape and dtype, or None."""
+    if not isinstance(array, np.ndarray):
+        return f"{name} is a {type(array).__name__}; needs an array of {np.dtype(dtype)}"
+    if array.shape != tuple(shape):
+        return f"{name} has shape {array.shape}; needs {tuple(shape)}"
+    return None if array.dtype == np.dtype(dtype) else f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
+
+
+def error_of_array(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str | None:
     """The error of an array that must have this shape and dtype and finite values, or None."""
-    if np.shape(array) != tuple(shape):
-        return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
-    if array.dtype != np.dtype(dtype):
-        return f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
-    if dtype == "f8" and not is_finite(array):
+    error = error_of_form(name, array, dtype, shape)
+    if not error and dtype == "f8" and not _is_finite(array):
         cell = first_cell(~np.isfinite(array))
-        return f"{name} is {array[cell]} at cell {cell}; needs finite values"
-    return None
+        error = f"{name} is {array[cell]} at cell {cell}; needs finite values"
+    return error
 
 
-def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
+def checked(name: str, array: Any, dtype: str, shape: Sequence[int]) -> NDArray[Any]:
     """The array in C order. Raises ValueError with its error."""
     error = error_of_array(name, array, dtype, shape)
     if error:
@@ -32,7 +38,20 @@ def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) ->
     return np.ascontiguousarray(array)
 
 
-def is_finite(array: FloatMap) -> bool:
+def checked_droplets(
+    pattern: Any, factor: Any, shape: Sequence[int], inks: int
+) -> tuple[NDArray[np.int32], NDArray[np.float64] | None]:
+    """A pattern and the volumes of its droplets, None: nominal ones, in C order. Raises ValueError with their error."""
+    droplets = checked("pattern", pattern, "i4", shape)
+    if droplets.size and (droplets.min() < 0 or droplets.max() > inks):
+        raise ValueError(f"pattern holds {droplets.min()} to {droplets.max()}; needs 0 to {inks}, the inks given")
+    volumes = None if factor is None else checked("factor", factor, "f8", shape)
+    if volumes is not None and volumes.size and volumes.min() < 0.0:
+        raise ValueError(f"factor holds {volumes.min():g}; needs volumes of droplets, 0 and more")
+    return droplets, volumes
+
+
+def _is_finite(array: FloatMap) -> bool:
     """Whether all values are finite. Their sum is not if one of them is not; a sum of large ones proves nothing."""
     with np.errstate(over="ignore", invalid="ignore"):
         total = array.sum()

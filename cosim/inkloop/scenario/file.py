@@ -23,7 +23,7 @@ from inkloop.fmu.bus import BusLink
 from inkloop.geometry import Columns
 from inkloop.master.wiring import Connection
 from inkloop.scenario import packaged
-from inkloop.scenario.footprint import Footprint
+from inkloop.scenario.footprint import CHECK_HEIGHT, Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
@@ -123,6 +123,10 @@ class Scenario:
         target = target_of(tables, solid)
         job = cache(partial(job_of, tables, target))
         errors += part_errors(tables, solid, target)
+        try:
+            job("")
+        except ValueError as error:
+            raise ScenarioError(source, [*errors, f"{error}{CHECK_HEIGHT}"]) from error
 
         def checked(place: str, components: Mapping[str, ComponentTable]) -> dict[str, Checked]:
             made = {name: _check(table, job(name), folder) for name, table in components.items()}

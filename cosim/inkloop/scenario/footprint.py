@@ -67,7 +67,7 @@ BYTES_OF_PICTURES, BYTES_OF_PICTURES_OF_A_RUN, BYTES_OF_A_SOLID = 300 * KIB, 150
 LEAST_CELLS = 64  # of a grid that is worth advising (assumed)
 FAR_BEYOND = 10.0  # ratio of layers to those printed above which a height is in other units, or mistyped
 HARDLY_A_LAYER = 0.3  # share of a layer's height: less than half of a droplet
-_CHECK_HEIGHT = "; check the heights of [part], and those of a droplet in [ink.a], which are in µm"
+CHECK_HEIGHT = "; check the heights of [part], and those of a droplet in [ink.a], which are in µm"
 
 
 @dataclass(frozen=True)
@@ -146,10 +146,10 @@ class Footprint:
         """A sentence if the part has far more layers than are printed, or hardly one."""
         if self.nominal > FAR_BEYOND * self.layers:
             found = f"the part is about {self.nominal:,.0f} layers high"
-            yield f"{found}; run.layers_max ends the print after {self.layers}{_CHECK_HEIGHT}"
+            yield f"{found}; run.layers_max ends the print after {self.layers}{CHECK_HEIGHT}"
         if self.nominal < HARDLY_A_LAYER:
             found = f"the part is {self.nominal:.2g} of a layer high"
-            yield f"{found}; a droplet is higher, and nothing may be printed{_CHECK_HEIGHT}"
+            yield f"{found}; a droplet is higher, and nothing may be printed{CHECK_HEIGHT}"
 
     def memory_errors(self) -> Iterator[str]:
         """The error of a grid too large for memory, with one that fits; a run that is resumed keeps its grid."""

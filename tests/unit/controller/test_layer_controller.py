@@ -364,10 +364,16 @@ def test_ground_of_the_first_scan_is_reported_along_x_and_y(sign: float) -> None
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"measured_height": np.zeros((3, 4))}, "measured_height of scan 0 has shape (3, 4); needs (10, 9)"),
-        ({"valid": np.ones((3, 4), np.bool_)}, "valid of scan 0 has shape (3, 4); needs (10, 9)"),
-        ({"measured_height": np.where(np.arange(9) == 7, np.nan, FLAT)}, "is nan at cell (0, 7) of scan 0"),
-        ({"measured_height": np.where(np.arange(9) == 7, 12.0, FLAT)}, "is 12 at cell (0, 7) of scan 0"),
+        ({"measured_height": np.zeros((3, 4))}, "scan 0: measured_height has shape (3, 4); needs (10, 9)"),
+        ({"valid": np.ones((3, 4), np.bool_)}, "scan 0: valid has shape (3, 4); needs (10, 9)"),
+        (
+            {"measured_height": np.where(np.arange(9) == 7, np.nan, FLAT)},
+            "scan 0: measured_height is nan at cell (0, 7), which is marked valid",
+        ),
+        (
+            {"measured_height": np.where(np.arange(9) == 7, 12.0, FLAT)},
+            "scan 0: measured_height is 12 at cell (0, 7), which is marked valid",
+        ),
         ({"measured_height": np.where(np.arange(9) == 7, -1.1, FLAT)}, "needs a height in metres, within 0.4 m"),
     ],
 )

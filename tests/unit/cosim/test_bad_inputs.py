@@ -32,6 +32,7 @@ SCENARIO_ERRORS = {
     "choice misspelt": ('"per_droplet"', '"per_drop"', "variation_kind is 'per_drop'; expected one of 'per_droplet'"),
     "not a number": ("height_um = 22.8", "height_um = nan", "part.height_um is nan; expected a finite number"),
     "infinite": ("height_um = 22.8", "height_um = inf", "part.height_um is inf; expected a finite number"),
+    "far too high": ("height_um = 22.8", "height_um = 1e9", "target_height is 1000 at cell (2, 2); needs heights in m"),
     "negative": ("size_x_um = 2106.048", "size_x_um = -2106.0", "part.size_x_um is -2106.0; expected greater than 0"),
     "text for a number": ("height_um = 22.8", 'height_um = "22.8 um"', "expected a number, without quotes and without"),
     "word for a number": ("seed = 1", 'seed = "one"', "seed is 'one'; expected a whole number"),
@@ -140,7 +141,7 @@ ENCODINGS = {
     "byte order mark": (b"\xef\xbb\xbf" + CUBOID.replace("nx = 12", "nx = 0").encode(), "grid.nx is 0; expected"),
 }
 WARNINGS = {
-    "height_um = 1e9": "0 about 131,578,947 layers high; run.layers_max ends |; check the heights of [part]",
+    "height_um = 3e5": "0 about 39,474 layers high; run.layers_max ends |; check the heights of [part]",
     "height_um = 1e-6": "0 the part is 1.3e-07 of a layer high; |; check the heights of [part], and those of",
 }
 

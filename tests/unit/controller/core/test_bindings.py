@@ -11,7 +11,7 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.core.library import CORE_NO_MEMORY, ReportStruct
-from inkloop_controller.problem.arrays import is_finite
+from inkloop_controller.problem.arrays import error_of_array
 from inkloop_controller.problem.horizon_problem import HorizonProblem, SearchProgress
 from support.core_search import Moves, SearchStatus, search
 from support.long_proofs import rest_is_long
@@ -574,8 +574,8 @@ def test_arrays_in_any_order_or_read_only_and_of_any_size_of_number_are_the_same
     for array in (straight.height, straight.target, straight.part, straight.choices):
         array.flags.writeable = False
     assert value(straight, plan) == before
-    assert is_finite(np.full((2, 2), 1e308))
-    assert not is_finite(np.array([[1.0, np.inf], [-np.inf, 0.0]]))
+    assert not error_of_array("x", np.full((2, 2), 1e308), "f8", (2, 2))
+    assert error_of_array("x", np.array([[1.0, np.inf], [-np.inf, 0.0]]), "f8", (2, 2))
 
 
 def test_reports_of_a_search_name_what_was_done() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -424,3 +425,56 @@ def test_controller_plans_on_from_the_scan_of_an_unknown_layer() -> None:
     assert unknown["layer_command"] == known["layer_command"] == 2
     np.testing.assert_allclose(unknown["estimated_height"], known["estimated_height"], atol=1e-8)
     assert (float(unknown["volume_scale"]), float(known["volume_scale"])) == (1.0, pytest.approx(0.67, abs=0.1))
+
+
+@pytest.mark.parametrize(
+    ("scan", "error"),
+    [
+        (
+            np.full((10, 9), 30.0),
+            "measured_height is 30 at cell (0, 0), which is marked valid; needs a height in metres",
+        ),
+        (np.where(np.eye(10, 9, 3), -0.5, 0.0), "measured_height is -0.5 at cell (0, 3), which is marked valid"),
+        (np.where(np.eye(10, 9, 3), np.nan, 0.0), "measured_height is nan at cell (0, 3), which is marked valid"),
+        (np.zeros((9, 10)), "measured_height has shape (9, 10); needs (10, 9)"),
+        (np.zeros((10, 9)).tolist(), "measured_height is a list; needs an array of float64"),
+        (np.zeros((10, 9), np.float32), "measured_height has dtype float32; needs float64"),
+    ],
+)
+def test_scan_that_is_no_surface_in_metres_is_refused(scan: Any, error: str) -> None:
+    job = block(10, 9)
+    seen, estimator = np.ones((10, 9), np.bool_), HeightEstimator(job)
+    known = estimator.first(np.zeros((10, 9)), seen)
+    for read in (
+        lambda: estimator.first(scan, seen),
+        lambda: estimator.next(known, 0 * seen.astype("i4"), 1, scan, seen),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(error)}"):
+            read()
+
+
+def test_readings_that_are_not_valid_may_be_anything() -> None:
+    seen = ~np.eye(10, 9, 3, dtype=np.bool_)
+    for nothing in (np.nan, 30.0, -np.inf):
+        found = HeightEstimator(block(10, 9)).first(np.where(seen, 0.0, nothing), seen)
+        np.testing.assert_array_equal(found.height, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "factor", "error"),
+    [
+        (2, None, "pattern holds 0 to 2; needs 0 to 1, the inks given"),
+        (-1, None, "pattern holds -1 to 0; needs 0 to 1, the inks given"),
+        (1, -0.1, "factor holds -0.1; needs volumes of droplets, 0 and more"),
+    ],
+)
+def test_droplets_of_no_ink_and_of_no_volume_are_refused(pattern: int, factor: float | None, error: str) -> None:
+    job = block(10, 9)
+    estimator, flat, seen = HeightEstimator(job), np.zeros((10, 9)), np.ones((10, 9), np.bool_)
+    layer, volumes = pattern * job.mask.astype(np.int32), None if factor is None else np.full((10, 9), factor)
+    for use in (
+        lambda: estimator.next(estimator.first(flat, seen), layer, 1, flat, seen, volumes),
+        lambda: LayerModel.of(job).layer(flat, layer, 1, volumes),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(error)}$"):
+            use()

@@ -14,7 +14,7 @@ from inkloop.components.port_tables import mapped_ports
 from inkloop.errors import ComponentError
 from inkloop.units import defined_unit
 
-JOB = Job(2, 3, pitch=1e-4, target_height=np.ones((2, 3)), mask=np.ones((2, 3), dtype=np.bool_))
+JOB = Job(2, 3, pitch=1e-4, target_height=np.full((2, 3), 1e-3), mask=np.ones((2, 3), dtype=np.bool_))
 MAP = np.arange(6.0).reshape(2, 3)
 
 

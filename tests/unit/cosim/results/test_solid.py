@@ -54,7 +54,7 @@ def test_interval_that_a_cell_does_not_have_is_unknown_at_both_ends() -> None:
             edges[1, :, 2, 2] = 4.0, 4.0
             return edges
 
-    job = Job(3, 4, 1e-4, np.ones((3, 4)), np.ones((3, 4), np.bool_), INKS, OneOrTwo())  # type: ignore[arg-type]
+    job = Job(3, 4, 1e-4, np.zeros((3, 4)), np.ones((3, 4), np.bool_), INKS, OneOrTwo())  # type: ignore[arg-type]
     edges = region_edges(job)
     for name, first, second in (("region_bottom", 1.0, 3.0), ("region_top", 2.0, 4.0)):
         expected = np.stack([np.full((3, 4), first), np.full((3, 4), second)])

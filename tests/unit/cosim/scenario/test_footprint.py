@@ -313,7 +313,7 @@ def test_height_in_other_units_is_a_warning(height: float, layers_max: int, mess
         ({"h1_um": 0.6}, ""),
         ({"h1_um": 0.0044}, "ink.a.h1_um is 0.0044, less than h2_um, 0.6: a droplet adds less to its own cell than to"),
         ({"h3_um": 4.5}, "ink.a.h1_um is 4.4, less than h3_um, 4.5: a droplet adds less to its own cell than to"),
-        ({"h1_um": 4400.0}, "nothing may be printed; check the heights of [part], and those of a droplet in [ink.a]"),
+        ({"h1_um": 440.0}, "nothing may be printed; check the heights of [part], and those of a droplet in [ink.a]"),
     ],
 )
 def test_ink_in_other_units_is_a_warning(ink: dict[str, float], message: str) -> None:
