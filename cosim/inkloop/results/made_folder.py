@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from inkloop.errors import ResultError
-from inkloop.results.result import RUN_FILE, UNFINISHED, read_record, study_in
+from inkloop.results.result import RUN_FILE, UNFINISHED, read_record
+from inkloop.results.study_folder import study_in
 
 __all__ = ["made_folder"]
 

@@ -27,18 +27,17 @@ from inkloop.results.attributes import CONVENTIONS
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
+from inkloop.results.study_folder import study_in
 from inkloop.tables.html import html_table
 from inkloop.units import UM_PER_M
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["RESULT_FILE", "RUN_FILE", "STOPPED", "STUDY_STATE_FILE", "UNFINISHED", "Result", "read_record"]
+__all__ = ["RESULT_FILE", "RUN_FILE", "STOPPED", "UNFINISHED", "Result", "read_record"]
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
-STUDY_STATE_FILE = "study.json"
-"""File of the folder of a study, which `inkloop sweep` makes."""
 READ_AT_ONCE = 1 << 26
 """Bytes of the arrays of a result up to which all of them are read into memory."""
 COMPARE_FOLDER = "compare"
@@ -220,12 +219,6 @@ def read_record(folder: Path) -> dict[str, Any]:
         raise ResultError(f"{folder / RUN_FILE}: is no record of a run; name a folder that `inkloop run` has made")
     _check_schema(folder, record.get("schema_version"))
     return record
-
-
-def study_in(folder: Path) -> str:
-    """That a folder is that of a study, and the command that reads it; "" if it is not."""
-    again = f"`inkloop sweep STUDY --out {folder} --resume` continues it, or shows what it found"
-    return f"is the folder of a study; {again}" if (folder / STUDY_STATE_FILE).is_file() else ""
 
 
 def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:

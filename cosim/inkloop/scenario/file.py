@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from inkloop.scenario import packaged
 from inkloop.scenario.footprint import CHECK_HEIGHT, Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
-from inkloop.scenario.validation import errors_of_invalid_file, part_errors
+from inkloop.scenario.validation import checked_options, errors_of_invalid_file, part_errors
 from inkloop.tables.html import html_table
 from inkloop.tables.ink_file import merge_ink_file, names_ink_file
 from inkloop.tables.job import job_of, target_of
@@ -129,7 +129,7 @@ class Scenario:
             raise ScenarioError(source, [*errors, f"{error}{CHECK_HEIGHT}"]) from error
 
         def checked(place: str, components: Mapping[str, ComponentTable]) -> dict[str, Checked]:
-            made = {name: _check(table, job(name), folder) for name, table in components.items()}
+            made = {name: checked_options(table, job(name), folder) for name, table in components.items()}
             errors.extend(f"{place}.{name}.{wrong}" for name, part in made.items() for wrong in part.errors)
             return made
 
@@ -247,10 +247,3 @@ class Scenario:
         folder: of the run, where devices log the traffic of their bus; no bus is opened yet.
         """
         return self._loop.build(self.tables.bench.found_from(Path(self.source).parent), folder)
-
-
-def _check(table: ComponentTable, job: Job, folder: Path) -> Checked:
-    """Check the options of a component."""
-    if not job.mask.any():  # an error of the part; the components are checked all the same
-        job = replace(job, mask=~job.mask)
-    return catalog.check(table.kind, job, catalog.resolve_paths(table.kind, table.options, folder))

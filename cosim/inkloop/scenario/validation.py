@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from inkloop.geometry import Columns, overhangs, resting
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
 from inkloop.tables.job import Target, is_supported
-from inkloop.tables.schema import ScenarioFile
+from inkloop.tables.schema import ComponentTable, ScenarioFile
 from inkloop.tables.shapes import Bounds, Grid, Solid
 from inkloop.units import UM_PER_M
 
@@ -52,6 +53,13 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     if not crosses_block and _is_beyond(grid, margin, reaches):
         errors.append(_too_wide(grid, margin, reaches))
     return errors
+
+
+def checked_options(table: ComponentTable, job: Job, folder: Path) -> Checked:
+    """The options of a component, checked for its job."""
+    if not job.mask.any():  # an error of the part; the components are checked all the same
+        job = replace(job, mask=~job.mask)
+    return catalog.check(table.kind, job, catalog.resolve_paths(table.kind, table.options, folder))
 
 
 def _found(grid: Grid, bounds: Bounds) -> str:

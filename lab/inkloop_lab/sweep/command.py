@@ -14,7 +14,7 @@ from inkloop.master.interrupt import advised, deferred
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
-from inkloop.results.result import STUDY_STATE_FILE
+from inkloop.results.study_folder import STUDY_STATE_FILE
 from inkloop_lab.sweep import dataset, report, summary
 from inkloop_lab.sweep.engine import Site, carry_out
 from inkloop_lab.sweep.folder import PRINTS_FOLDER, StudyFolder

@@ -19,7 +19,7 @@ import numpy as np
 from inkloop import __version__
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, regular, replaced, write_text
-from inkloop.results.result import STUDY_STATE_FILE
+from inkloop.results.study_folder import STUDY_STATE_FILE
 from inkloop_lab.sweep.study import Study
 from inkloop_lab.sweep.task import Bundle, Record, name_of
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import HEIGHT_MOST, INK_MOST, PITCH_LEAST, Ink, Job
+from inkloop.component import Ink, Job
+from inkloop.job_errors import HEIGHT_MOST, INK_MOST, PITCH_LEAST
 from inkloop_controller.problem.options import variables
 
 SHAPE = 5, 4
@@ -40,6 +41,7 @@ MICROMETRES = "heights in metres, within 0.4 m"
         ("height_start", TOP * np.nan, f"height_start is nan at cell (0, 0); needs {MICROMETRES}"),
         ("inks", (), "inks is (); needs one Ink or two"),
         ("inks", Ink(), "inks is Ink("),
+        ("inks", (4.4e-6,), "inks[0].h1 is None; needs a height in metres"),
         ("inks", (Ink(), Ink(), Ink()), "inks is ("),
         ("inks", (Ink(4.4, 0.0, 0.0),), "inks[0].h1 is 4.4; needs a height in metres, above 0 to 0.001 m"),
         ("inks", (Ink(), Ink(h1=0.0)), "inks[1].h1 is 0.0; needs a height in metres, above 0 to 0.001 m"),

@@ -93,6 +93,7 @@ def test_error_that_is_none_of_the_print_ends_the_study(error: Exception, messag
 def test_threads_of_all_processes_have_a_core_each(
     asked: int | None, threads: int, found: int, note: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(6)), raising=False)
     assert fitting(asked, threads) == (found, note)
     with pytest.raises(InkloopError, match="--workers is 0; expected a number of processes from 1"):

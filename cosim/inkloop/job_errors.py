@@ -1,0 +1,61 @@
+"""Errors of a print job: what no print has, most often maps of another shape, or heights in micrometres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+
+HEIGHT_MOST, INK_MOST, PITCH_LEAST = 0.4, 1e-3, 1e-9
+"""Limits of heights, of an ink's heights and of a pitch [m], those of LayerController.fmu."""
+_NUMBERS = int | float | np.number
+
+
+def errors_of_job(job: Any) -> list[str]:
+    """The errors of a `Job`, a sentence each."""
+    return [error for error in (*_errors_of_grid(job), *_errors_of_maps(job), *_errors_of_inks(job)) if error]
+
+
+def _errors_of_grid(job: Any) -> Iterator[str]:
+    for name in ("nx", "ny"):
+        if not isinstance(getattr(job, name), Integral) or getattr(job, name) < 1:
+            yield f"{name} is {getattr(job, name)!r}; needs a number of cells"
+    if not isinstance(job.pitch, _NUMBERS) or not PITCH_LEAST <= job.pitch < inf:
+        yield f"pitch is {job.pitch!r}; needs a length of a cell in metres"
+    if not isinstance(job.seed, Integral):
+        yield f"seed is {job.seed!r}; needs a whole number"
+
+
+def _errors_of_maps(job: Any) -> Iterator[str]:
+    yield _error_of_map("target_height", job.target_height, np.float64, (job.nx, job.ny))
+    yield _error_of_map("mask", job.mask, np.bool_, (job.nx, job.ny))
+    if job.height_start is not None:
+        yield _error_of_map("height_start", job.height_start, np.float64, (job.nx, job.ny))
+
+
+def _error_of_map(name: str, found: Any, dtype: type, shape: tuple[int, int]) -> str:
+    if not isinstance(found, np.ndarray) or found.dtype != dtype:
+        kind = f"of {found.dtype}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
+        return f"{name} is {kind}; needs an array of {np.dtype(dtype)}"
+    if found.shape != shape:
+        return f"{name} has shape {found.shape}; needs {shape}"
+    wrong = dtype is np.float64 and ~(np.abs(found) <= HEIGHT_MOST)
+    if not np.any(wrong):
+        return ""
+    i, j = np.argwhere(wrong)[0]
+    return f"{name} is {found[i, j]:g} at cell ({i}, {j}); needs heights in metres, within {HEIGHT_MOST:g} m"
+
+
+def _errors_of_inks(job: Any) -> Iterator[str]:
+    if not isinstance(job.inks, Sequence) or len(job.inks) not in (1, 2):
+        yield f"inks is {job.inks!r}; needs one Ink or two"
+        return
+    for number, ink in enumerate(job.inks):
+        for name in ("h1", "h2", "h3"):
+            height = getattr(ink, name, None)
+            if not isinstance(height, _NUMBERS) or not 0.0 <= height <= INK_MOST or (height == 0.0 and name == "h1"):
+                least = "above 0" if name == "h1" else "from 0"
+                yield f"inks[{number}].{name} is {height!r}; needs a height in metres, {least} to {INK_MOST:g} m"
