@@ -26,7 +26,8 @@ from support.source_tree import (
 )
 
 FLOOR = {
-    f"inkloop.{name}" for name in ("component", "contract", "errors", "files", "geometry", "limits", "testing", "units")
+    f"inkloop.{name}"
+    for name in ("component", "contract", "errors", "files", "geometry", "job_errors", "limits", "testing", "units")
 }
 READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.ply_file")
 """Modules of the floor that bring a library in; they are imported by name, for a file of their format."""
