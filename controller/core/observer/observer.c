@@ -161,7 +161,8 @@ static ReadingNoise take_ground(ScanEvidence *evidence) {
         memcpy(evidence->datum.term, known->datum, sizeof known->datum);
     over_rows(evidence, take_datum_off, evidence);
     const ReadingNoise noise = learnt_noise(evidence, &evidence->datum.noise);
-    for (size_t cell = 0; known->scans == 1 && evidence->options->noise_variance < 0.0 && cell < evidence->cells; cell++)
+    for (size_t cell = 0; known->scans == 1 && evidence->options->noise_variance < 0.0 && cell < evidence->cells;
+         cell++)
         if (before->unseen[cell] == 0 && !(evidence->variance[cell] > noise.variance) &&
             before->variance[cell] != KNOWN_GROUND)
             evidence->variance[cell] += noise.variance; /* variance of the first scan */

@@ -143,10 +143,10 @@ typedef struct {
     double datum[DATUM_TERMS];        /* datum of the last scan [m] */
     double datum_spread[DATUM_TERMS]; /* variance of each term over the scans, learnt [m^2] */
     ReadingNoise noise;
-    double droplet_variance;          /* variance of a droplet's volume in DROPLET_STD^2, learnt */
-    double droplet_evidence;          /* degrees of freedom of that variance */
-    double vanishing, lasting;        /* shares of readings with a surprise that vanished, and that lasted */
-    int64_t scans;                    /* scans so far */
+    double droplet_variance;   /* variance of a droplet's volume in DROPLET_STD^2, learnt */
+    double droplet_evidence;   /* degrees of freedom of that variance */
+    double vanishing, lasting; /* shares of readings with a surprise that vanished, and that lasted */
+    int64_t scans;             /* scans so far */
 } Knowledge;
 
 /* Estimate after a scan; all memory is the caller's. */
