@@ -165,6 +165,8 @@ def test_ink_lies_on_the_substrate_that_is_given() -> None:
         (lambda: YoungLaplaceDeposition(pitch=10e-6), "at most 2 pitches"),
         (lambda: YoungLaplaceDeposition(form="exact"), "linear"),  # type: ignore[arg-type]
         (lambda: LayerDeposition().start(np.full((3, 3), np.nan)), "not finite in 9 cells"),
+        (lambda: LayerDeposition().start(np.full((3, 3), -30.0)), "height reaches 30; needs heights in metres, within"),
+        (lambda: YoungLaplaceDeposition().start(np.eye(3)), "height reaches 1; needs heights in metres, within 0.4 m"),
         (lambda: LayerDeposition().layer(FLAT, np.ones((2, 3), int)), "shape"),
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 2)), "one material"),
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 3)), "0, 1 or 2"),

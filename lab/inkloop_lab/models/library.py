@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap
 from inkloop.files import c_library
+from inkloop.job_errors import HEIGHT_MOST
 
 VARIABLE = "INKLOOP_MODELS_LIB"
 HEIGHT_COUNT = 10
@@ -77,8 +78,8 @@ def library() -> ctypes.CDLL:
     return c_library("inkloop_lab.models", "inkloop_models", VARIABLE, _INTERFACE, _ENTRY_POINTS)
 
 
-def heights(values: ArrayLike, name: str = "height") -> FloatMap:
-    """A copy of the heights of a grid (nx, ny) [m]. Raises ValueError."""
+def heights(values: ArrayLike, name: str = "height", most: float = HEIGHT_MOST) -> FloatMap:
+    """A copy of the heights of a grid (nx, ny) [m], or of another map without that limit. Raises ValueError."""
     found = np.array(values, dtype=np.float64, order="C")
     if found.ndim != 2 or found.size == 0:
         raise ValueError(f"{name} has shape {found.shape}; needs (nx, ny), at least one cell")
@@ -86,6 +87,8 @@ def heights(values: ArrayLike, name: str = "height") -> FloatMap:
         raise ValueError(
             f"{name} is not finite in {np.count_nonzero(~np.isfinite(found))} cells; needs a height in all"
         )
+    if np.abs(found).max() > most:
+        raise ValueError(f"{name} reaches {np.abs(found).max():g}; needs heights in metres, within {most:g} m")
     return found
 
 

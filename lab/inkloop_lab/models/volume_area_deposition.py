@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,7 +95,7 @@ class VolumeAreaDeposition:
         top = heights(height)
         if area is None:
             return InkSurface(top, top.copy(), np.zeros_like(top))
-        covered = heights(area, "area")
+        covered = heights(area, "area", inf)
         below = np.zeros_like(top) if substrate is None else heights(substrate, "substrate")
         if covered.shape != top.shape or below.shape != top.shape or (covered < 0.0).any() or (covered > 1.0).any():
             raise ValueError(f"area {covered.shape}, substrate {below.shape}: need {top.shape}, areas of 0 to 1")
@@ -104,7 +105,11 @@ class VolumeAreaDeposition:
         self, surface: InkSurface, pattern: ArrayLike, number: int = 1, volume: ArrayLike | None = None
     ) -> InkSurface:
         """The surface after layer `number`; arguments as of `LayerDeposition.layer`, A and B flow alike."""
-        height, area, substrate = heights(surface.height), heights(surface.area), heights(surface.substrate)
+        height, area, substrate = (
+            heights(surface.height),
+            heights(surface.area, "area", inf),
+            heights(surface.substrate),
+        )
         nx, ny = shape = (height.shape[0], height.shape[1])
         jetted, drops = pattern_of(pattern, shape), volumes(volume, shape)
         map_ = InkMapStruct(reals(substrate), reals(height), reals(area), nx, ny)
