@@ -122,8 +122,6 @@ class DropletChoices:
             errors.append(f"dead_nozzles is {dead_nozzles!r}; needs numbers of nozzles")
         refuse(errors)
         nozzles = nozzle_pitch or job.ny
-        if job.mask.shape != (job.nx, job.ny):
-            errors.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
         if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:
             errors.append(
                 f"drop_levels is {drop_levels} with {len(job.inks)} inks; needs 1 to {KINDS_MAX // len(job.inks)}"

@@ -234,12 +234,7 @@ def with_value(value: float) -> Any:
         ({}, with_value(np.inf), r"height is inf at cell \(1, 2\); needs finite values"),
         ({}, np.zeros((4, 5)), r"height has shape \(4, 5\); needs \(4, 4\)"),
         ({}, with_value(0.6), r"height reaches 0.6 m with 5 layers to come"),
-        ({"target_height": with_value(np.nan)}, np.zeros((4, 4)), r"target is nan at cell \(1, 2\)"),
-        ({"target_height": np.zeros((5, 4))}, np.zeros((4, 4)), r"target has shape \(5, 4\)"),
-        ({"mask": np.ones((4, 5), np.bool_)}, np.zeros((4, 4)), r"mask has shape \(4, 5\); needs \(4, 4\)"),
         ({"mask": np.zeros((4, 4), np.bool_)}, np.zeros((4, 4)), "part marks no cell"),
-        ({"inks": (Ink(-4.4e-6),)}, np.zeros((4, 4)), r"kind 0 is .*needs h1 > 0"),
-        ({"inks": (Ink(h2=np.nan),)}, np.zeros((4, 4)), r"kind 0 is .*needs h1 > 0"),
     ],
 )
 def test_what_no_surface_or_job_can_be_is_refused_with_a_message(changes: Any, height: Any, message: str) -> None:

@@ -121,7 +121,7 @@ def test_fixed_grid_of_a_foreign_fmu_is_not_exported_by_inkloop(folder: Path) ->
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
 def test_mapped_plant_keeps(check: ContractCheck, folder: Path) -> None:
     ports = {"pattern": {"variable": "dose", "gain": 527.0}, "height": {"variable": "z", "unit": "um"}}
-    job = Job(10, 10, pitch=263.256e-6, target_height=np.ones((10, 10)), mask=np.ones((10, 10), dtype=np.bool_))
+    job = Job(10, 10, pitch=263.256e-6, target_height=np.full((10, 10), 1e-3), mask=np.ones((10, 10), dtype=np.bool_))
     check(lambda: catalog.make("PlainPlant", job, {"file": str(folder / "Deposit.fmu"), "ports": ports}))
 
 

@@ -69,7 +69,7 @@ def test_policy_controls_a_print(module: str) -> None:
 
 
 def test_class_that_is_no_policy_is_named(module: str) -> None:
-    job = Job(4, 4, 1e-4, np.ones((4, 4)), np.ones((4, 4), np.bool_), (Ink(),))
+    job = Job(4, 4, 1e-4, np.full((4, 4), 1e-3), np.ones((4, 4), np.bool_), (Ink(),))
     [error] = catalog.check(f"env:{module}:Rule", job, {}).errors
     assert error == f"kind is 'env:{module}:Rule', whose class has no method act(observation)"
     assert not catalog.check(f"{module}:Rule", job, {}).errors
@@ -84,13 +84,13 @@ def test_class_that_is_no_policy_is_named(module: str) -> None:
 
 
 def test_policy_puts_down_as_many_drops_as_its_class_says() -> None:
-    job = Job(4, 4, 1e-4, np.ones((4, 4)), np.ones((4, 4), np.bool_), (Ink(),))
+    job = Job(4, 4, 1e-4, np.full((4, 4), 1e-3), np.ones((4, 4), np.bool_), (Ink(),))
     policies = (SimpleNamespace(act=np.zeros_like), SimpleNamespace(act=np.zeros_like, drop_levels=3))
     assert [policy_controller("env:a:B", job, policy).code.drop_levels for policy in policies] == [1, 3]
 
 
 def test_state_of_another_grid_is_refused() -> None:
-    jobs = [Job(n, n, 1e-4, np.ones((n, n)), np.ones((n, n), np.bool_), (Ink(),)) for n in (3, 4)]
+    jobs = [Job(n, n, 1e-4, np.full((n, n), 1e-3), np.ones((n, n), np.bool_), (Ink(),)) for n in (3, 4)]
     first, second = (PolicyController(job, np.zeros_like) for job in jobs)
     with pytest.raises(inkloop.ComponentError, match=r"is of a grid \(3, 3\); needs \(4, 4\)"):
         second.restore(first.save())
@@ -121,7 +121,7 @@ def test_observation_is_of_new_arrays_in_the_types_of_the_page() -> None:
 
 
 def test_policy_is_asked_once_for_each_scan_until_it_is_done() -> None:
-    job = Job(3, 3, 1e-4, np.ones((3, 3)), np.ones((3, 3), np.bool_), (Ink(),))
+    job = Job(3, 3, 1e-4, np.full((3, 3), 1e-3), np.ones((3, 3), np.bool_), (Ink(),))
     answers = iter([np.eye(3, dtype=int), np.eye(3, dtype=int), np.zeros((3, 3), int)])
     controller = PolicyController(job, lambda observation: next(answers))
 

@@ -85,10 +85,8 @@ def test_no_controller_is_worse_than_open_loop_with_a_sensor_in_register(plant) 
     assert max(others) < open_loop
 
 
-HARMED = ("plant-v1/lu-laser", "plant-v1/volume-area", "plant-v1/young-laplace", "plant-v1/young-laplace-linear")
-WALKS = pytest.mark.xfail(
-    strict=True, reason="heights walk by noise, and by droplets of no ink: 6 to 21 % more rms, must 5"
-)
+HARMED = ("plant-v1/volume-area", "plant-v1/young-laplace", "plant-v2/young-laplace-shift")
+WALKS = pytest.mark.xfail(strict=True, reason="heights walk by droplets of no ink: 6 to 24 % more rms, must 5")
 
 
 @pytest.mark.system
@@ -411,7 +409,9 @@ def test_two_inks_and_wrong_heights_are_refused_with_a_message() -> None:
     job = load("lu").job()
     with pytest.raises(ValueError, match="needs 3, 6 or 10"):
         StencilSearch(job, heights_um=(1.0, 2.0))
-    two = Job(9, 9, 263.256e-6, target_height=np.ones((9, 9)), mask=np.ones((9, 9), np.bool_), inks=(Ink(), Ink()))
+    two = Job(
+        9, 9, 263.256e-6, target_height=np.full((9, 9), 1e-3), mask=np.ones((9, 9), np.bool_), inks=(Ink(), Ink())
+    )
     with pytest.raises(ValueError, match="2 inks; this controller prints one"):
         StencilSearch(two)
 
