@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.job_errors import errors_of_job
+from inkloop.component_errors import errors_of_job, errors_of_port
 
 Values: TypeAlias = Mapping[str, NDArray[Any]]
 """Port name -> array of the port's shape and dtype (a scalar is an array of shape ())."""
@@ -48,6 +48,7 @@ class Port:
     """One input or output: `unit` in FMI spelling ("m", "s", "1"), `shape` () for a scalar, NumPy `dtype` by name.
 
     `start` is the value before the first step, one number for all elements or an array of the port's shape.
+    Raises ValueError, all errors in one sentence, for a port that cannot be.
     """
 
     name: str
@@ -55,6 +56,10 @@ class Port:
     shape: tuple[int, ...] = ()
     dtype: str = "float64"
     start: float | NDArray[Any] = 0.0
+
+    def __post_init__(self) -> None:
+        if errors := errors_of_port(self):
+            raise ValueError(f"ports: {self.name!r}: {'; '.join(errors)}")
 
     def start_value(self) -> NDArray[Any]:
         """The start value as an array of the port's shape and dtype."""
@@ -125,6 +130,12 @@ class Ports:
     is_shadow: bool = False
     optional_inputs: frozenset[str] = frozenset()
     starts_on_scan: bool = False
+
+    def __post_init__(self) -> None:
+        for kind, ports in (("inputs", self.inputs), ("outputs", self.outputs)):
+            names = [port.name for port in ports]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(f"{kind}: two are called {' and '.join(map(repr, twice))}; needs a name for each")
 
     @classmethod
     def of(cls, component: HasPorts) -> Ports:

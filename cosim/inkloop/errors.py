@@ -113,12 +113,12 @@ def damaged(path: Path) -> str:
     return f"{path}: {found}; write it again, or correct the suffix (--traceback shows where reading failed)"
 
 
-def message_of(error: Exception) -> str:
+def message_of(error: BaseException) -> str:
     """The message of an InkloopError; for any other exception its type, message and line in the user's own code."""
     return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}{own_line(error)}"
 
 
-def own_line(error: Exception) -> str:
+def own_line(error: BaseException) -> str:
     """The innermost line of the user's own code that an exception passed through, " (mine.py, line 12)"; "" if none.
 
     The user's own is what belongs neither to inkloop nor to an installed library.

@@ -25,10 +25,8 @@ from support.source_tree import (
     room,
 )
 
-FLOOR = {
-    f"inkloop.{name}"
-    for name in ("component", "contract", "errors", "files", "geometry", "job_errors", "limits", "testing", "units")
-}
+ON_THE_FLOOR = "component", "component_errors", "contract", "errors", "files", "geometry", "limits", "testing", "units"
+FLOOR = {f"inkloop.{name}" for name in ON_THE_FLOOR}
 READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.ply_file")
 """Modules of the floor that bring a library in; they are imported by name, for a file of their format."""
 FLOOR |= {name for name in modules() if is_below(name, "inkloop.geometry")} - {*READERS}

@@ -1,4 +1,4 @@
-"""Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
+"""Kinds that are Python classes: `Class(job, option: type = default, ...)`.
 
 Options are checked against these types. A class is a component, or has a method `pattern` and becomes a controller
 that goes by it, or is what an adapter makes a component of, as `adapter(kind, job, object)`. A method `use_rig(rig)` is
@@ -139,7 +139,7 @@ class _Constructed:
 
 @lru_cache(maxsize=32)
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
-    """A table of the keyword-only options of a factory, with the types that it declares.
+    """A table of the options of a factory, what it takes by keyword besides the job, with the types that it declares.
 
     Read from JSON, arrays of TOML become the declared type (a tuple, a set).
     """
@@ -150,8 +150,8 @@ def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
             hints.get(parameter.name, Any),
             ... if parameter.default is parameter.empty else parameter.default,
         )
-        for parameter in inspect.signature(factory).parameters.values()
-        if parameter.kind is parameter.KEYWORD_ONLY
+        for place, parameter in enumerate(inspect.signature(factory).parameters.values())
+        if parameter.kind is parameter.KEYWORD_ONLY or (place and parameter.kind is parameter.POSITIONAL_OR_KEYWORD)
     }
     strict = ConfigDict(extra="forbid", strict=True)
     return create_model(getattr(factory, "__name__", "Options"), __config__=strict, **fields)

@@ -20,7 +20,7 @@ from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import Pacing
 from inkloop.master.roles import Course, Observer, SavedPoint, StopReason
-from inkloop.master.wiring import Connection, check, checked_output, feeds, initial_order, without_start
+from inkloop.master.wiring import Connection, by_name, check, checked_output, feeds, initial_order, without_start
 from inkloop.units import S_PER_NS
 
 __all__ = ["Master", "Turns"]
@@ -152,7 +152,7 @@ class Master:
             try:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
                 self._publish(name, outputs, 0)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise ComponentError(f"{name} could not be initialized: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
 
@@ -171,7 +171,7 @@ class Master:
         for name, component in self._components.items():
             try:
                 component.restore(point.states[name])  # type: ignore[attr-defined]
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise ComponentError(f"{name} could not be restored: {message_of(error)}") from error
         self._outputs = {name: dict(point.outputs[name]) for name in self._components}
         return point.time_ns
@@ -190,7 +190,7 @@ class Master:
                 yield name, inputs
                 outputs = component.do_step(begin_ns, own_step_ns, inputs)
                 self._publish(name, outputs, begin_ns)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 place = self._course.place(self._outputs) if self._course else ""
                 when = f"at t = {begin_ns * S_PER_NS:.9g} s{place and f', {place}'}"
                 raise ComponentError(f"{name} failed {when}: {message_of(error)}") from error
@@ -221,7 +221,7 @@ class Master:
 
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
-        checked: dict[str, NDArray[Any]] = {}
+        outputs, checked = by_name(outputs), dict[str, NDArray[Any]]()
         for port, key, shape, dtype, must_be_finite in self._checked_ports[name]:
             value = outputs.get(key)
             is_ready = type(value) is np.ndarray and value.dtype == dtype and value.shape == shape

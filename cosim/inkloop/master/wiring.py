@@ -214,6 +214,13 @@ def _shape(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape)) or "a scalar"
 
 
+def by_name(outputs: object) -> Values:
+    """The outputs that a component has returned. Raises ComponentError for anything but a mapping."""
+    if not isinstance(outputs, Mapping):
+        raise ComponentError(f"a {type(outputs).__name__} was returned; needs the outputs by name")
+    return outputs
+
+
 def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:
     """Its value among `outputs`, read-only, in the declared shape and type. Raises ComponentError."""
     if port.name not in outputs:

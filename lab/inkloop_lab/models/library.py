@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap
+from inkloop.component_errors import HEIGHT_MOST
 from inkloop.files import c_library
-from inkloop.job_errors import HEIGHT_MOST
 
 VARIABLE = "INKLOOP_MODELS_LIB"
 HEIGHT_COUNT = 10

@@ -150,6 +150,39 @@ def test_class_is_given_the_rig_and_the_journal_of_its_loop(monkeypatch: pytest.
     assert (lamp.rig, lamp.journal) == (bench.rig, bench.journal)
 
 
+def test_argument_behind_the_job_is_an_option_without_a_star_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Plain(Fan):
+        def __init__(self, job: Job, speed: float = 1.0) -> None:
+            super().__init__(job, speed=speed)
+
+    monkeypatch.setattr(sys.modules["workshop"], "Fan", Plain)
+    assert catalog.make("Fan", toy_job(), {"speed": 2.5}).options[0] == 2.5  # type: ignore[attr-defined]
+    assert catalog.check("Fan", toy_job(), {"speed": "x", "job": 1}).errors == [
+        "speed is 'x'; expected a number",
+        "job is not a key of this table; known: speed",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ports", "error"),
+    [
+        ((("y", "1", (), "flot64"),), "ports: 'y': dtype is 'flot64'; needs the name of a type of numbers"),
+        ((("y",), ("z",), ("y",)), "outputs: two are called 'y'; needs a name for each"),
+    ],
+)
+def test_ports_that_cannot_be_are_errors_of_the_component(
+    ports: Any, error: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Ported(Fan):
+        def __init__(self, job: Job) -> None:
+            super().__init__(job)
+            self.outputs = tuple(Port(*port) for port in ports)  # type: ignore[assignment]
+
+    monkeypatch.setattr(sys.modules["workshop"], "Fan", Ported)
+    (found,) = catalog.check("Fan", toy_job(), {}).errors
+    assert found.startswith(error)
+
+
 def test_required_option_that_is_wrong_is_told_once() -> None:
     found = catalog.check("MapFolder", toy_job(), {"folder": 3, "nothing": 1}).errors
     assert [error.partition(";")[0] for error in found] == ["folder is 3", "nothing is not a key of this table"]

@@ -204,9 +204,11 @@ def test_array_that_its_source_changes_and_gives_again_is_checked_again() -> Non
         ({}, "declared but not returned"),
         ({"y": np.zeros(2)}, r"has shape \(2,\), declared \(\)"),
         ({"y": np.asarray("five")}, "is <U4, declared float64"),
+        (None, "a failed at t = 0 s: a NoneType was returned; needs the outputs by name"),
+        ([1.0], "a failed at t = 0 s: a list was returned; needs the outputs by name"),
     ],
 )
-def test_output_must_be_what_was_declared(value: Values, message: str) -> None:
+def test_output_must_be_what_was_declared(value: Any, message: str) -> None:
     part = FunctionComponent(outputs=[Port("y")], step=lambda *_: value)
     with pytest.raises(ComponentError, match=message):
         Master({"a": part}, [], step_ns=1).run(time_max_ns=1)
@@ -339,6 +341,16 @@ def test_fault_of_any_component_ends_a_print_and_done_that_of_the_controller_alo
     course = LayerCourse({"printer": part})
     assert Master({"printer": part}, [], step_ns=1, course=course).run(time_max_ns=3) == reason
     assert len(part.log) == calls
+
+
+def test_component_that_exits_ends_the_run_with_its_name() -> None:
+    def leave(*_: object) -> Values:
+        raise SystemExit(3)
+
+    with pytest.raises(ComponentError, match=r"^a could not be initialized: SystemExit: 3"):
+        Master({"a": FunctionComponent(start=leave)}, [], step_ns=1).run(time_max_ns=1)
+    with pytest.raises(ComponentError, match=r"^a failed at t = 0 s: SystemExit: 3"):
+        Master({"a": FunctionComponent(step=leave)}, [], step_ns=1).run(time_max_ns=1)
 
 
 class Sticky(FunctionComponent):

@@ -1,4 +1,4 @@
-"""A print job made in Python: what no print has is refused where it is made."""
+"""A print job or a port made in Python: what cannot be is refused where it is made."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import Ink, Job
-from inkloop.job_errors import HEIGHT_MOST, INK_MOST, PITCH_LEAST
+from inkloop.component import Ink, Job, Port, Ports
+from inkloop.component_errors import HEIGHT_MOST, INK_MOST, PITCH_LEAST
 from inkloop_controller.problem.options import variables
 
 SHAPE = 5, 4
@@ -74,3 +74,45 @@ def test_limits_are_those_of_the_controller_fmu() -> None:
     assert of_fmu["target_height"].max == HEIGHT_MOST
     assert of_fmu["pitch"].min == PITCH_LEAST
     assert {of_fmu[f"{h}_{ink}"].max for h in ("h1", "h2", "h3") for ink in "ab"} == {INK_MOST}
+
+
+@pytest.mark.parametrize(
+    ("fields", "error"),
+    [
+        ({"name": ""}, "ports: '': has no name"),
+        ({"shape": (2, -1)}, "ports: 'y': shape is (2, -1); needs a tuple of numbers of elements"),
+        ({"shape": 3}, "ports: 'y': shape is 3; needs a tuple"),
+        ({"shape": (2.0,)}, "ports: 'y': shape is (2.0,); needs a tuple"),
+        ({"dtype": "flot64"}, "ports: 'y': dtype is 'flot64'; needs the name of a type of numbers"),
+        ({"dtype": "object"}, "ports: 'y': dtype is 'object'; needs the name of a type of numbers"),
+        ({"dtype": "U8"}, "ports: 'y': dtype is 'U8'; needs the name of a type of numbers"),
+        ({"shape": (3,), "start": np.zeros(4)}, "ports: 'y': start has shape (4,); needs (3,), or one number"),
+        ({"dtype": "int32", "start": 1.5}, "ports: 'y': start is 1.5; needs a value of int32"),
+        ({"dtype": "bool", "start": 2.0}, "ports: 'y': start is 2.0; needs a value of bool"),
+        (
+            {"shape": (-1,), "dtype": "x"},
+            "ports: 'y': shape is (-1,); needs a tuple of numbers of elements, () for a sca",
+        ),
+    ],
+)
+def test_port_that_cannot_be_is_refused_by_its_field(fields: dict[str, Any], error: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(error)}"):
+        Port(**{"name": "y", **fields})
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"start": np.nan}, {"dtype": "bool", "start": 1.0}, {"shape": (0, 2)}, {"shape": (2,), "start": np.ones(2)}],
+)
+def test_port_of_any_numbers_is_taken(fields: dict[str, Any]) -> None:
+    port = Port("y", **fields)
+    assert port.start_value().shape == port.shape
+
+
+def test_two_ports_of_a_name_are_refused_but_an_input_and_an_output_may_share_it() -> None:
+    twice = (Port("y"), Port("z"), Port("y"))
+    with pytest.raises(ValueError, match=r"^outputs: two are called 'y'; needs a name for each$"):
+        Ports((), twice)
+    with pytest.raises(ValueError, match=r"^inputs: two are called 'y'; needs a name for each$"):
+        Ports(twice, ())
+    assert Ports(twice[:2], twice[1:]).outputs == twice[1:]

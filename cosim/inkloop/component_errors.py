@@ -1,4 +1,4 @@
-"""Errors of a print job: what no print has, most often maps of another shape, or heights in micrometres."""
+"""Errors of a print job, most often maps of another shape or heights in micrometres, and of a port."""
 
 from __future__ import annotations
 
@@ -17,6 +17,24 @@ _NUMBERS = int | float | np.number
 def errors_of_job(job: Any) -> list[str]:
     """The errors of a `Job`, a sentence each."""
     return [error for error in (*_errors_of_grid(job), *_errors_of_maps(job), *_errors_of_inks(job)) if error]
+
+
+def errors_of_port(port: Any) -> list[str]:
+    """The errors of a `Port`, a sentence each."""
+    errors = [] if isinstance(port.name, str) and port.name else ["has no name"]
+    if not isinstance(port.shape, tuple) or not all(isinstance(n, Integral) and int(n) >= 0 for n in port.shape):
+        errors.append(f"shape is {port.shape!r}; needs a tuple of numbers of elements, () for a scalar")
+    elif np.ndim(port.start) and np.shape(port.start) != port.shape:
+        errors.append(f"start has shape {np.shape(port.start)}; needs {port.shape}, or one number")
+    try:
+        dtype = np.dtype(port.dtype)
+    except TypeError:
+        dtype = None
+    if dtype is None or dtype.kind not in "biuf":
+        errors.append(f'dtype is {port.dtype!r}; needs the name of a type of numbers, like "float64", "int32", "bool"')
+    elif not np.ndim(port.start) and np.isfinite(port.start) and dtype.type(port.start) != port.start:
+        errors.append(f"start is {port.start!r}; needs a value of {dtype}")
+    return errors
 
 
 def _errors_of_grid(job: Any) -> Iterator[str]:
