@@ -118,7 +118,8 @@ class DropletChoices:
         errors = errors_of(region_test=region_test, nozzle_pitch=nozzle_pitch)
         if not isinstance(drop_levels, Integral):
             errors += errors_of(drop_levels=drop_levels)
-        if not isinstance(dead_nozzles, Iterable) or not all(isinstance(each, Integral) for each in dead_nozzles):
+        dead = tuple(dead_nozzles) if isinstance(dead_nozzles, Iterable) else ("none",)
+        if not all(isinstance(each, Integral) and not isinstance(each, bool) for each in dead):
             errors.append(f"dead_nozzles is {dead_nozzles!r}; needs numbers of nozzles")
         refuse(errors)
         nozzles = nozzle_pitch or job.ny
@@ -128,11 +129,11 @@ class DropletChoices:
             )
         errors += [
             f"dead_nozzles has {nozzle}; needs nozzles 0 to {nozzles - 1}"
-            for nozzle in dead_nozzles
+            for nozzle in dead
             if not 0 <= nozzle < nozzles
         ]
         refuse(errors)
-        alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
+        alive = ~np.isin(np.arange(job.ny) % nozzles, dead)
         self.region_test, self.drop_levels = region_test, drop_levels
         self.jettable: BoolMap = job.mask & alive
 

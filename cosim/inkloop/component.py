@@ -131,12 +131,6 @@ class Ports:
     optional_inputs: frozenset[str] = frozenset()
     starts_on_scan: bool = False
 
-    def __post_init__(self) -> None:
-        for kind, ports in (("inputs", self.inputs), ("outputs", self.outputs)):
-            names = [port.name for port in ports]
-            if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise ValueError(f"{kind}: two are called {' and '.join(map(repr, twice))}; needs a name for each")
-
     @classmethod
     def of(cls, component: HasPorts) -> Ports:
         """The ports of a component that is built."""

@@ -1,8 +1,9 @@
-"""Errors of a print job, most often maps of another shape or heights in micrometres, and of a port."""
+"""The errors of a print job and of a port. Most often a map has another shape, or heights are in micrometres."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from math import inf
 from numbers import Integral
 from typing import Any
@@ -10,8 +11,8 @@ from typing import Any
 import numpy as np
 
 HEIGHT_MOST, INK_MOST, PITCH_LEAST = 0.4, 1e-3, 1e-9
-"""Limits of heights, of an ink's heights and of a pitch [m], those of LayerController.fmu."""
-_NUMBERS = int | float | np.number
+"""Largest height, largest height of an ink, and least pitch [m], as LayerController.fmu has them."""
+_NUMBERS = int | float | np.integer | np.floating
 
 
 def errors_of_job(job: Any) -> list[str]:
@@ -22,19 +23,38 @@ def errors_of_job(job: Any) -> list[str]:
 def errors_of_port(port: Any) -> list[str]:
     """The errors of a `Port`, a sentence each."""
     errors = [] if isinstance(port.name, str) and port.name else ["has no name"]
-    if not isinstance(port.shape, tuple) or not all(isinstance(n, Integral) and int(n) >= 0 for n in port.shape):
-        errors.append(f"shape is {port.shape!r}; needs a tuple of numbers of elements, () for a scalar")
-    elif np.ndim(port.start) and np.shape(port.start) != port.shape:
-        errors.append(f"start has shape {np.shape(port.start)}; needs {port.shape}, or one number")
+    is_shape = isinstance(port.shape, tuple) and all(isinstance(n, Integral) and int(n) >= 0 for n in port.shape)
+    if not is_shape:
+        errors.append(f"shape is {port.shape!r}; needs a tuple of lengths, () for a scalar")
     try:
-        dtype = np.dtype(port.dtype)
-    except TypeError:
+        dtype = np.dtype(port.dtype) if isinstance(port.dtype, str | type | np.dtype) else None
+    except (TypeError, SyntaxError):
         dtype = None
     if dtype is None or dtype.kind not in "biuf":
-        errors.append(f'dtype is {port.dtype!r}; needs the name of a type of numbers, like "float64", "int32", "bool"')
-    elif not np.ndim(port.start) and np.isfinite(port.start) and dtype.type(port.start) != port.start:
-        errors.append(f"start is {port.start!r}; needs a value of {dtype}")
+        return [
+            *errors,
+            f'dtype is {port.dtype!r}; needs the name of a type of numbers, like "float64", "int32", "bool"',
+        ]
+    try:
+        start = np.asarray(port.start)
+    except ValueError:  # lists of several lengths
+        start = np.array(None)
+    if start.dtype.kind not in "biuf":
+        errors.append(f"start is {port.start!r}; needs a number, or an array of numbers")
+    elif start.ndim and is_shape and start.shape != port.shape:
+        errors.append(f"start has shape {start.shape}; needs {port.shape}, or one number")
+    elif dtype.kind != "f" and start.dtype != dtype:
+        with np.errstate(invalid="ignore"):
+            is_same = start.astype(dtype) == start
+        if not is_same.all():
+            wrong = start[~is_same].flat[0] if start.ndim else port.start
+            errors.append(f"start is {wrong}; needs a value of {dtype}")
     return errors
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """The names that occur more than once, in order."""
+    return sorted(name for name, times in Counter(names).items() if times > 1)
 
 
 def _errors_of_grid(job: Any) -> Iterator[str]:
@@ -48,10 +68,13 @@ def _errors_of_grid(job: Any) -> Iterator[str]:
 
 
 def _errors_of_maps(job: Any) -> Iterator[str]:
-    yield _error_of_map("target_height", job.target_height, np.float64, (job.nx, job.ny))
-    yield _error_of_map("mask", job.mask, np.bool_, (job.nx, job.ny))
+    if not isinstance(job.nx, Integral) or not isinstance(job.ny, Integral):
+        return
+    shape = int(job.nx), int(job.ny)
+    yield _error_of_map("target_height", job.target_height, np.float64, shape)
+    yield _error_of_map("mask", job.mask, np.bool_, shape)
     if job.height_start is not None:
-        yield _error_of_map("height_start", job.height_start, np.float64, (job.nx, job.ny))
+        yield _error_of_map("height_start", job.height_start, np.float64, shape)
 
 
 def _error_of_map(name: str, found: Any, dtype: type, shape: tuple[int, int]) -> str:

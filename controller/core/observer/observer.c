@@ -45,8 +45,8 @@ static void keep_scan(ScanEvidence *evidence) {
 }
 
 /* Updates a variance by the one that a scan shows, each by its degrees of freedom. */
-static double learnt(double before, double freedom, double shown, const ReadingNoise *of) {
-    return (freedom * before + of->freedom * shown) / (freedom + of->freedom);
+static double learnt(double before, double freedom, double shown, double freedom_shown) {
+    return (freedom * before + freedom_shown * shown) / (freedom + freedom_shown);
 }
 
 /* Learns the noise of a reading from ground. */
@@ -58,9 +58,10 @@ static ReadingNoise learnt_noise(const ScanEvidence *evidence, const ReadingNois
     ReadingNoise noise = known->noise;
     if (shown->variance >= 0.0) {
         for (size_t axis = 0; axis < 2; axis++)
-            noise.neighbours[axis] = learnt(noise.neighbours[axis], kept, share * shown->neighbours[axis], shown);
+            noise.neighbours[axis] =
+                learnt(noise.neighbours[axis], kept, share * shown->neighbours[axis], shown->freedom);
         if (options->noise_variance < 0.0)
-            noise.variance = learnt(noise.variance, kept, share * shown->variance, shown);
+            noise.variance = learnt(noise.variance, kept, share * shown->variance, shown->freedom);
         noise.freedom = kept + shown->freedom;
     }
     noise.variance = fmax(noise.variance, fmax(options->steps_variance, NOISELESS));

@@ -190,13 +190,13 @@ double rounding_variance(size_t nx, size_t ny, const double *scan, const uint8_t
  *
  * Along x or along y neighbours on bare ground then differ more than along the other axis (neighbours_variance). The
  * offset of each line is found from its cells that no droplet reaches, as a random effect, and taken off the scan. */
-double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *of) {
+double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *noise) {
     const EstimatorOptions *options = evidence->options;
     const size_t nx = options->nx, ny = options->ny;
-    const double excess = of->neighbours[0] - of->neighbours[1], spread = fabs(excess);
-    const double noise = fmax(fmin(of->neighbours[0], of->neighbours[1]), fmax(options->steps_variance, NOISELESS));
-    if (!(spread > LINES_TELL * noise))
-        return of->variance;
+    const double excess = noise->neighbours[0] - noise->neighbours[1], spread = fabs(excess);
+    const double own = fmax(fmin(noise->neighbours[0], noise->neighbours[1]), fmax(options->steps_variance, NOISELESS));
+    if (!(spread > LINES_TELL * own))
+        return noise->variance;
     const bool is_along_y = excess > 0.0; /* lines have the same i */
     const size_t lines = is_along_y ? nx : ny;
     const Registration *registration = &evidence->known->registration;
@@ -217,8 +217,7 @@ double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *of) {
         if (!evidence->valid[cell] || near[cell])
             continue;
         const double rest = evidence->scan[cell] - expected[cell];
-        const double within = noise + evidence->variance[cell] + shift * evidence->slopes[cell],
-                     whole = within + spread;
+        const double within = own + evidence->variance[cell] + shift * evidence->slopes[cell], whole = within + spread;
         const double counts = (NU + 1.0) * whole / ((NU * whole + rest * rest) * within);
         offset[line] += counts * rest;
         weight[line] += counts;
@@ -231,5 +230,5 @@ double take_lines_off(const ScanEvidence *evidence, const ReadingNoise *of) {
     for (size_t cell = 0; cell < nx * ny; cell++)
         if (evidence->valid[cell])
             evidence->scan[cell] -= offset[is_along_y ? cell / ny : cell % ny];
-    return noise + (all > 0.0 ? left / all : 0.0);
+    return own + (all > 0.0 ? left / all : 0.0);
 }

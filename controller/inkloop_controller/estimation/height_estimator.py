@@ -113,7 +113,7 @@ class HeightEstimator:
             "volume_most": volume_most,
         }
         refuse(errors_of(**options, drop_levels=drop_levels, threads=threads))
-        self.options = {**options, "drop_levels": drop_levels, "take_as_read": take_as_read, "threads": threads}
+        self.options = {**options, "drop_levels": drop_levels, "take_as_read": bool(take_as_read), "threads": threads}
         self._step = LayerStep(job, **self.options)
         self._shape, self._inks = (job.nx, job.ny), len(job.inks)
 

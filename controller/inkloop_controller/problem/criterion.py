@@ -68,11 +68,13 @@ def _sorted(alpha: Any) -> tuple[tuple[int, float], ...]:
 
 
 def _pairs(alpha: Any) -> tuple[tuple[int, float], ...]:
-    """No pairs if they are no numbers."""
+    """The (layer, weight) pairs of alpha; none where a layer is no whole number, or a weight no number."""
     try:
-        return tuple((int(layer), float(weight)) for layer, weight in alpha)
+        pairs = [(layer, float(weight)) for layer, weight in alpha]
     except (TypeError, ValueError):
         return ()
+    is_whole = all(isinstance(layer, Real) and float(layer).is_integer() for layer, _ in pairs)
+    return tuple((int(layer), weight) for layer, weight in pairs) if is_whole else ()
 
 
 PLAIN = Criterion()

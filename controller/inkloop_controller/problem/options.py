@@ -85,6 +85,11 @@ class Variable:
         """Whether the smallest value itself is not allowed, for it stands for none."""
         return bool(self.absent) and self.type == "real" and self.start == self.min == 0.0
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the values are whole numbers."""
+        return self.type in ("integer", "count")
+
     def number(self, value: Any) -> Any:
         """A value of Python for C."""
         if value is None or (self.unlimited and value == inf):
@@ -93,14 +98,15 @@ class Variable:
 
     def errors(self, value: Any, name: str = "") -> list[str]:
         """The error of a value of Python in SI, which may be called by another name."""
-        if (value is None and self.absent) or (self.unlimited and value == inf):
+        if (value is None and self.default is None) or (self.unlimited and value == inf):
             return []
         if self.items:
             is_allowed, shown = isinstance(value, str) and value in self.items, repr(value)
-        elif not isinstance(value, _KINDS[self.type]):
+        elif not isinstance(value, _KINDS[self.type]) or (self.is_whole and isinstance(value, bool)):
             is_allowed, shown = False, repr(value)
         else:
-            is_allowed, shown = (self.least <= value <= self.max) and value != inf, f"{value}"
+            most = min(self.max, np.iinfo(self.dtype).max) if self.is_whole else self.max
+            is_allowed, shown = (self.least <= value <= most) and value != inf, f"{value}"
             is_allowed = is_allowed and not (self.is_above_least and value == self.least)
         return [] if is_allowed else [f"{name or self.name} is {shown}; needs {self.needs or self._range()}"]
 
@@ -118,8 +124,8 @@ class Variable:
         if self.type == "boolean":
             return "True or False"
         if self.max == inf:
-            return f"{'' if self.type == 'real' else 'a whole number of '}at least {self.least:g}"
-        whole = "value" if self.type == "real" else "whole number"
+            return f"{'a whole number of ' if self.is_whole else ''}at least {self.least:g}"
+        whole = "whole number" if self.is_whole else "value"
         return f"a {whole} of {self.least:g} to {self.max:g}"
 
 

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Values
+from inkloop.component_errors import repeated
 from inkloop.components.kind import Bench, Check, Checked
 from inkloop.components.port_mapping import held
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
@@ -120,8 +121,7 @@ def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = PATTERN, he
     inputs = own_inputs + tuple(port for port in plant.inputs if port.name != pattern_input)
     outputs = own_outputs + tuple(port for port in plant.outputs if port.name != height_output)
     for ports in (inputs, outputs):
-        names = [port.name for port in ports]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
+        if twice := repeated(port.name for port in ports):
             raise ValueError(f"plant has {', '.join(twice)} of its own: it keeps the handshake; name it as kind")
     return Ports(inputs, outputs)
 

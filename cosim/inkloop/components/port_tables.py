@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Job, Port
+from inkloop.component_errors import repeated
 from inkloop.components.port_mapping import MappedPort
 from inkloop.contract import SIGNALS
 from inkloop.errors import nearest
@@ -183,8 +184,7 @@ def _taken_twice(
     errors = []
     for mapped, ports in ((inputs, own["input"]), (outputs, own["output"])):
         taken = [variable.name for each in mapped for variable in each.variables]
-        twice = sorted({name for name in taken if taken.count(name) > 1})
-        errors += [f"{OPTION}: {name} stands behind two ports; keep one" for name in twice]
+        errors += [f"{OPTION}: {name} stands behind two ports; keep one" for name in repeated(taken)]
         clash = sorted({each.port.name for each in mapped} & (ports.keys() - set(taken)))
         errors += [f"{OPTION}.{name}: the FMU also has a variable of that name; map it to another" for name in clash]
     return errors

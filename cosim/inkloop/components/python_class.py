@@ -23,6 +23,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from inkloop.component import MEMBERS, Component, Job, Ports
+from inkloop.component_errors import repeated
 from inkloop.components.kind import Bench, Checked, load
 from inkloop.errors import ScenarioError, message_of, near, nearest, own_line
 from inkloop.tables.messages import sentence
@@ -69,7 +70,7 @@ class PythonClass:
             return Checked(
                 kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}{_advice(error)}"]
             )
-        except Exception as error:  # anything may go wrong in a class of others
+        except (Exception, SystemExit) as error:  # anything may go wrong in a class of others
             if isinstance(error, TypeError) and not own_line(error):
                 takes = "a class takes the job, then options by keyword with types of TOML"
                 return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {error}; {takes}"])
@@ -86,7 +87,11 @@ class PythonClass:
             return _Made(self._component(job, made), made)
 
         first = construct()
-        return Checked(self.entry.name, ports=Ports.of(first.component), construct=_Constructed(first, construct))
+        constructed, ports = _Constructed(first, construct), Ports.of(first.component)
+        for kind, own in (("inputs", ports.inputs), ("outputs", ports.outputs)):
+            if twice := repeated(port.name for port in own):
+                raise ValueError(f"{kind}: two are called {' and '.join(map(repr, twice))}; needs a name for each")
+        return Checked(self.entry.name, ports=ports, construct=constructed)
 
     def _component(self, job: Job, made: Any) -> Component:
         """An object of the class as a component. Raises ValueError where it cannot become one."""
@@ -139,7 +144,7 @@ class _Constructed:
 
 @lru_cache(maxsize=32)
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
-    """A table of the options of a factory, what it takes by keyword besides the job, with the types that it declares.
+    """The options of a factory as a table: its arguments behind the job, with their types.
 
     Read from JSON, arrays of TOML become the declared type (a tuple, a set).
     """
@@ -153,7 +158,7 @@ def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
         for place, parameter in enumerate(inspect.signature(factory).parameters.values())
         if parameter.kind is parameter.KEYWORD_ONLY or (place and parameter.kind is parameter.POSITIONAL_OR_KEYWORD)
     }
-    strict = ConfigDict(extra="forbid", strict=True)
+    strict = ConfigDict(extra="forbid", strict=True, arbitrary_types_allowed=True)
     return create_model(getattr(factory, "__name__", "Options"), __config__=strict, **fields)
 
 

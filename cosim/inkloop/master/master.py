@@ -160,7 +160,7 @@ class Master:
         """Terminate a component; a failure of it does not hide the error that ended the run."""
         try:
             self._components[name].terminate()
-        except Exception as last:
+        except (Exception, SystemExit) as last:
             failure = f"{name} could not be terminated: {message_of(last)}"
             if not isinstance(error, Exception):
                 raise ComponentError(failure) from last

@@ -126,7 +126,8 @@ class Scenario:
         try:
             job("")
         except ValueError as error:
-            raise ScenarioError(source, [*errors, f"{error}{CHECK_HEIGHT}"]) from error
+            errors.append(f"{error}{'; check [substrate]' if 'height_start' in str(error) else CHECK_HEIGHT}")
+            raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
 
         def checked(place: str, components: Mapping[str, ComponentTable]) -> dict[str, Checked]:
             made = {name: checked_options(table, job(name), folder) for name, table in components.items()}

@@ -12,12 +12,13 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
+from inkloop.component_errors import INK_MOST
 from inkloop.master.orientation import Mirrored, Transposed
 from inkloop.tables import bench_faults
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part
 from inkloop.tables.shapes import Grid, Length, SubstrateTable, Table
-from inkloop.units import M_PER_UM
+from inkloop.units import M_PER_UM, UM_PER_M
 
 __all__ = ["Inks", "Process"]
 
@@ -33,12 +34,16 @@ class Support(Table):
     margin_cells: int = Field(default=2, ge=0, description="empty cells kept along the edge of the grid")
 
 
+_INK_MOST_UM = INK_MOST * UM_PER_M
+_InkHeight = Annotated[float, Field(ge=0.0, le=_INK_MOST_UM, allow_inf_nan=False)]
+
+
 class InkTable(Table):
     """`[ink.a]`, `[ink.b]`: heights added by one droplet; defaults of Lu et al. 2015, Table I."""
 
-    h1_um: Length = Field(default=4.4, description="height added to the hit cell")
-    h2_um: float = Field(default=0.6, ge=0.0, allow_inf_nan=False, description="height added to a side neighbour")
-    h3_um: float = Field(default=0.2, ge=0.0, allow_inf_nan=False, description="height added to a corner neighbour")
+    h1_um: Length = Field(default=4.4, le=_INK_MOST_UM, description="height added to the hit cell")
+    h2_um: _InkHeight = Field(default=0.6, description="height added to a side neighbour")
+    h3_um: _InkHeight = Field(default=0.2, description="height added to a corner neighbour")
 
     @property
     def ink(self) -> Ink:

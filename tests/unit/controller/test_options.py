@@ -131,6 +131,12 @@ def test_error_says_what_was_found_and_what_is_needed(variable: Variable, value:
         (Criterion, {"alpha": [1, 2]}, "alpha is [1, 2]; needs a number, or (layer, weight) pairs"),
         (Criterion, {"alpha": None}, "alpha is None; needs a number, or (layer, weight) pairs"),
         (Work, {"threads": "many"}, "threads is 'many'; needs a number of at least 1, or \"auto\""),
+        (Criterion, {"alpha": [(np.inf, 0.5)]}, "alpha is [(inf, 0.5)]; needs a number, or (layer, weight) pairs"),
+        (Criterion, {"alpha": [(1.5, 0.5)]}, "alpha is [(1.5, 0.5)]; needs a number, or (layer, weight) pairs"),
+        (Work, {"time_limit": None}, "time_limit is None; needs a time above 0 s"),
+        (HeightEstimator, {"untrusted_layers": 2**40}, "untrusted_layers is 1099511627776; needs a number of layers"),
+        (LayerMpc, {"horizon": True}, "horizon is True; needs 1 to 5 layers ahead"),
+        (DropletChoices, {"dead_nozzles": [False, True]}, "dead_nozzles is [False, True]; needs numbers of nozzles"),
         (Work, {"sweeps": "3"}, "sweeps is '3'; needs a whole number of at least 1"),
         (HeightEstimator, {"drop_levels": "2"}, "drop_levels is '2'; needs a whole number of 1 to 16"),
         (HeightEstimator, {"register_scans": "fixed"}, "register_scans is 'fixed'; needs True or False"),
@@ -151,9 +157,12 @@ def test_argument_of_a_wrong_type_is_refused_by_its_name(
 
 def test_weight_and_sizes_may_be_numbers_of_numpy() -> None:
     half: Any = np.float32(0.5)
-    given: dict[str, Any] = {"dead_nozzles": np.array([1]), "drop_levels": np.int64(2)}
+    given: dict[str, Any] = {"dead_nozzles": (np.int32(n) for n in [1]), "drop_levels": np.int64(2)}
     assert Criterion(alpha=half).alpha_of(1) == 0.5
-    assert DropletChoices(block(), **given).drop_levels == 2
+    choices = DropletChoices(block(), **given)
+    assert choices.drop_levels == 2
+    assert not choices.jettable[:, 1].any()
+    assert choices.jettable[:, 3].any()
 
 
 def test_all_errors_are_named_at_once_by_the_argument() -> None:

@@ -32,6 +32,8 @@ SCENARIO_ERRORS = {
     "choice misspelt": ('"per_droplet"', '"per_drop"', "variation_kind is 'per_drop'; expected one of 'per_droplet'"),
     "not a number": ("height_um = 22.8", "height_um = nan", "part.height_um is nan; expected a finite number"),
     "infinite": ("height_um = 22.8", "height_um = inf", "part.height_um is inf; expected a finite number"),
+    "ink far too high": ("[grid]", "[ink.a]\nh1_um = 2e3\n[grid]", "ink.a.h1_um is 2000.0; expected less than or equal to 1000"),
+    "substrate far too high": ("[grid]", "[substrate]\ntilt_x = 100.0\n[grid]", "within 0.4 m; check [subst"),
     "far too high": ("height_um = 22.8", "height_um = 1e9", "target_height is 1000 at cell (2, 2); needs heights in m"),
     "negative": ("size_x_um = 2106.048", "size_x_um = -2106.0", "part.size_x_um is -2106.0; expected greater than 0"),
     "text for a number": ("height_um = 22.8", 'height_um = "22.8 um"', "expected a number, without quotes and without"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import Ink, Job, Port, Ports
+from inkloop.component import Ink, Job, Port
 from inkloop.component_errors import HEIGHT_MOST, INK_MOST, PITCH_LEAST
 from inkloop_controller.problem.options import variables
 
@@ -80,7 +80,7 @@ def test_limits_are_those_of_the_controller_fmu() -> None:
     ("fields", "error"),
     [
         ({"name": ""}, "ports: '': has no name"),
-        ({"shape": (2, -1)}, "ports: 'y': shape is (2, -1); needs a tuple of numbers of elements"),
+        ({"shape": (2, -1)}, "ports: 'y': shape is (2, -1); needs a tuple of lengths"),
         ({"shape": 3}, "ports: 'y': shape is 3; needs a tuple"),
         ({"shape": (2.0,)}, "ports: 'y': shape is (2.0,); needs a tuple"),
         ({"dtype": "flot64"}, "ports: 'y': dtype is 'flot64'; needs the name of a type of numbers"),
@@ -89,9 +89,21 @@ def test_limits_are_those_of_the_controller_fmu() -> None:
         ({"shape": (3,), "start": np.zeros(4)}, "ports: 'y': start has shape (4,); needs (3,), or one number"),
         ({"dtype": "int32", "start": 1.5}, "ports: 'y': start is 1.5; needs a value of int32"),
         ({"dtype": "bool", "start": 2.0}, "ports: 'y': start is 2.0; needs a value of bool"),
+        ({"dtype": None}, "ports: 'y': dtype is None; needs the name of a type of numbers"),
+        ({"dtype": "f8,,"}, "ports: 'y': dtype is 'f8,,'; needs the name of a type of numbers"),
+        ({"dtype": "uint8", "start": 300}, "ports: 'y': start is 300; needs a value of uint8"),
+        ({"dtype": "int32", "start": 3e9}, "ports: 'y': start is 3000000000.0; needs a value of int32"),
+        ({"dtype": "int32", "start": np.nan}, "ports: 'y': start is nan; needs a value of int32"),
+        (
+            {"dtype": "int32", "shape": (2,), "start": np.array([1.0, 2.5])},
+            "ports: 'y': start is 2.5; needs a value of",
+        ),
+        ({"start": None}, "ports: 'y': start is None; needs a number, or an array of numbers"),
+        ({"start": "x"}, "ports: 'y': start is 'x'; needs a number, or an array of numbers"),
+        ({"shape": (2,), "start": [[1.0], [1.0, 2.0]]}, "ports: 'y': start is [[1.0], [1.0, 2.0]]; needs a number"),
         (
             {"shape": (-1,), "dtype": "x"},
-            "ports: 'y': shape is (-1,); needs a tuple of numbers of elements, () for a sca",
+            "ports: 'y': shape is (-1,); needs a tuple of lengths, () for a scalar; dtype",
         ),
     ],
 )
@@ -102,17 +114,16 @@ def test_port_that_cannot_be_is_refused_by_its_field(fields: dict[str, Any], err
 
 @pytest.mark.parametrize(
     "fields",
-    [{"start": np.nan}, {"dtype": "bool", "start": 1.0}, {"shape": (0, 2)}, {"shape": (2,), "start": np.ones(2)}],
+    [
+        {"start": np.nan},
+        {"dtype": "bool", "start": 1.0},
+        {"shape": (0, 2)},
+        {"shape": (2,), "start": np.ones(2)},
+        {"dtype": "float32", "start": np.float64(0.1)},
+        {"start": -np.inf},
+        {"dtype": "int64", "start": 2**62},
+    ],
 )
 def test_port_of_any_numbers_is_taken(fields: dict[str, Any]) -> None:
     port = Port("y", **fields)
     assert port.start_value().shape == port.shape
-
-
-def test_two_ports_of_a_name_are_refused_but_an_input_and_an_output_may_share_it() -> None:
-    twice = (Port("y"), Port("z"), Port("y"))
-    with pytest.raises(ValueError, match=r"^outputs: two are called 'y'; needs a name for each$"):
-        Ports((), twice)
-    with pytest.raises(ValueError, match=r"^inputs: two are called 'y'; needs a name for each$"):
-        Ports(twice, ())
-    assert Ports(twice[:2], twice[1:]).outputs == twice[1:]

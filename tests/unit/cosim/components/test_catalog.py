@@ -183,6 +183,23 @@ def test_ports_that_cannot_be_are_errors_of_the_component(
     assert found.startswith(error)
 
 
+def test_class_that_exits_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Exits(Fan):
+        def __init__(self, job: Job, rng: np.random.Generator | None = None) -> None:
+            raise SystemExit(0)
+
+    monkeypatch.setattr(sys.modules["workshop"], "Fan", Exits)
+    (found,) = catalog.check("Fan", toy_job(), {}).errors
+    assert "which cannot be constructed: SystemExit: 0" in found
+
+
+def test_name_of_a_port_that_the_fmu_has_too_is_an_error_of_the_mapping() -> None:
+    options = {"file": str(find_fmu("LayerDeposition")), "ports": {"status": "layers_printed"}}
+    assert catalog.check("Fmu", toy_job(), options).errors == [
+        "ports.status: the FMU also has a variable of that name; map it to another"
+    ]
+
+
 def test_required_option_that_is_wrong_is_told_once() -> None:
     found = catalog.check("MapFolder", toy_job(), {"folder": 3, "nothing": 1}).errors
     assert [error.partition(";")[0] for error in found] == ["folder is 3", "nothing is not a key of this table"]
