@@ -41,7 +41,7 @@ def errors_of_port(port: Any) -> list[str]:
         start = np.array(None)
     if start.dtype.kind not in "biuf":
         errors.append(f"start is {port.start!r}; needs a number, or an array of numbers")
-    elif start.ndim and is_shape and start.shape != port.shape:
+    elif is_shape and not _fits(start.shape, port.shape):
         errors.append(f"start has shape {start.shape}; needs {port.shape}, or one number")
     elif dtype.kind != "f" and start.dtype != dtype:
         with np.errstate(invalid="ignore"):
@@ -50,6 +50,14 @@ def errors_of_port(port: Any) -> list[str]:
             wrong = start[~is_same].flat[0] if start.ndim else port.start
             errors.append(f"start is {wrong}; needs a value of {dtype}")
     return errors
+
+
+def _fits(start: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    """Whether an array of the shape `start` broadcasts to `shape`."""
+    try:
+        return np.broadcast_shapes(start, shape) == shape
+    except ValueError:
+        return False
 
 
 def repeated(names: Iterable[str]) -> list[str]:
