@@ -60,6 +60,15 @@ def _fits(start: tuple[int, ...], shape: tuple[int, ...]) -> bool:
         return False
 
 
+def error_of_form(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str:
+    """The error of an array that must have this shape and dtype; "" if it has."""
+    if not isinstance(array, np.ndarray):
+        return f"{name} is a {type(array).__name__}; needs an array of {np.dtype(dtype)}"
+    if array.shape != tuple(shape):
+        return f"{name} has shape {array.shape}; needs {tuple(shape)}"
+    return "" if array.dtype == np.dtype(dtype) else f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
+
+
 def repeated(names: Iterable[str]) -> list[str]:
     """The names that occur more than once, in order."""
     return sorted(name for name, times in Counter(names).items() if times > 1)
@@ -79,20 +88,19 @@ def _errors_of_maps(job: Any) -> Iterator[str]:
     if not isinstance(job.nx, Integral) or not isinstance(job.ny, Integral):
         return
     shape = int(job.nx), int(job.ny)
-    yield _error_of_map("target_height", job.target_height, np.float64, shape)
-    yield _error_of_map("mask", job.mask, np.bool_, shape)
+    yield _error_of_heights("target_height", job.target_height, shape)
+    yield error_of_form("mask", job.mask, "?", shape)
     if job.height_start is not None:
-        yield _error_of_map("height_start", job.height_start, np.float64, shape)
+        yield _error_of_heights("height_start", job.height_start, shape)
+    if job.region is not None and not hasattr(job.region, "intervals"):
+        yield f"region is {job.region!r}; needs a Geometry, with its method intervals"
 
 
-def _error_of_map(name: str, found: Any, dtype: type, shape: tuple[int, int]) -> str:
-    if not isinstance(found, np.ndarray) or found.dtype != dtype:
-        kind = f"of {found.dtype}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
-        return f"{name} is {kind}; needs an array of {np.dtype(dtype)}"
-    if found.shape != shape:
-        return f"{name} has shape {found.shape}; needs {shape}"
-    wrong = dtype is np.float64 and ~(np.abs(found) <= HEIGHT_MOST)
-    if not np.any(wrong):
+def _error_of_heights(name: str, found: Any, shape: tuple[int, int]) -> str:
+    if error := error_of_form(name, found, "f8", shape):
+        return error
+    wrong = ~(np.abs(found) <= HEIGHT_MOST)
+    if not wrong.any():
         return ""
     i, j = np.argwhere(wrong)[0]
     return f"{name} is {found[i, j]:g} at cell ({i}, {j}); needs heights in metres, within {HEIGHT_MOST:g} m"

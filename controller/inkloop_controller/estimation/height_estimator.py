@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop.component_errors import error_of_form
 from inkloop.contract import MEASURED_HEIGHT
 from inkloop_controller.core.bindings import answered
 from inkloop_controller.core.layer_step import Block, LayerStep
 from inkloop_controller.core.library import library
 from inkloop_controller.estimation.estimate_figures import EstimateFigures, FiguresStruct
-from inkloop_controller.problem.arrays import checked, checked_droplets, error_of_form, first_cell, pointer
+from inkloop_controller.problem.arrays import checked, checked_droplets, first_cell, pointer
 from inkloop_controller.problem.horizon_problem import IntMap
 from inkloop_controller.problem.options import declared, default, errors_of, refuse, variables
 

@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
+from inkloop.component_errors import error_of_form
 
 
-def error_of_form(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str | None:
-    """The error of an array that must have this shape and dtype, or None."""
-    if not isinstance(array, np.ndarray):
-        return f"{name} is a {type(array).__name__}; needs an array of {np.dtype(dtype)}"
-    if array.shape != tuple(shape):
-        return f"{name} has shape {array.shape}; needs {tuple(shape)}"
-    return None if array.dtype == np.dtype(dtype) else f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
-
-
-def error_of_array(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str | None:
-    """The error of an array that must have this shape and dtype and finite values, or None."""
+def error_of_array(name: str, array: Any, dtype: str, shape: Sequence[int]) -> str:
+    """The error of an array that must have this shape and dtype and finite values; "" if it has."""
     error = error_of_form(name, array, dtype, shape)
     if not error and dtype == "f8" and not _is_finite(array):
         cell = first_cell(~np.isfinite(array))
