@@ -1,4 +1,4 @@
-"""What an unknown option was meant for: an option of the command, or a key of its scenario."""
+"""Suggestions for unknown options: options of the command, or keys of its scenario."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from inkloop.errors import OFFERED_MAX, InkloopError, near
 
 
 def suggestion(unknown: Sequence[str], options: argparse.Namespace) -> str:
-    """What is nearest to unknown options: options, or keys of the scenario as --set gives them; "" if none is alike."""
+    """The nearest options, or keys of the scenario as --set gives them, for unknown options; "" if none is alike."""
     known = sorted(set(re.findall(r"--[a-z][a-z-]*", options.parser.format_help())))
     takes_keys = "scenario" in options and "overrides" in options
     meant: list[str] = []
@@ -52,5 +52,7 @@ def _setting(key: str, word: str, words: Sequence[str]) -> str:
     """The --set that gives a key the value of an unknown option; words: of the command line."""
     place = next(number for number, each in enumerate(words) if each.partition("=")[0] == word)
     _, joined, value = words[place].partition("=")
-    follows = next((each for each in words[place + 1 : place + 2] if not each.startswith("--")), "VALUE")
-    return f"--set {shlex.quote(f'{key}={value if joined else follows}')}"
+    if not joined:
+        is_given = place + 1 < len(words) and not words[place + 1].startswith("--")
+        value = words[place + 1] if is_given else "VALUE"
+    return f"--set {shlex.quote(f'{key}={value}')}"

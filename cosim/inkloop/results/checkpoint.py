@@ -233,7 +233,7 @@ def _states(components: Mapping[str, Component]) -> Iterator[tuple[str, NDArray[
             raise _NoStateError(f"{name} has no {' and no '.join(lacking)}")
         try:
             state = np.frombuffer(component.save(), np.uint8)  # type: ignore[attr-defined]
-        except (Exception, SystemExit) as error:  # a component of others may raise anything; the run goes on without it
+        except (Exception, SystemExit) as error:  # of others: anything may be raised; the run continues
             raise _NoStateError(f"{name} cannot save its state: {error}") from error
         yield f"state/{name}", state
         del state  # before the next one is made

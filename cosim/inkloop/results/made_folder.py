@@ -12,7 +12,7 @@ __all__ = ["made_folder"]
 
 
 def made_folder(folder: Path) -> str:
-    """What the folder of a run or of a study is, and the command that goes on with it; "" for any other folder."""
+    """The kind of a folder that inkloop has made, and the command that reads or continues it; "" for another folder."""
     if not (folder / RUN_FILE).is_file():
         return study_in(folder)
     try:

@@ -21,7 +21,7 @@ _PLACES = {"below-overhangs": "below overhangs", "around": "around the part"}
 
 @dataclass(frozen=True)
 class Supported:
-    """What `[support]` makes of a part.
+    """Effect of `[support]` on a part.
 
     kind: that of the table; cells, volume: those of ink B [m3], of "none" those of overhangs, which are not printed.
     """
